@@ -1,0 +1,64 @@
+#pragma once
+
+#include <vector>
+
+#include "ground/model/model.h"
+
+namespace ground {
+
+/// Rigid-body state at one instant.
+template <typename T>
+struct RigidState {
+  Vector3<T> eta = Vector3<T>::Zero();  ///< x, y [m], psi [rad], world_ned
+  Vector3<T> nu = Vector3<T>::Zero();   ///< u, v [m/s], r [rad/s], body
+};
+
+/// Equations of motion (2.3), (2.4) with the model's effects inside, for one set of parameters.
+/// Instantiated for double and Jet. One thread at a time.
+template <typename T>
+class Dynamics {
+ public:
+  /// `coordinates`: all parameters in the order of Model::parameters().
+  Dynamics(const Model& model, const std::vector<T>& coordinates);
+  /// With the model's own parameters.
+  explicit Dynamics(const Model& model);
+
+  const Body<T>& body() const { return body_; }
+  const T& inputDelay() const { return delay_; }  ///< [s]
+  int stateCount() const { return state_count_; }
+  bool hasActuators() const { return !actuators_.empty(); }
+
+  /// Passes a command, held over a step of length h [s], through the actuators; their states are
+  /// advanced to the end of the step.
+  StepInputs<T> actuate(const Vector2<T>& command, double lift, const T& h, T* states) const;
+
+  /// Time derivative of the rigid state at run time t [s]; `nu_dot` is the body acceleration.
+  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
+                           double lift) const;
+  /// One classical Runge-Kutta step of order 4 and length h [s] from run time t [s].
+  RigidState<T> step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
+                     const T& h) const;
+  /// What the mocap sees of a state.
+  Measurement<T> measure(const RigidState<T>& state) const;
+
+ private:
+  struct Active {
+    const EffectHooks<T>* effect;
+    const T* p;
+    int state;  ///< offset of its states
+  };
+
+  std::vector<EffectPtr> instances_;
+  std::vector<T> coordinates_;
+  std::vector<Active> actuators_, thrust_, wrench_, measure_;
+  Body<T> body_;
+  Matrix3<T> mass_, mass_inverse_;
+  Vector2<T> air_;
+  T delay_{};
+  int state_count_ = 0;
+};
+
+extern template class Dynamics<double>;
+extern template class Dynamics<Jet>;
+
+}  // namespace ground

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ground/model/body.h"
+#include "ground/model/effect.h"
+
+namespace ground {
+
+/// Where a model's numbers come from; written by the identification tool.
+struct Provenance {
+  std::string date;                ///< ISO 8601
+  std::string command;             ///< what was run
+  std::vector<std::string> bags;   ///< recordings fitted to
+  std::map<std::string, double> error_before, error_after;             ///< by kind of runs
+  std::map<std::string, std::pair<double, double>> confidence_95;      ///< by parameter name
+
+  bool empty() const { return date.empty() && command.empty() && bags.empty(); }
+};
+
+/// A craft: rigid body, nominal thrust and damping, and a list of effects with their parameters.
+/// The one description that simulator, controllers and identification share.
+class Model {
+ public:
+  struct Entry {
+    EffectPtr effect;
+    std::vector<double> values;  ///< as in the model file, in the order of the effect's parameters
+  };
+
+  std::string name;
+  Body<double> body;
+  std::vector<Entry> effects;
+  Provenance provenance;
+
+  /// Adds an effect at its neutral parameters. Throws std::invalid_argument when it is there
+  /// already.
+  void addEffect(EffectPtr effect);
+  /// Takes an effect out. Throws std::invalid_argument when it is not there.
+  void removeEffect(const std::string& name);
+  bool hasEffect(const std::string& name) const;
+
+  /// All parameters: m, l, I_z, X_u, Y_v, N_r, k, then EFFECT.PARAMETER in the order of effects.
+  std::vector<ParameterInfo> parameters() const;
+  /// Position in parameters(). Throws std::invalid_argument naming all known ones.
+  int index(const std::string& parameter) const;
+  /// Values in the order of parameters(), as in the model file.
+  std::vector<double> values() const;
+  /// Sets all values; throws std::invalid_argument naming the first one out of its range.
+  void setValues(const std::vector<double>& values);
+  double value(const std::string& parameter) const;
+  void setValue(const std::string& parameter, double value);
+  /// The same in solver coordinates, the vector that Dynamics takes.
+  std::vector<double> coordinates() const;
+
+  int parameterCount() const;
+  int stateCount() const;  ///< states of all effects together
+};
+
+/// The seven nominal parameters with units and ranges.
+const std::vector<ParameterInfo>& bodyParameters();
+
+/// Says what is wrong with a value of a parameter, or nothing.
+std::string checkValue(const ParameterInfo& parameter, double value);
+
+}  // namespace ground

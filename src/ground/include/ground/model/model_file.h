@@ -1,0 +1,20 @@
+#pragma once
+
+#include <string>
+
+#include "ground/model/model.h"
+
+namespace ground {
+
+/// Reads a model file. Throws std::runtime_error that names file, line, key and allowed range on
+/// any unknown, missing, repeated, out-of-range or non-finite entry.
+Model loadModel(const std::string& path);
+/// The same from YAML text; `source` names it in messages.
+Model parseModel(const std::string& yaml, const std::string& source);
+/// The model as commented YAML, with units beside each value; parseModel gives it back.
+std::string formatModel(const Model& model);
+/// Writes formatModel atomically. Throws std::runtime_error when the file exists and overwrite is
+/// false, or when it cannot be written; an existing file is then left as it was.
+void saveModel(const Model& model, const std::string& path, bool overwrite = false);
+
+}  // namespace ground

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <ceres/jet.h>
+
+#include <Eigen/Core>
+#include <cmath>
+
+namespace ground {
+
+/// Scalar that carries eight exact derivatives (forward mode). The model is instantiated for
+/// double and Jet; more than eight derivatives are taken in several passes.
+using Jet = ceres::Jet<double, 8>;
+
+template <typename T>
+using Vector2 = Eigen::Matrix<T, 2, 1>;
+template <typename T>
+using Vector3 = Eigen::Matrix<T, 3, 1>;
+template <typename T>
+using Matrix3 = Eigen::Matrix<T, 3, 3>;
+
+inline double valueOf(double x) { return x; }
+inline double valueOf(const Jet& x) { return x.a; }
+
+/// Body to world rotation of a planar vector by the heading psi [rad], (2.1).
+template <typename T>
+Vector2<T> bodyToWorld(const T& psi, const Vector2<T>& a) {
+  using std::cos;
+  using std::sin;
+  const T c = cos(psi), s = sin(psi);
+  return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
+}
+
+/// World to body rotation of a planar vector by the heading psi [rad].
+template <typename T>
+Vector2<T> worldToBody(const T& psi, const Vector2<T>& a) {
+  return bodyToWorld<T>(-psi, a);
+}
+
+/// Angle wrapped to (-pi, pi] [rad].
+inline double wrapAngle(double angle) {
+  const double wrapped = std::remainder(angle, 2 * M_PI);
+  return wrapped <= -M_PI ? wrapped + 2 * M_PI : wrapped;
+}
+
+}  // namespace ground

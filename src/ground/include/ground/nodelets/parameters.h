@@ -1,0 +1,134 @@
+#pragma once
+
+#include <dynamic_reconfigure/server.h>
+#include <ros/ros.h>
+
+#include <boost/thread/recursive_mutex.hpp>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+namespace ground {
+
+/// Reads a private parameter that has to be set; throws std::runtime_error naming it otherwise.
+template <typename T>
+T requiredParameter(const ros::NodeHandle& nh, const std::string& name) {
+  T value;
+  if (!nh.hasParam(name))
+    throw std::runtime_error("parameter " + nh.resolveName(name) + " is missing");
+  if (!nh.getParam(name, value))
+    throw std::runtime_error("parameter " + nh.resolveName(name) + " has the wrong type");
+  return value;
+}
+
+/// Reads a private parameter that has a default; throws std::runtime_error when it is set to
+/// another type.
+template <typename T>
+T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T& fallback) {
+  return nh.hasParam(name) ? requiredParameter<T>(nh, name) : fallback;
+}
+
+/// Parameters that a person tunes while the nodelet runs: a dynamic_reconfigure server that
+/// refuses bad values with a reason and keeps the old ones, instead of clamping them.
+template <class Config>
+class LiveParameters {
+ public:
+  /// Says what is wrong with values that are finite and inside the ranges of the .cfg file; empty
+  /// when nothing is.
+  using Validate = std::function<std::string(const Config&)>;
+  /// Takes over valid values; called once from the constructor and at every accepted change.
+  using Apply = std::function<void(const Config&)>;
+
+  /// Throws std::runtime_error when the values on the parameter server are bad.
+  LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
+      : name_(nh.getNamespace()), validate_(std::move(validate)), apply_(std::move(apply)) {
+    checkTypes(nh);
+    server_ = std::make_unique<dynamic_reconfigure::Server<Unclamped>>(mutex_, nh);
+    std::string initial_error;
+    bool initial = true;
+    server_->setCallback([&, this](Unclamped& config, uint32_t) {
+      if (initial) {
+        initial_error = wrong(config);
+        if (initial_error.empty()) accept(config);
+      } else {
+        change(config);
+      }
+    });
+    initial = false;
+    if (!initial_error.empty()) throw std::runtime_error(name_ + ": " + initial_error);
+    server_->setCallback([this](Unclamped& config, uint32_t) { change(config); });
+  }
+
+ private:
+  /// Config whose values reach the callback as they were asked for.
+  struct Unclamped : Config {
+    Unclamped() = default;
+    Unclamped(const Config& config) : Config(config) {}  // NOLINT: Server assigns one to the other
+    void __clamp__() {}
+  };
+
+  static void checkTypes(const ros::NodeHandle& nh) {
+    using XmlRpc::XmlRpcValue;
+    for (const auto& parameter : Config::__getParamDescriptions__()) {
+      XmlRpcValue value;
+      if (!nh.getParam(parameter->name, value)) continue;
+      const auto type = value.getType();
+      const bool fits = parameter->type == "str"      ? type == XmlRpcValue::TypeString
+                        : parameter->type == "bool"   ? type == XmlRpcValue::TypeBoolean
+                        : parameter->type == "int"    ? type == XmlRpcValue::TypeInt
+                        : type == XmlRpcValue::TypeDouble || type == XmlRpcValue::TypeInt;
+      if (!fits)
+        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) + " must be of type " +
+                                 parameter->type);
+    }
+  }
+
+  std::string wrong(const Config& config) const {
+    dynamic_reconfigure::Config value, lower, upper;
+    config.__toMessage__(value);
+    Config::__getMin__().__toMessage__(lower);
+    Config::__getMax__().__toMessage__(upper);
+    const auto outside = [](const auto& values, const auto& lows, const auto& highs) {
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        const double x = values[i].value;
+        if (!std::isfinite(x) || x < lows[i].value || x > highs[i].value) {
+          std::ostringstream text;
+          text << values[i].name << " = " << x << " is outside [" << lows[i].value << ", "
+               << highs[i].value << "]";
+          return text.str();
+        }
+      }
+      return std::string();
+    };
+    std::string reason = outside(value.doubles, lower.doubles, upper.doubles);
+    if (reason.empty()) reason = outside(value.ints, lower.ints, upper.ints);
+    return reason.empty() && validate_ ? validate_(config) : reason;
+  }
+
+  void accept(const Config& config) {
+    current_ = config;
+    apply_(config);
+  }
+
+  void change(Config& config) {
+    const std::string reason = wrong(config);
+    if (reason.empty()) {
+      accept(config);
+    } else {
+      ROS_ERROR("%s: new parameters refused, old ones kept: %s", name_.c_str(), reason.c_str());
+      config = current_;
+    }
+  }
+
+  std::string name_;
+  Validate validate_;
+  Apply apply_;
+  Config current_;  ///< guarded by mutex_
+  boost::recursive_mutex mutex_;
+  std::unique_ptr<dynamic_reconfigure::Server<Unclamped>> server_;
+};
+
+}  // namespace ground
