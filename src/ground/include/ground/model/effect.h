@@ -52,15 +52,15 @@ struct StepInputs {
 /// All that a wrench may depend on, at one instant.
 template <typename T>
 struct Point {
-  T t{};                        ///< since the start of the run [s]
-  Vector3<T> eta;               ///< x, y [m], psi [rad], world_ned
-  Vector3<T> nu;                ///< u, v [m/s], r [rad/s], body
-  Vector3<T> nu_air;            ///< nu relative to the air, body
-  Vector2<T> input;             ///< what reaches the thrusters: left, right
-  Vector2<T> thrust;            ///< force of the thrusters: left, right [N]
-  double lift = 0.0;            ///< 0..1
-  const Body<T>* body;          ///< nominal parameters
-  const Matrix3<T>* mass;       ///< mass matrix with all effects inside
+  T t{};                   ///< since the start of the run [s]
+  Vector3<T> eta;          ///< x, y [m], psi [rad], world_ned
+  Vector3<T> nu;           ///< u, v [m/s], r [rad/s], body
+  Vector3<T> nu_air;       ///< nu relative to the air, body
+  Vector2<T> input;        ///< what reaches the thrusters: left, right
+  Vector2<T> thrust;       ///< force of the thrusters: left, right [N]
+  double lift = 0.0;       ///< 0..1
+  const Body<T>* body;     ///< nominal parameters
+  const Matrix3<T>* mass;  ///< mass matrix with all effects inside
 };
 
 /// Measured pose and velocity: what the mocap's rigid body does, not the centre of the craft.

@@ -19,16 +19,16 @@ bool registerEffect(EffectPtr effect);
 namespace detail {
 
 /// Calls the hooks that struct E has; E has templates of the same names as EffectHooks.
-#define GROUND_FORWARD_HOOK(Hook)                                                      \
-  template <class E, class... Args>                                                    \
-  auto call_##Hook(int, Args&&... args)                                                \
-      -> decltype(E::Hook(std::forward<Args>(args)...), std::true_type()) {            \
-    E::Hook(std::forward<Args>(args)...);                                              \
-    return {};                                                                         \
-  }                                                                                    \
-  template <class E, class... Args>                                                    \
-  std::false_type call_##Hook(long, Args&&...) {                                       \
-    return {};                                                                         \
+#define GROUND_FORWARD_HOOK(Hook)                                          \
+  template <class E, class... Args>                                        \
+  auto call_##Hook(int, Args&&... args)                                    \
+      ->decltype(E::Hook(std::forward<Args>(args)...), std::true_type()) { \
+    E::Hook(std::forward<Args>(args)...);                                  \
+    return {};                                                             \
+  }                                                                        \
+  template <class E, class... Args>                                        \
+  std::false_type call_##Hook(long, Args&&...) {                           \
+    return {};                                                             \
   }
 GROUND_FORWARD_HOOK(delay)
 GROUND_FORWARD_HOOK(actuate)
@@ -73,8 +73,7 @@ class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
     const auto add = [&set](Effect::Hook hook, bool has) { set |= has ? hook : 0u; };
     add(Effect::kDelay, has<decltype(call_delay<E>(0, P(), std::declval<double&>()))>());
     add(Effect::kActuate,
-        has<decltype(call_actuate<E>(0, P(), std::declval<const double&>(),
-                                     std::declval<double*>(),
+        has<decltype(call_actuate<E>(0, P(), std::declval<const double&>(), std::declval<double*>(),
                                      std::declval<StepInputs<double>&>()))>());
     add(Effect::kThrust, has<decltype(call_thrust<E>(0, P(), std::declval<const Point<double>&>(),
                                                      std::declval<Vector2<double>&>()))>());

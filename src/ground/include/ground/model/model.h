@@ -12,11 +12,11 @@ namespace ground {
 
 /// Where a model's numbers come from; written by the identification tool.
 struct Provenance {
-  std::string date;                ///< ISO 8601
-  std::string command;             ///< what was run
-  std::vector<std::string> bags;   ///< recordings fitted to
-  std::map<std::string, double> error_before, error_after;             ///< by kind of runs
-  std::map<std::string, std::pair<double, double>> confidence_95;      ///< by parameter name
+  std::string date;                                                ///< ISO 8601
+  std::string command;                                             ///< what was run
+  std::vector<std::string> bags;                                   ///< recordings fitted to
+  std::map<std::string, double> error_before, error_after;         ///< by kind of runs
+  std::map<std::string, std::pair<double, double>> confidence_95;  ///< by parameter name
 
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };

@@ -9,7 +9,7 @@ namespace ground {
 
 /// Commands over time, each held until the next; thrusters and lift are off before the first.
 struct InputSequence {
-  std::vector<double> times;             ///< ascending, on the run's clock [s]
+  std::vector<double> times;               ///< ascending, on the run's clock [s]
   std::vector<Vector2<double>> thrusters;  ///< left, right
   std::vector<double> lift;
 

@@ -47,19 +47,8 @@ class LiveParameters {
       : name_(nh.getNamespace()), validate_(std::move(validate)), apply_(std::move(apply)) {
     checkTypes(nh);
     server_ = std::make_unique<dynamic_reconfigure::Server<Unclamped>>(mutex_, nh);
-    std::string initial_error;
-    bool initial = true;
-    server_->setCallback([&, this](Unclamped& config, uint32_t) {
-      if (initial) {
-        initial_error = wrong(config);
-        if (initial_error.empty()) accept(config);
-      } else {
-        change(config);
-      }
-    });
-    initial = false;
-    if (!initial_error.empty()) throw std::runtime_error(name_ + ": " + initial_error);
     server_->setCallback([this](Unclamped& config, uint32_t) { change(config); });
+    if (!refusal_.empty()) throw std::runtime_error(refusal_);
   }
 
  private:
@@ -76,13 +65,14 @@ class LiveParameters {
       XmlRpcValue value;
       if (!nh.getParam(parameter->name, value)) continue;
       const auto type = value.getType();
-      const bool fits = parameter->type == "str"      ? type == XmlRpcValue::TypeString
-                        : parameter->type == "bool"   ? type == XmlRpcValue::TypeBoolean
-                        : parameter->type == "int"    ? type == XmlRpcValue::TypeInt
-                        : type == XmlRpcValue::TypeDouble || type == XmlRpcValue::TypeInt;
+      const bool fits = parameter->type == "str"    ? type == XmlRpcValue::TypeString
+                        : parameter->type == "bool" ? type == XmlRpcValue::TypeBoolean
+                        : parameter->type == "int"
+                            ? type == XmlRpcValue::TypeInt
+                            : type == XmlRpcValue::TypeDouble || type == XmlRpcValue::TypeInt;
       if (!fits)
-        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) + " must be of type " +
-                                 parameter->type);
+        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) +
+                                 " must be of type " + parameter->type);
     }
   }
 
@@ -108,17 +98,14 @@ class LiveParameters {
     return reason.empty() && validate_ ? validate_(config) : reason;
   }
 
-  void accept(const Config& config) {
-    current_ = config;
-    apply_(config);
-  }
-
   void change(Config& config) {
-    const std::string reason = wrong(config);
-    if (reason.empty()) {
-      accept(config);
+    refusal_ = wrong(config);
+    if (refusal_.empty()) {
+      current_ = config;
+      apply_(config);
     } else {
-      ROS_ERROR("%s: new parameters refused, old ones kept: %s", name_.c_str(), reason.c_str());
+      refusal_ = name_ + ": parameters refused, the old ones kept: " + refusal_;
+      ROS_ERROR("%s", refusal_.c_str());
       config = current_;
     }
   }
@@ -126,7 +113,8 @@ class LiveParameters {
   std::string name_;
   Validate validate_;
   Apply apply_;
-  Config current_;  ///< guarded by mutex_
+  Config current_ = Config::__getDefault__();  ///< guarded by mutex_
+  std::string refusal_;                        ///< of the last change; guarded by mutex_
   boost::recursive_mutex mutex_;
   std::unique_ptr<dynamic_reconfigure::Server<Unclamped>> server_;
 };
