@@ -90,8 +90,8 @@ class EffectHooks {
   virtual void inertia(const T* /*p*/, const Body<T>&, Matrix3<T>&) const {}
   /// Wrench on the craft: X, Y [N], N [N m], body.
   virtual void wrench(const T* /*p*/, const Point<T>&, Vector3<T>&) const {}
-  /// What is measured.
-  virtual void measure(const T* /*p*/, Measurement<T>&) const {}
+  /// What is measured at the true pose `eta`.
+  virtual void measure(const T* /*p*/, const Vector3<T>& /*eta*/, Measurement<T>&) const {}
 };
 
 /// A physical effect: rigid body plus a list of effects is the model.

@@ -56,7 +56,9 @@ class HooksOf : public Base {
   void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override {
     call_wrench<E>(0, p, s, w);
   }
-  void measure(const T* p, Measurement<T>& m) const override { call_measure<E>(0, p, m); }
+  void measure(const T* p, const Vector3<T>& eta, Measurement<T>& m) const override {
+    call_measure<E>(0, p, eta, m);
+  }
 };
 
 template <class E>
@@ -83,7 +85,8 @@ class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
     add(Effect::kWrench, has<decltype(call_wrench<E>(0, P(), std::declval<const Point<double>&>(),
                                                      std::declval<Vector3<double>&>()))>());
     add(Effect::kMeasure,
-        has<decltype(call_measure<E>(0, P(), std::declval<Measurement<double>&>()))>());
+        has<decltype(call_measure<E>(0, P(), std::declval<const Vector3<double>&>(),
+                                     std::declval<Measurement<double>&>()))>());
     return set;
   }
   std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }

@@ -43,8 +43,9 @@ class Simulation {
   static constexpr double kDefaultStep = 0.005;  ///< thesis 2.3
 
  private:
+  Vector2<T> command() const;
+  double lift() const;
   void advanceHeld(const T& until);
-  void takeDueCommands();
 
   const Dynamics<T>& dynamics_;
   const InputSequence& inputs_;

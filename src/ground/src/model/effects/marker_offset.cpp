@@ -1,0 +1,25 @@
+#include "ground/model/effect_registry.h"
+
+namespace ground {
+
+/// The mocap's rigid body has its pivot at (dx, dy) in the body's frame.
+struct MarkerOffset {
+  static EffectInfo info() {
+    const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
+    return {
+        "marker_offset",
+        "tracked point away from the body's origin",
+        {{"dx", "m", "forward", 0, -1, 1, scale}, {"dy", "m", "to starboard", 0, -1, 1, scale}}};
+  }
+  template <typename T>
+  static void measure(const T* p, const Vector3<T>& eta, Measurement<T>& measurement) {
+    measurement.eta.template head<2>() += bodyToWorld<T>(eta.z(), Vector2<T>(p[0], p[1]));
+    // Velocity is measured in the frame of the measured heading.
+    const T& r = measurement.nu.z();
+    measurement.nu.template head<2>() +=
+        worldToBody<T>(measurement.eta.z() - eta.z(), Vector2<T>(-r * p[1], r * p[0]));
+  }
+};
+GROUND_REGISTER_EFFECT(MarkerOffset)
+
+}  // namespace ground

@@ -1,0 +1,37 @@
+#include <cmath>
+
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+
+/// Drag that grows with the square of speed: -c_x V u, -c_y V v, -c_r |r| r, V the speed through
+/// the air.
+struct QuadraticDrag {
+  static EffectInfo info() {
+    const auto linear = [](const Body<double>& b) {
+      return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
+    };
+    return {"quadratic_drag",
+            "drag with the square of speed",
+            {{"cx", "N s^2/m^2", "surge", 0, 0, 1e3, linear},
+             {"cy", "N s^2/m^2", "sway", 0, 0, 1e3, linear},
+             {"cr", "N m s^2", "yaw", 0, 0, 1e3, [](const Body<double>& b) {
+                return 0.1 * typical::moment(b) / (typical::yawRate(b) * typical::yawRate(b));
+              }}}};
+  }
+  template <typename T>
+  static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
+    using std::abs;
+    using std::sqrt;
+    const T &u = point.nu_air.x(), &v = point.nu_air.y(), &r = point.nu.z();
+    const T square = u * u + v * v;
+    const T speed = valueOf(square) > 0 ? T(sqrt(square)) : T(0.0);  // sqrt has no derivative at 0
+    wrench(0) -= p[0] * speed * u;
+    wrench(1) -= p[1] * speed * v;
+    wrench(2) -= p[2] * abs(r) * r;
+  }
+};
+GROUND_REGISTER_EFFECT(QuadraticDrag)
+
+}  // namespace ground

@@ -1,0 +1,24 @@
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+
+/// Off-diagonal linear damping: Y = -yr r, N = -nv v.
+struct SwayYawDamping {
+  static EffectInfo info() {
+    return {"sway_yaw_damping",
+            "damping that couples sway and yaw",
+            {{"yr", "N s", "sway force per yaw rate", 0, -1e3, 1e3,
+              [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::yawRate(b); }},
+             {"nv", "N s", "yaw moment per sway", 0, -1e3, 1e3,
+              [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::speed(b); }}}};
+  }
+  template <typename T>
+  static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
+    wrench(1) -= p[0] * point.nu.z();
+    wrench(2) -= p[1] * point.nu_air.y();
+  }
+};
+GROUND_REGISTER_EFFECT(SwayYawDamping)
+
+}  // namespace ground

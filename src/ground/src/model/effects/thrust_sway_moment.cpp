@@ -1,0 +1,21 @@
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+
+/// Thrusters in cross-flow: yaw moment N = c F v that grows with thrust and sway.
+struct ThrustSwayMoment {
+  static EffectInfo info() {
+    return {"thrust_sway_moment",
+            "yaw moment of thrusters in cross-flow",
+            {{"c", "s", "moment per thrust and sway", 0, -10, 10,
+              [](const Body<double>& b) { return 0.1 * b.l / typical::speed(b); }}}};
+  }
+  template <typename T>
+  static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
+    wrench(2) += p[0] * (point.thrust(0) + point.thrust(1)) * point.nu_air.y();
+  }
+};
+GROUND_REGISTER_EFFECT(ThrustSwayMoment)
+
+}  // namespace ground

@@ -1,0 +1,433 @@
+#include "ground/model/model_file.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+#include <yaml-cpp/yaml.h>
+
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
+
+namespace ground {
+namespace {
+
+constexpr char kSchema[] = "ground/model/1";
+
+/// Reads YAML strictly; every complaint names source, line and key.
+class Reader {
+ public:
+  explicit Reader(std::string source) : source_(std::move(source)) {}
+
+  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
+    std::ostringstream text;
+    text << source_;
+    if (node.Mark().line >= 0) text << ", line " << node.Mark().line + 1;
+    text << ": " << message;
+    throw std::runtime_error(text.str());
+  }
+
+  using Visit = std::function<void(const std::string& key, const YAML::Node& value)>;
+
+  /// Visits the entries of a map; a key that comes twice is an error.
+  void each(const YAML::Node& map, const std::string& what, const Visit& visit) const {
+    if (!map.IsMap()) fail(map, what + " must be a map of key: value");
+    std::set<std::string> seen;
+    for (const auto& entry : map) {
+      if (!entry.first.IsScalar()) fail(entry.first, "a key in " + what + " is not a word");
+      const std::string key = entry.first.Scalar();
+      if (!seen.insert(key).second) fail(entry.first, "key '" + key + "' comes twice in " + what);
+      visit(key, entry.second);
+    }
+  }
+
+  [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,
+                            const std::string& known) const {
+    fail(node, "unknown key '" + key + "' in " + what + "; allowed are " + known);
+  }
+
+  double number(const YAML::Node& node, const std::string& key) const {
+    double value = 0;
+    if (!node.IsScalar() || !YAML::convert<double>::decode(node, value))
+      fail(node, key + " must be a number");
+    if (std::isnan(value)) fail(node, key + " must not be NaN");
+    return value;
+  }
+
+  /// A number inside the parameter's range.
+  double number(const YAML::Node& node, const ParameterInfo& parameter) const {
+    const double value = number(node, parameter.name);
+    const std::string wrong = checkValue(parameter, value);
+    if (!wrong.empty()) fail(node, wrong);
+    return value;
+  }
+
+  std::string text(const YAML::Node& node, const std::string& key) const {
+    if (!node.IsScalar()) fail(node, key + " must be a text");
+    return node.Scalar();
+  }
+
+ private:
+  std::string source_;
+};
+
+ParameterInfo inputMaxInfo() {
+  ParameterInfo info;
+  info.name = "input_max";
+  info.unit = "-";
+  info.lower = std::numeric_limits<double>::min();
+  info.neutral = 1;
+  return info;
+}
+
+std::string names(const std::vector<ParameterInfo>& parameters) {
+  std::string list;
+  for (const ParameterInfo& parameter : parameters) list += parameter.name + ", ";
+  return list;
+}
+
+void readBody(const Reader& reader, const YAML::Node& node, Model& model) {
+  std::vector<double> values(bodyParameters().size(), NAN);
+  bool has_input_max = false;
+  reader.each(node, "body", [&](const std::string& key, const YAML::Node& value) {
+    if (key == "input_max") {
+      model.body.input_max = reader.number(value, inputMaxInfo());
+      has_input_max = true;
+      return;
+    }
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      if (bodyParameters()[i].name != key) continue;
+      values[i] = reader.number(value, bodyParameters()[i]);
+      return;
+    }
+    reader.unknown(value, key, "body", names(bodyParameters()) + "input_max");
+  });
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (std::isnan(values[i]))
+      reader.fail(node, "body lacks " + bodyParameters()[i].name + " (" + bodyParameters()[i].doc +
+                            ", " + bodyParameters()[i].unit + ")");
+  if (!has_input_max) reader.fail(node, "body lacks input_max (largest input of a thruster)");
+  model.setValues(values);
+}
+
+ParameterInfo readExpressionParameter(const Reader& reader, const std::string& name,
+                                      const YAML::Node& node, double& value, double& scale) {
+  ParameterInfo info;
+  info.name = name;
+  bool has_value = false;
+  scale = NAN;
+  reader.each(node, "parameter " + name, [&](const std::string& key, const YAML::Node& entry) {
+    if (key == "value") {
+      value = reader.number(entry, name);
+      has_value = true;
+    } else if (key == "unit") {
+      info.unit = reader.text(entry, key);
+    } else if (key == "doc") {
+      info.doc = reader.text(entry, key);
+    } else if (key == "neutral") {
+      info.neutral = reader.number(entry, key);
+    } else if (key == "lower") {
+      info.lower = reader.number(entry, key);
+    } else if (key == "upper") {
+      info.upper = reader.number(entry, key);
+    } else if (key == "scale") {
+      scale = reader.number(entry, key);
+      if (!(scale > 0) || std::isinf(scale)) reader.fail(entry, "scale must be positive");
+    } else {
+      reader.unknown(entry, key, "parameter " + name,
+                     "value, unit, doc, neutral, lower, upper, scale");
+    }
+  });
+  if (!has_value) reader.fail(node, "parameter " + name + " lacks its value");
+  if (info.unit.empty()) reader.fail(node, "parameter " + name + " lacks its unit");
+  const std::string wrong = checkValue(info, info.neutral);
+  if (!wrong.empty()) reader.fail(node, "neutral value of " + wrong);
+  if (std::isnan(scale)) {
+    const double away = std::abs(value - info.neutral);
+    scale = away > 0 ? away : 1.0;
+  }
+  return info;
+}
+
+void readExpression(const Reader& reader, const std::string& name, const YAML::Node& node,
+                    Model& model) {
+  ExpressionDefinition definition;
+  definition.name = name;
+  std::vector<double> values;
+  const YAML::Node expression = node["expression"], parameters = node["parameters"];
+  reader.each(expression, "expression of " + name,
+              [&](const std::string& key, const YAML::Node& value) {
+                if (key == "X") {
+                  definition.X = reader.text(value, key);
+                } else if (key == "Y") {
+                  definition.Y = reader.text(value, key);
+                } else if (key == "N") {
+                  definition.N = reader.text(value, key);
+                } else {
+                  reader.unknown(value, key, "expression of " + name, "X, Y, N");
+                }
+              });
+  if (parameters) {
+    reader.each(parameters, "parameters of " + name,
+                [&](const std::string& key, const YAML::Node& value) {
+                  double number = 0, scale = 0;
+                  definition.parameters.push_back(
+                      readExpressionParameter(reader, key, value, number, scale));
+                  definition.typical.push_back(scale);
+                  values.push_back(number);
+                  const std::string wrong = checkValue(definition.parameters.back(), number);
+                  if (!wrong.empty()) reader.fail(value, wrong);
+                });
+  }
+  reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
+    if (key != "name" && key != "expression" && key != "parameters")
+      reader.unknown(value, key, "effect " + name, "name, expression, parameters");
+  });
+  try {
+    model.addEffect(makeExpressionEffect(definition));
+  } catch (const std::invalid_argument& error) {
+    reader.fail(node, error.what());
+  }
+  model.effects.back().values = values;
+}
+
+void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
+  if (!node.IsMap() || !node["name"]) reader.fail(node, "an effect must be a map with its name");
+  const std::string name = reader.text(node["name"], "name");
+  if (node["expression"]) return readExpression(reader, name, node, model);
+  try {
+    model.addEffect(makeEffect(name));
+  } catch (const std::invalid_argument& error) {
+    reader.fail(node, error.what());
+  }
+  Model::Entry& entry = model.effects.back();
+  const auto& parameters = entry.effect->info().parameters;
+  std::vector<bool> given(parameters.size(), false);
+  reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "name") return;
+    for (std::size_t i = 0; i < parameters.size(); ++i) {
+      if (parameters[i].name != key) continue;
+      entry.values[i] = reader.number(value, parameters[i]);
+      given[i] = true;
+      return;
+    }
+    reader.unknown(value, key, "effect " + name, names(parameters) + "name");
+  });
+  for (std::size_t i = 0; i < given.size(); ++i)
+    if (!given[i])
+      reader.fail(node, "effect " + name + " lacks " + parameters[i].name + " (" +
+                            parameters[i].doc + ", " + parameters[i].unit + ")");
+}
+
+void readProvenance(const Reader& reader, const YAML::Node& node, Provenance& provenance) {
+  const auto numbers = [&](const YAML::Node& map, const std::string& what) {
+    std::map<std::string, double> result;
+    reader.each(map, what, [&](const std::string& key, const YAML::Node& value) {
+      result[key] = reader.number(value, key);
+    });
+    return result;
+  };
+  reader.each(node, "provenance", [&](const std::string& key, const YAML::Node& value) {
+    if (key == "date") {
+      provenance.date = reader.text(value, key);
+    } else if (key == "command") {
+      provenance.command = reader.text(value, key);
+    } else if (key == "bags") {
+      if (!value.IsSequence()) reader.fail(value, "bags must be a list");
+      for (const auto& bag : value) provenance.bags.push_back(reader.text(bag, key));
+    } else if (key == "error_before") {
+      provenance.error_before = numbers(value, key);
+    } else if (key == "error_after") {
+      provenance.error_after = numbers(value, key);
+    } else if (key == "confidence_95") {
+      reader.each(value, key, [&](const std::string& parameter, const YAML::Node& interval) {
+        if (!interval.IsSequence() || interval.size() != 2)
+          reader.fail(interval, parameter + " must be [lower, upper]");
+        provenance.confidence_95[parameter] = {reader.number(interval[0], parameter),
+                                               reader.number(interval[1], parameter)};
+      });
+    } else {
+      reader.unknown(value, key, "provenance",
+                     "date, command, bags, error_before, error_after, confidence_95");
+    }
+  });
+}
+
+/// Shortest text that reads back as the same number.
+std::string format(double value) {
+  if (std::isinf(value)) return value > 0 ? ".inf" : "-.inf";
+  for (int digits = 6;; ++digits) {
+    std::ostringstream text;
+    text.precision(digits);
+    text << value;
+    if (digits >= 17 || std::stod(text.str()) == value) return text.str();
+  }
+}
+
+void emitNumber(YAML::Emitter& out, const std::string& key, double value,
+                const std::string& comment) {
+  out << YAML::Key << key << YAML::Value << format(value);
+  if (!comment.empty()) out << YAML::Comment(comment);
+}
+
+std::string comment(const ParameterInfo& parameter) {
+  return parameter.doc.empty() ? parameter.unit : parameter.unit + ", " + parameter.doc;
+}
+
+void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
+                    const std::vector<double>& values) {
+  out << YAML::Key << "expression" << YAML::Value << YAML::BeginMap;
+  const std::pair<const char*, const std::string*> formulas[] = {
+      {"X", &definition.X}, {"Y", &definition.Y}, {"N", &definition.N}};
+  for (const auto& formula : formulas)
+    if (!formula.second->empty())
+      out << YAML::Key << formula.first << YAML::Value << YAML::DoubleQuoted << *formula.second;
+  out << YAML::EndMap;
+  if (definition.parameters.empty()) return;
+  out << YAML::Key << "parameters" << YAML::Value << YAML::BeginMap;
+  for (std::size_t i = 0; i < definition.parameters.size(); ++i) {
+    const ParameterInfo& parameter = definition.parameters[i];
+    out << YAML::Key << parameter.name << YAML::Value << YAML::Flow << YAML::BeginMap;
+    emitNumber(out, "value", values[i], "");
+    out << YAML::Key << "unit" << YAML::Value << YAML::DoubleQuoted << parameter.unit;
+    if (!parameter.doc.empty())
+      out << YAML::Key << "doc" << YAML::Value << YAML::DoubleQuoted << parameter.doc;
+    emitNumber(out, "neutral", parameter.neutral, "");
+    if (std::isfinite(parameter.lower)) emitNumber(out, "lower", parameter.lower, "");
+    if (std::isfinite(parameter.upper)) emitNumber(out, "upper", parameter.upper, "");
+    emitNumber(out, "scale", definition.typical[i], "");
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+void emitProvenance(YAML::Emitter& out, const Provenance& provenance) {
+  const auto numbers = [&out](const char* key, const std::map<std::string, double>& map) {
+    if (map.empty()) return;
+    out << YAML::Key << key << YAML::Value << YAML::BeginMap;
+    for (const auto& entry : map) emitNumber(out, entry.first, entry.second, "");
+    out << YAML::EndMap;
+  };
+  out << YAML::Key << "provenance" << YAML::Value << YAML::BeginMap;
+  out << YAML::Key << "date" << YAML::Value << YAML::DoubleQuoted << provenance.date;
+  out << YAML::Key << "command" << YAML::Value << YAML::DoubleQuoted << provenance.command;
+  out << YAML::Key << "bags" << YAML::Value << YAML::BeginSeq;
+  for (const std::string& bag : provenance.bags) out << YAML::DoubleQuoted << bag;
+  out << YAML::EndSeq;
+  numbers("error_before", provenance.error_before);
+  numbers("error_after", provenance.error_after);
+  if (!provenance.confidence_95.empty()) {
+    out << YAML::Key << "confidence_95" << YAML::Value << YAML::BeginMap;
+    for (const auto& entry : provenance.confidence_95)
+      out << YAML::Key << entry.first << YAML::Value << YAML::Flow << YAML::BeginSeq
+          << format(entry.second.first) << format(entry.second.second) << YAML::EndSeq;
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+std::runtime_error systemError(const std::string& path, const std::string& what) {
+  return std::runtime_error(path + ": " + what + ": " + std::strerror(errno));
+}
+
+}  // namespace
+
+Model parseModel(const std::string& yaml, const std::string& source) {
+  const Reader reader(source);
+  YAML::Node root;
+  try {
+    root = YAML::Load(yaml);
+  } catch (const YAML::ParserException& error) {
+    throw std::runtime_error(source + ", line " + std::to_string(error.mark.line + 1) + ": " +
+                             error.msg);
+  }
+  Model model;
+  const std::string top = "the model file";
+  if (!root.IsMap()) reader.fail(root, top + " must be a map with schema, name, body, effects");
+  if (!root["schema"] || !root["schema"].IsScalar() || root["schema"].Scalar() != kSchema)
+    reader.fail(root, std::string("not a model file: it must say 'schema: ") + kSchema + "'");
+  if (!root["body"]) reader.fail(root, top + " lacks body");
+  reader.each(root, top, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "name") {
+      model.name = reader.text(value, key);
+    } else if (key == "body") {
+      readBody(reader, value, model);
+    } else if (key == "provenance") {
+      readProvenance(reader, value, model.provenance);
+    } else if (key == "effects") {
+      if (!value.IsSequence() && !value.IsNull()) reader.fail(value, "effects must be a list");
+    } else if (key != "schema") {
+      reader.unknown(value, key, top, "schema, name, body, effects, provenance");
+    }
+  });
+  for (const auto& effect : root["effects"]) readEffect(reader, effect, model);
+  return model;
+}
+
+Model loadModel(const std::string& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  if (!file || !(text << file.rdbuf())) throw systemError(path, "cannot read the model file");
+  return parseModel(text.str(), path);
+}
+
+std::string formatModel(const Model& model) {
+  YAML::Emitter out;
+  out << YAML::BeginMap;
+  out << YAML::Key << "schema" << YAML::Value << kSchema;
+  out << YAML::Key << "name" << YAML::Value << YAML::DoubleQuoted << model.name;
+  out << YAML::Key << "body" << YAML::Value << YAML::BeginMap;
+  const std::vector<double> values = model.values();
+  for (std::size_t i = 0; i < bodyParameters().size(); ++i)
+    emitNumber(out, bodyParameters()[i].name, values[i], comment(bodyParameters()[i]));
+  emitNumber(out, "input_max", model.body.input_max, "largest input of a thruster");
+  out << YAML::EndMap;
+  out << YAML::Key << "effects" << YAML::Value << YAML::BeginSeq;
+  for (const Model::Entry& entry : model.effects) {
+    const EffectInfo& info = entry.effect->info();
+    out << YAML::BeginMap << YAML::Key << "name" << YAML::Value << info.name;
+    if (const ExpressionDefinition* definition = expressionDefinition(*entry.effect)) {
+      emitExpression(out, *definition, entry.values);
+    } else {
+      out << YAML::Comment(info.summary);
+      for (std::size_t i = 0; i < info.parameters.size(); ++i)
+        emitNumber(out, info.parameters[i].name, entry.values[i], comment(info.parameters[i]));
+    }
+    out << YAML::EndMap;
+  }
+  out << YAML::EndSeq;
+  if (!model.provenance.empty()) emitProvenance(out, model.provenance);
+  out << YAML::EndMap;
+  return std::string(out.c_str()) + '\n';
+}
+
+void saveModel(const Model& model, const std::string& path, bool overwrite) {
+  const std::string text = formatModel(model);
+  std::string temporary = path + ".XXXXXX";
+  const int file = mkstemp(&temporary[0]);
+  if (file < 0) throw systemError(path, "cannot write the model file");
+  const bool written = write(file, text.data(), text.size()) == ssize_t(text.size()) &&
+                       fchmod(file, 0644) == 0 && fsync(file) == 0;
+  const int write_error = errno;
+  close(file);
+  // link() fails when the path exists, so that nothing is overwritten even in a race
+  const bool moved = written && (overwrite ? rename(temporary.c_str(), path.c_str()) == 0
+                                           : link(temporary.c_str(), path.c_str()) == 0);
+  const int move_error = errno;
+  if (!moved || !overwrite) unlink(temporary.c_str());
+  if (moved) return;
+  if (written && move_error == EEXIST)
+    throw std::runtime_error(path + " exists; choose another name or allow overwriting");
+  errno = written ? move_error : write_error;
+  throw systemError(path, "cannot write the model file");
+}
+
+}  // namespace ground
