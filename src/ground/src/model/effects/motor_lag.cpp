@@ -34,6 +34,11 @@ struct MotorLag {
   static void decay(const T& tau, const T& h, std::array<T, 3>& nodes, T& end) {
     using std::exp;
     constexpr double kLong = 50, kShort = 0.02;  // of tau/h; beyond, the general case loses digits
+    if (valueOf(tau) == 0 && valueOf(h) == 0) {
+      end = T(0.0);
+      nodes = {end, end, end};
+      return;
+    }
     if (valueOf(tau) > kLong * valueOf(h)) {
       end = exp(-h / tau);
       nodes = {T(1.0), exp(-h / (2.0 * tau)), end};

@@ -1,0 +1,318 @@
+// Every effect of the library: absent at its neutral value, exact derivatives, right physics.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+
+namespace ground {
+namespace {
+
+Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+Model with(const std::string& effect) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect(effect));
+  return model;
+}
+
+/// Commands with edges off every grid.
+InputSequence excitation() {
+  InputSequence inputs;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> level(0.1, 1.0);
+  for (int i = 0; i < 25; ++i) inputs.add(0.0813 * i, level(random), level(random), 0.9);
+  return inputs;
+}
+
+template <typename T>
+std::vector<Measurement<T>> run(const Model& model, const std::vector<T>& coordinates) {
+  static const InputSequence inputs = excitation();
+  const Dynamics<T> dynamics(model, coordinates);
+  RigidState<T> start;
+  start.nu = Vector3<double>(0.3, -0.2, 1.0).cast<T>();
+  start.eta = Vector3<double>(0.5, -1.0, 2.0).cast<T>();
+  Simulation<T> simulation(dynamics, inputs, start, 0.05);
+  std::vector<Measurement<T>> trajectory;
+  for (double t = 0.1; t < 1.9; t += 0.113) {
+    simulation.advance(t);
+    trajectory.push_back(simulation.measure());
+  }
+  return trajectory;
+}
+
+double difference(const Measurement<double>& a, const Measurement<double>& b) {
+  return std::max((a.eta - b.eta).cwiseAbs().maxCoeff(), (a.nu - b.nu).cwiseAbs().maxCoeff());
+}
+
+class EveryEffect : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryEffect, IsExactlyAbsentAtItsNeutralValue) {
+  const Model nominal = tinyWhoover(), neutral = with(GetParam());
+  const auto a = run(nominal, nominal.coordinates()), b = run(neutral, neutral.coordinates());
+  for (std::size_t i = 0; i < a.size(); ++i) EXPECT_EQ(difference(a[i], b[i]), 0.0);
+}
+
+TEST_P(EveryEffect, ChangesTheMotionInEachOfItsParameters) {
+  const Model neutral = with(GetParam());
+  const auto infos = neutral.parameters();
+  const auto nominal = run(neutral, neutral.coordinates());
+  for (std::size_t p = bodyParameters().size(); p < infos.size(); ++p) {
+    std::vector<double> coordinates = neutral.coordinates();
+    coordinates[p] += infos[p].scale(neutral.body);
+    const auto changed = run(neutral, coordinates);
+    EXPECT_GT(difference(nominal.back(), changed.back()), 1e-4) << infos[p].name;
+  }
+}
+
+TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
+  const Model neutral = with(GetParam());
+  const auto infos = neutral.parameters();
+  for (bool at_neutral : {false, true}) {
+    std::vector<double> at = neutral.coordinates();
+    for (std::size_t p = bodyParameters().size(); p < at.size() && !at_neutral; ++p)
+      at[p] += 0.9 * infos[p].scale(neutral.body);
+    for (std::size_t p = 2; p < at.size(); ++p) {
+      const bool own = p >= bodyParameters().size();
+      std::vector<Jet> jets(at.begin(), at.end());
+      jets[p].v[3] = 1.0;
+      const auto exact = run(neutral, jets);
+      const double h = 1e-5 * infos[p].scale(neutral.body);
+      // At its neutral value an effect may be at its bound: only the inner side exists.
+      const bool bounded =
+          own && at_neutral &&
+          (infos[p].lower == infos[p].neutral || infos[p].coordinate == Coordinate::kReciprocal);
+      const auto moved = [&](double steps) {
+        std::vector<double> c = at;
+        c[p] += steps * h;
+        return run(neutral, c);
+      };
+      const auto zero = moved(0), plus = moved(1), other = moved(bounded ? 2 : -1);
+      double largest = 0, worst = 0;
+      for (std::size_t i = 0; i < exact.size(); ++i) {
+        for (int k = 0; k < 6; ++k) {
+          const auto value = [k](const auto& m) { return k < 3 ? m.eta(k) : m.nu(k - 3); };
+          const double d = value(exact[i]).v[3];
+          const double finite =
+              bounded ? (4 * value(plus[i]) - 3 * value(zero[i]) - value(other[i])) / (2 * h)
+                      : (value(plus[i]) - value(other[i])) / (2 * h);
+          largest = std::max(largest, std::abs(finite));
+          worst = std::max(worst, std::abs(d - finite));
+        }
+      }
+      EXPECT_LT(worst, 1e-5 * largest + 1e-12)
+          << infos[p].name << (at_neutral ? " at neutral" : " away from neutral");
+    }
+  }
+}
+
+TEST_P(EveryEffect, IsDocumented) {
+  const EffectInfo& info = makeEffect(GetParam())->info();
+  EXPECT_FALSE(info.summary.empty());
+  EXPECT_NE(makeEffect(GetParam())->hooks(), 0u);
+  for (const ParameterInfo& parameter : info.parameters) {
+    EXPECT_FALSE(parameter.unit.empty() || parameter.doc.empty()) << parameter.name;
+    EXPECT_TRUE(checkValue(parameter, parameter.neutral).empty()) << parameter.name;
+    EXPECT_GT(parameter.scale(tinyWhoover().body), 0) << parameter.name;
+    EXPECT_EQ(parameter.fromCoordinate(parameter.toCoordinate(parameter.neutral)),
+              parameter.neutral);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
+                         [](const auto& info) { return info.param; });
+
+TEST(EffectLibrary, HasTheContractedNames) {
+  const std::vector<std::string> contract = {"added_mass",
+                                             "battery_sag",
+                                             "body_force_bias",
+                                             "com_offset",
+                                             "coulomb_friction",
+                                             "differential_side_force",
+                                             "floor_tilt",
+                                             "heading_offset",
+                                             "input_delay",
+                                             "marker_offset",
+                                             "momentum_drag",
+                                             "motor_lag",
+                                             "quadratic_drag",
+                                             "sway_yaw_damping",
+                                             "thrust_asymmetry",
+                                             "thrust_curve",
+                                             "thrust_misalignment",
+                                             "thrust_speed_loss",
+                                             "thrust_sway_moment",
+                                             "wind",
+                                             "yaw_bias"};
+  const auto names = effectNames();
+  for (const auto& name : contract)
+    EXPECT_NE(std::find(names.begin(), names.end(), name), names.end()) << name;
+  EXPECT_THROW(makeEffect("friction"), std::invalid_argument);
+}
+
+RigidState<double> acceleration(const Model& model, const RigidState<double>& state,
+                                const Vector2<double>& input = {0, 0}, double t = 0) {
+  return Dynamics<double>(model).derivative(t, state, input, 1.0);
+}
+
+TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
+  // A craft whose thrust axis misses the centre of mass, described about the centre of mass: the
+  // thrust has the lever, damping acts at the offset point. Force-free motion must agree exactly.
+  Model offset = with("com_offset"), plain = tinyWhoover();
+  offset.setValue("com_offset.xg", 0.02);
+  offset.setValue("com_offset.yg", -0.013);
+  for (Model* model : {&offset, &plain})
+    for (const char* damping : {"X_u", "Y_v", "N_r"}) model->setValue(damping, 0.0);
+  const Vector2<double> g(0.02, -0.013);
+  RigidState<double> about_com, about_origin;
+  about_com.nu << 0.4, 0.3, 5.0;
+  about_com.eta << 1, 2, 0.7;
+  about_origin.nu << about_com.nu.x() + about_com.nu.z() * g.y(),
+      about_com.nu.y() - about_com.nu.z() * g.x(), about_com.nu.z();
+  about_origin.eta.head<2>() = about_com.eta.head<2>() - bodyToWorld<double>(0.7, g);
+  about_origin.eta.z() = 0.7;
+  const InputSequence none;
+  const Dynamics<double> a(plain), b(offset);
+  Simulation<double> com(a, none, about_com, 0), origin(b, none, about_origin, 0);
+  com.advance(2.0);
+  origin.advance(2.0);
+  const RigidState<double>&c = com.state(), &o = origin.state();
+  EXPECT_NEAR(c.nu.z(), o.nu.z(), 1e-6);
+  EXPECT_LT((c.eta.head<2>() - o.eta.head<2>() - bodyToWorld<double>(o.eta.z(), g)).norm(), 1e-6);
+}
+
+TEST(Physics, ComOffsetGivesThrustALever) {
+  Model model = with("com_offset");
+  model.setValue("com_offset.yg", 0.01);  // mass to starboard, thrust passes to port: turns right
+  EXPECT_GT(acceleration(model, {}, {1, 1}).nu.z(), 0);
+  // about the centre of mass: I_z r' = F y_g
+  EXPECT_NEAR(acceleration(model, {}, {1, 1}).nu.z(), 2 * model.body.k * 0.01 / model.body.I_z,
+              1e-9);
+}
+
+TEST(Physics, FloorTiltDoesNotTurnACraftWhoseMassIsOffCentre) {
+  Model model = with("com_offset");
+  model.setValue("com_offset.xg", 0.01);
+  model.addEffect(makeEffect("floor_tilt"));
+  model.setValue("floor_tilt.sy", 0.01);
+  RigidState<double> state;
+  state.eta.z() = 0.4;
+  const RigidState<double> rate = acceleration(model, state);
+  EXPECT_NEAR(rate.nu.z(), 0, 1e-12);
+  EXPECT_NEAR(bodyToWorld<double>(0.4, rate.nu.head<2>()).y(), 0.0981, 1e-9);
+}
+
+TEST(Physics, AddedMassGivesTheMunkMoment) {
+  Model model = with("added_mass");
+  model.setValue("added_mass.my", 0.01);
+  model.setValue("N_r", 0.0);
+  RigidState<double> state;
+  state.nu << 1.0, 0.5, 0.0;
+  EXPECT_NEAR(acceleration(model, state).nu.z(), -0.01 * 1.0 * 0.5 / model.body.I_z, 1e-9);
+}
+
+TEST(Physics, WindCarriesTheCraft) {
+  Model model = with("wind");
+  model.setValue("wind.wx", 0.3);
+  model.setValue("wind.wy", -0.4);
+  const Dynamics<double> dynamics(model);
+  const InputSequence none;
+  Simulation<double> simulation(dynamics, none, {}, 0);
+  simulation.advance(200);
+  const auto& s = simulation.state();
+  const Vector2<double> drift = bodyToWorld<double>(s.eta.z(), s.nu.head<2>());
+  EXPECT_NEAR(drift.x(), 0.3, 1e-6);
+  EXPECT_NEAR(drift.y(), -0.4, 1e-6);
+}
+
+TEST(Physics, MeasurementOffsetsCommute) {
+  Model one = with("marker_offset"), other = with("heading_offset");
+  one.addEffect(makeEffect("heading_offset"));
+  other.addEffect(makeEffect("marker_offset"));
+  for (Model* model : {&one, &other}) {
+    model->setValue("marker_offset.dx", 0.02);
+    model->setValue("marker_offset.dy", -0.03);
+    model->setValue("heading_offset.psi0", 1.1);
+  }
+  RigidState<double> state;
+  state.eta << 1, 2, 0.3;
+  state.nu << 0.5, -0.2, 3;
+  const auto a = Dynamics<double>(one).measure(state), b = Dynamics<double>(other).measure(state);
+  EXPECT_LT(difference(a, b), 1e-14);
+  // and the measured velocity is the derivative of the measured pose
+  const double h = 1e-6;
+  const RigidState<double> rate = acceleration(one, state);
+  const auto at = [&](double dt) {
+    return Dynamics<double>(one).measure({state.eta + dt * rate.eta, state.nu});
+  };
+  const Vector3<double> velocity = (at(h).eta - at(-h).eta) / (2 * h);
+  const Vector2<double> body = worldToBody<double>(a.eta.z(), velocity.head<2>());
+  EXPECT_LT((body - a.nu.head<2>()).norm(), 1e-8);
+}
+
+ExpressionDefinition cubicDamping() {
+  ExpressionDefinition definition;
+  definition.name = "cubic_damping";
+  definition.N = "-c*r^3 + d*sin(psi)*u_L*lift";
+  ParameterInfo c;
+  c.name = "c";
+  c.unit = "N m s^3";
+  ParameterInfo d;
+  d.name = "d";
+  d.unit = "N m";
+  definition.parameters = {c, d};
+  definition.typical = {1e-6, 1e-4};
+  return definition;
+}
+
+TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
+  Model model = tinyWhoover();
+  model.addEffect(makeExpressionEffect(cubicDamping()));
+  model.setValue("cubic_damping.c", 2e-6);
+  model.setValue("cubic_damping.d", 3e-4);
+  RigidState<double> state;
+  state.nu.z() = 4;
+  state.eta.z() = 0.6;
+  const double nominal = acceleration(tinyWhoover(), state, {0.5, 0.5}).nu.z();
+  const double moment = -2e-6 * 64 + 3e-4 * std::sin(0.6) * 0.5;
+  EXPECT_NEAR(acceleration(model, state, {0.5, 0.5}).nu.z() - nominal, moment / model.body.I_z,
+              1e-9);
+
+  std::vector<double> at = model.coordinates();
+  for (std::size_t p = 2; p < at.size(); ++p) {
+    std::vector<Jet> jets(at.begin(), at.end());
+    jets[p].v[0] = 1;
+    const auto exact = run(model, jets);
+    const double scale = model.parameters()[p].scale(model.body), h = 1e-5 * scale;
+    std::vector<double> up = at, down = at;
+    up[p] += h;
+    down[p] -= h;
+    const auto plus = run(model, up), minus = run(model, down);
+    const double finite = (plus.back().eta.z() - minus.back().eta.z()) / (2 * h);
+    EXPECT_NEAR(scale * exact.back().eta.z().v[0], scale * finite,
+                1e-5 * std::abs(scale * finite) + 1e-9);
+  }
+}
+
+TEST(ExpressionEffect, RefusesWhatIsNotAFormula) {
+  for (const char* formula : {"c*", "unknown*u", "u=3", "c*u, v", "c*system(1)", "1 + c*u"}) {
+    ExpressionDefinition definition = cubicDamping();
+    definition.N = formula;
+    EXPECT_THROW(makeExpressionEffect(definition), std::invalid_argument) << formula;
+  }
+  ExpressionDefinition taken = cubicDamping();
+  taken.parameters[0].name = "psi";
+  EXPECT_THROW(makeExpressionEffect(taken), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
