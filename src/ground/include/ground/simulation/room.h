@@ -1,0 +1,86 @@
+#pragma once
+
+#include <deque>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "ground/model/simulation.h"
+
+namespace ground {
+
+/// Quality of the simulated motion capture.
+struct MocapParams {
+  double rate = 100.0;           ///< frames per second [Hz]
+  double position_noise = 3e-4;  ///< standard deviation of x and y [m]
+  double heading_noise = 5e-3;   ///< standard deviation of psi [rad]
+  double latency = 4e-3;         ///< from capture to delivery [s]
+  double loss = 0.0;             ///< share of single frames lost, 0..1
+  double gap_rate = 0.0;         ///< losses of tracking per second [1/s]
+  double gap_length = 0.2;       ///< mean duration of a loss of tracking [s]
+
+  /// Says what is wrong; empty when nothing is.
+  std::string validate() const;
+};
+
+/// What the mocap says of one instant.
+struct MocapFrame {
+  double captured = 0.0;   ///< [s]
+  double delivered = 0.0;  ///< [s]
+  Vector3<double> eta;     ///< x, y [m], psi [rad], world_ned, with noise
+};
+
+/// A craft on the floor of a room with motion capture: the model driven by the commands that reach
+/// it, and the frames that the mocap delivers. Free of ROS and of clocks: time is what the caller
+/// says, and the same seed and commands give the same frames.
+class Room {
+ public:
+  struct Params {
+    RigidState<double> initial;  ///< of the craft
+    double start = 0.0;          ///< time at which the room comes to be [s]
+    double watchdog = 0.25;      ///< the craft stops its motors after this long without command [s]
+    unsigned long seed = 1;
+  };
+
+  /// Throws std::invalid_argument when mocap parameters are bad.
+  Room(const Model& model, const MocapParams& mocap, const Params& params);
+  Room(const Room&) = delete;
+  Room& operator=(const Room&) = delete;
+
+  /// A command reaches the craft at the current time. Values are clipped to what the thrusters can
+  /// do; left and right are in the model's units of input.
+  void command(double left, double right, double lift);
+  /// Runs to `time` [s]; collects the frames delivered until then.
+  void advance(double time);
+  /// Frames delivered since the last call, in the order of delivery.
+  std::vector<MocapFrame> takeFrames();
+  /// Takes effect with the next frame; throws std::invalid_argument when bad.
+  void setMocap(const MocapParams& mocap);
+
+  double time() const { return time_; }
+  const RigidState<double>& state() const { return simulation_.state(); }
+  RigidState<double> derivative() const { return simulation_.derivative(); }
+  /// Whether the craft's own watchdog has stopped the motors.
+  bool watchdogExpired() const { return expired_; }
+
+ private:
+  void capture();
+  bool lost(double time);
+
+  Model model_;
+  Dynamics<double> dynamics_;
+  InputSequence inputs_;
+  Simulation<double> simulation_;
+  MocapParams mocap_;
+  Params params_;
+  std::mt19937_64 random_;
+  std::normal_distribution<double> normal_;
+  double time_;
+  double last_command_;
+  bool expired_ = true;  ///< motors are off until the first command
+  double next_frame_;
+  double tracked_again_;
+  std::deque<MocapFrame> on_their_way_;
+};
+
+}  // namespace ground

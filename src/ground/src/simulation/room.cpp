@@ -1,0 +1,104 @@
+#include "ground/simulation/room.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace ground {
+
+std::string MocapParams::validate() const {
+  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+  if (!within(rate, 1, 2000)) return "rate must be between 1 and 2000 Hz";
+  if (!within(position_noise, 0, 1)) return "position_noise must be between 0 and 1 m";
+  if (!within(heading_noise, 0, 3)) return "heading_noise must be between 0 and 3 rad";
+  if (!within(latency, 0, 1)) return "latency must be between 0 and 1 s";
+  if (!within(loss, 0, 1)) return "loss must be between 0 and 1";
+  if (!within(gap_rate, 0, 100)) return "gap_rate must be between 0 and 100 per second";
+  if (!within(gap_length, 0, 100)) return "gap_length must be between 0 and 100 s";
+  return "";
+}
+
+Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
+    : model_(model),
+      dynamics_(model_),
+      simulation_(dynamics_, inputs_, params.initial, params.start),
+      params_(params),
+      random_(params.seed),
+      time_(params.start),
+      last_command_(params.start),
+      next_frame_(params.start),
+      tracked_again_(params.start) {
+  setMocap(mocap);
+}
+
+void Room::setMocap(const MocapParams& mocap) {
+  const std::string wrong = mocap.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+  mocap_ = mocap;
+}
+
+void Room::command(double left, double right, double lift) {
+  if (!std::isfinite(left) || !std::isfinite(right) || !std::isfinite(lift))
+    throw std::invalid_argument("a command is not finite");
+  const double most = model_.body.input_max;
+  inputs_.add(time_, std::clamp(left, 0.0, most), std::clamp(right, 0.0, most),
+              std::clamp(lift, 0.0, 1.0));
+  last_command_ = time_;
+  expired_ = false;
+}
+
+void Room::advance(double time) {
+  if (!(time >= time_)) throw std::invalid_argument("a room cannot go back in time");
+  while (true) {
+    const double stop =
+        expired_ ? std::numeric_limits<double>::infinity() : last_command_ + params_.watchdog;
+    const double next = std::min({time, next_frame_, stop});
+    simulation_.advance(next);
+    time_ = next;
+    if (next == next_frame_) {
+      capture();
+      next_frame_ += 1 / mocap_.rate;
+    } else if (next == stop) {
+      inputs_.add(stop, 0, 0, 0);
+      expired_ = true;
+    } else {
+      return;
+    }
+  }
+}
+
+void Room::capture() {
+  // The same numbers are drawn for every frame, so that one lost frame does not change the others.
+  const double noise[3] = {normal_(random_), normal_(random_), normal_(random_)};
+  if (lost(next_frame_)) return;
+  MocapFrame frame;
+  frame.captured = next_frame_;
+  frame.delivered = next_frame_ + mocap_.latency;
+  frame.eta = simulation_.measure().eta;
+  frame.eta.x() += mocap_.position_noise * noise[0];
+  frame.eta.y() += mocap_.position_noise * noise[1];
+  frame.eta.z() += mocap_.heading_noise * noise[2];
+  on_their_way_.push_back(frame);
+}
+
+bool Room::lost(double time) {
+  std::uniform_real_distribution<double> uniform(0.0, 1.0);
+  const double single = uniform(random_), begins = uniform(random_), length = uniform(random_);
+  if (time < tracked_again_) return true;
+  if (begins < 1 - std::exp(-mocap_.gap_rate / mocap_.rate)) {
+    tracked_again_ = time - mocap_.gap_length * std::log1p(-length);
+    return true;
+  }
+  return single < mocap_.loss;
+}
+
+std::vector<MocapFrame> Room::takeFrames() {
+  std::vector<MocapFrame> frames;
+  while (!on_their_way_.empty() && on_their_way_.front().delivered <= time_) {
+    frames.push_back(on_their_way_.front());
+    on_their_way_.pop_front();
+  }
+  return frames;
+}
+
+}  // namespace ground
