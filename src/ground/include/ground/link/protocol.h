@@ -1,0 +1,30 @@
+#pragma once
+
+#include <array>
+#include <string>
+
+namespace ground {
+
+/// Normalised inputs of the craft, each 0..1.
+struct MotorCommand {
+  double left = 0.0;   ///< left thruster
+  double right = 0.0;  ///< right thruster
+  double lift = 0.0;   ///< lift fan
+};
+
+/// What the craft says of itself, in the flight controller's units.
+struct CraftTelemetry {
+  float roll = 0, pitch = 0, yaw = 0;
+  std::array<int, 3> acc{}, gyro{}, mag{};
+};
+
+/// Datagram to the craft: each motor 1000 + 1000 clip(value), both lift motors alike.
+std::string encodeMotors(const MotorCommand& command);
+/// Reads a datagram from the ground; false when it is not whole or a value is outside 1000..2000.
+bool decodeMotors(const std::string& datagram, MotorCommand& command);
+
+std::string encodeTelemetry(const CraftTelemetry& telemetry);
+/// Reads a datagram from the craft; false when it is not a DroneState.
+bool decodeTelemetry(const std::string& datagram, CraftTelemetry& telemetry);
+
+}  // namespace ground

@@ -1,0 +1,111 @@
+#include "ground/link/udp_socket.h"
+
+#include <arpa/inet.h>
+#include <netdb.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+
+namespace ground {
+namespace {
+
+constexpr std::size_t kLargestDatagram = 65536;
+
+sockaddr_in toSystem(const UdpAddress& address) {
+  sockaddr_in result{};
+  result.sin_family = AF_INET;
+  result.sin_addr.s_addr = address.host;
+  result.sin_port = htons(address.port);
+  return result;
+}
+
+UdpAddress fromSystem(const sockaddr_in& address) {
+  return {address.sin_addr.s_addr, ntohs(address.sin_port)};
+}
+
+}  // namespace
+
+UdpAddress UdpAddress::parse(const std::string& text, std::uint16_t default_port) {
+  UdpAddress address;
+  address.port = default_port;
+  const std::size_t colon = text.find(':');
+  if (colon != std::string::npos) {
+    const std::string digits = text.substr(colon + 1);
+    const bool number =
+        !digits.empty() && digits.size() <= 5 &&
+        std::all_of(digits.begin(), digits.end(), [](char c) { return isdigit(c); });
+    const int port = number ? std::stoi(digits) : 0;
+    if (port < 1 || port > 65535)
+      throw std::invalid_argument("'" + text +
+                                  "' is not HOST or HOST:PORT with a port of 1..65535");
+    address.port = static_cast<std::uint16_t>(port);
+  }
+  addrinfo hints{}, *found = nullptr;
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_DGRAM;
+  const int error = getaddrinfo(text.substr(0, colon).c_str(), nullptr, &hints, &found);
+  if (error != 0)
+    throw std::invalid_argument("no host '" + text.substr(0, colon) + "': " + gai_strerror(error));
+  address.host = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr.s_addr;
+  freeaddrinfo(found);
+  return address;
+}
+
+std::string UdpAddress::text() const {
+  if (!known()) return "";
+  char buffer[INET_ADDRSTRLEN] = "";
+  in_addr raw{};
+  raw.s_addr = host;
+  inet_ntop(AF_INET, &raw, buffer, sizeof buffer);
+  return std::string(buffer) + ':' + std::to_string(port);
+}
+
+UdpSocket::UdpSocket(const UdpAddress& local)
+    : file_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+  const sockaddr_in address = toSystem(local);
+  if (file_ < 0 || bind(file_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+    const std::string reason = std::strerror(errno);
+    if (file_ >= 0) close(file_);
+    throw std::runtime_error("cannot bind UDP port " + std::to_string(local.port) + ": " + reason);
+  }
+}
+
+UdpSocket::~UdpSocket() { close(file_); }
+
+bool UdpSocket::send(const std::string& datagram, const UdpAddress& to) {
+  const sockaddr_in address = toSystem(to);
+  return sendto(file_, datagram.data(), datagram.size(), MSG_DONTWAIT | MSG_NOSIGNAL,
+                reinterpret_cast<const sockaddr*>(&address),
+                sizeof address) == static_cast<ssize_t>(datagram.size());
+}
+
+bool UdpSocket::receive(double timeout, std::string& datagram, UdpAddress& from) {
+  pollfd wait{file_, POLLIN, 0};
+  timespec duration{};
+  duration.tv_sec = static_cast<time_t>(std::max(0.0, timeout));
+  duration.tv_nsec = static_cast<long>(1e9 * (std::max(0.0, timeout) - duration.tv_sec));
+  if (ppoll(&wait, 1, &duration, nullptr) <= 0) return false;
+  sockaddr_in address{};
+  socklen_t length = sizeof address;
+  datagram.resize(kLargestDatagram);
+  const ssize_t size = recvfrom(file_, &datagram[0], datagram.size(), MSG_DONTWAIT,
+                                reinterpret_cast<sockaddr*>(&address), &length);
+  datagram.resize(size > 0 ? static_cast<std::size_t>(size) : 0);
+  from = fromSystem(address);
+  return size >= 0;
+}
+
+std::uint16_t UdpSocket::port() const {
+  sockaddr_in address{};
+  socklen_t length = sizeof address;
+  getsockname(file_, reinterpret_cast<sockaddr*>(&address), &length);
+  return ntohs(address.sin_port);
+}
+
+}  // namespace ground
