@@ -1,0 +1,47 @@
+#pragma once
+
+#include <string>
+
+#include "ground/control/reference_trajectory.h"
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// Gains of the tracking law (4.7).
+struct TrackingGains {
+  double k_e = 4.0;        ///< position error [kg/s]
+  double k_z = 3e-4;       ///< yaw rate error [N m s]
+  double k_phi_1 = 0.005;  ///< surge velocity error, first diagonal element of K_phi
+  double k_phi_2 = 0.005;  ///< sway velocity error, second diagonal element of K_phi
+  double delta_1 = -0.01;  ///< offset of the velocity error along surge [m/s], not 0
+  double delta_2 = 0.0;    ///< along sway [m/s]
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// Position tracking of an underactuated hovercraft by backstepping (Aguiar, Cremean, Hespanha
+/// 2003; thesis 4.2 with the derivatives of alpha corrected).
+class TrackingLaw {
+ public:
+  /// The law knows one damping for surge and sway, d_v: the body's Y_v.
+  explicit TrackingLaw(const Body<double>& body) : body_(body) {}
+
+  struct Output {
+    Vector2<double> error;      ///< position error e in the body frame [m]
+    Vector2<double> alpha;      ///< wanted force [N] and yaw rate [rad/s]
+    Vector2<double> alpha_dot;  ///< its derivative by time
+    double force = 0.0;         ///< u_1 [N]
+    double torque = 0.0;        ///< u_2 [N m]
+    Vector2<double> wanted;     ///< inputs left, right by (4.8), unbounded
+    Vector2<double> inputs;     ///< the same, inside 0..input_max
+    bool saturated() const { return wanted != inputs; }
+  };
+
+  Output run(const RigidState<double>& state, const ReferencePoint& reference,
+             const TrackingGains& gains) const;
+
+ private:
+  Body<double> body_;
+};
+
+}  // namespace ground

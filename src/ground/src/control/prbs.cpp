@@ -1,0 +1,127 @@
+#include "ground/control/prbs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+namespace ground {
+namespace {
+
+/// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
+const std::vector<std::vector<int>>& taps() {
+  static const std::vector<std::vector<int>> table = {{},
+                                                      {},
+                                                      {2, 1},
+                                                      {3, 2},
+                                                      {4, 3},
+                                                      {5, 3},
+                                                      {6, 5},
+                                                      {7, 6},
+                                                      {8, 6, 5, 4},
+                                                      {9, 5},
+                                                      {10, 7},
+                                                      {11, 9},
+                                                      {12, 6, 4, 1},
+                                                      {13, 4, 3, 1},
+                                                      {14, 5, 3, 1},
+                                                      {15, 14},
+                                                      {16, 15, 13, 4},
+                                                      {17, 14},
+                                                      {18, 11},
+                                                      {19, 6, 2, 1},
+                                                      {20, 17}};
+  return table;
+}
+
+bool parseBit(std::string text, bool& bit) {
+  const auto space = [](unsigned char c) { return std::isspace(c); };
+  text.erase(std::remove_if(text.begin(), text.end(), space), text.end());
+  std::size_t used = 0;
+  double value = 0;
+  try {
+    value = std::stod(text, &used);
+  } catch (const std::exception&) {
+    return false;
+  }
+  bit = value == 1;
+  return used == text.size() && (value == 1 || value == 0 || value == -1);
+}
+
+}  // namespace
+
+PrbsBits makePrbs(int order, unsigned long seed) {
+  if (order < 2 || order > 20)
+    throw std::invalid_argument("the order of a PRBS must be between 2 and 20");
+  const std::size_t period = (std::size_t{1} << order) - 1;
+  std::vector<bool> sequence(period);
+  std::uint32_t reg = 1;
+  for (std::size_t i = 0; i < period; ++i) {
+    sequence[i] = (reg >> (order - 1)) & 1u;
+    std::uint32_t feedback = 0;
+    for (int tap : taps()[order]) feedback ^= reg >> (tap - 1);
+    reg = ((reg << 1) | (feedback & 1u)) & static_cast<std::uint32_t>(period);
+  }
+  PrbsBits bits(period);
+  for (std::size_t i = 0; i < period; ++i)
+    bits[i] = {sequence[(i + seed) % period], sequence[(i + seed + period / 2) % period]};
+  return bits;
+}
+
+PrbsBits readPrbs(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw std::runtime_error("cannot read the PRBS file " + path);
+  PrbsBits bits;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const std::size_t comma = line.find(',');
+    std::array<bool, 2> bit{};
+    if (comma == std::string::npos || !parseBit(line.substr(0, comma), bit[0]) ||
+        !parseBit(line.substr(comma + 1), bit[1]))
+      throw std::runtime_error(path + ", line " + std::to_string(number) + ": '" + line +
+                               "' is not LEFT,RIGHT with -1, 0 or 1 each");
+    bits.push_back(bit);
+  }
+  if (bits.empty()) throw std::runtime_error("the PRBS file " + path + " is empty");
+  return bits;
+}
+
+std::string PrbsParams::validate() const {
+  if (!(clock > 0) || !std::isfinite(clock)) return "clock must be positive";
+  if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
+  for (double level : {left_low, left_high, right_low, right_high})
+    if (!(level >= 0) || !std::isfinite(level)) return "levels must not be negative";
+  if (left_low > left_high || right_low > right_high) return "a low level is above its high level";
+  return "";
+}
+
+PrbsSignal::PrbsSignal(PrbsBits bits, const PrbsParams& params)
+    : bits_(std::move(bits)), params_(params) {
+  if (bits_.empty()) throw std::invalid_argument("a PRBS needs at least one bit");
+  const std::string wrong = params_.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+}
+
+long long PrbsSignal::index(double t) const {
+  // An instant meant to be an edge may be a rounding error short of it.
+  return static_cast<long long>(std::floor(t * params_.clock + 1e-9));
+}
+
+Vector2<double> PrbsSignal::at(double t) const {
+  if (!(t >= 0) || t >= params_.duration) return Vector2<double>::Zero();
+  const auto& bit = bits_[static_cast<std::size_t>(index(t)) % bits_.size()];
+  return {bit[0] ? params_.left_high : params_.left_low,
+          bit[1] ? params_.right_high : params_.right_low};
+}
+
+double PrbsSignal::nextChange(double t) const {
+  if (t < 0) return 0;
+  if (t >= params_.duration) return std::numeric_limits<double>::infinity();
+  return std::min(params_.duration, static_cast<double>(index(t) + 1) / params_.clock);
+}
+
+}  // namespace ground
