@@ -4,12 +4,12 @@
 #include <ground_msgs/State.h>
 #include <ground_msgs/Telemetry.h>
 #include <nodelet/nodelet.h>
-#include <pluginlib/class_list_macros.hpp>
 #include <std_srvs/SetBool.h>
 
 #include <atomic>
 #include <chrono>
 #include <mutex>
+#include <pluginlib/class_list_macros.hpp>
 #include <thread>
 
 #include "ground/link/ground_link.h"

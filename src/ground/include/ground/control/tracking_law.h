@@ -26,6 +26,9 @@ class TrackingLaw {
   /// The law knows one damping for surge and sway, d_v: the body's Y_v.
   explicit TrackingLaw(const Body<double>& body) : body_(body) {}
 
+  /// Largest input of a thruster, in the units of Output::inputs.
+  double inputMax() const { return body_.input_max; }
+
   struct Output {
     Vector2<double> error;      ///< position error e in the body frame [m]
     Vector2<double> alpha;      ///< wanted force [N] and yaw rate [rad/s]

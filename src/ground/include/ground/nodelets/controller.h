@@ -1,0 +1,107 @@
+#pragma once
+
+#include <ground_msgs/ControllerStatus.h>
+#include <ground_msgs/Controls.h>
+#include <ground_msgs/SenderStatus.h>
+#include <ground_msgs/State.h>
+#include <nodelet/nodelet.h>
+#include <ros/ros.h>
+#include <std_srvs/Trigger.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <limits>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// What all controllers are tuned with.
+struct ControllerParams {
+  double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
+  double lift_time = 1.0;      ///< lift alone before the thrusters start [s]
+  double state_timeout = 0.2;  ///< oldest state with which to drive [s]
+  double rate = 50.0;          ///< of closed-loop control [Hz]
+};
+
+/// Base of all controllers: state in, commands out, and everything in between that keeps the craft
+/// safe. A child says what to command.
+///
+/// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED.
+/// Zero inputs go out in every state but LIFTING and RUNNING. It stops itself when the state is
+/// stale or invalid, when the sender disarms, when time jumps back and when a command is not
+/// finite.
+///
+/// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
+/// sender/status. Publishes: controls, ~status (latched). Services: ~start, ~stop.
+class Controller : public nodelet::Nodelet {
+ public:
+  ~Controller() override;
+
+ protected:
+  /// Ends thread and callbacks with zero inputs; to be called first by every child's destructor,
+  /// since they call into the child.
+  void shutdown();
+  /// Loads parameters and advertises; throws on anything missing or wrong.
+  virtual void load(ros::NodeHandle& nh) = 0;
+  /// Called when RUNNING begins, at the time of `stamp`; what it throws refuses the start.
+  virtual void activate(const ros::Time& stamp) = 0;
+  /// Called when RUNNING ends for whatever reason.
+  virtual void deactivate() {}
+  /// Inputs left, right at `elapsed` seconds since RUNNING began.
+  virtual Vector2<double> update(double elapsed, const ros::Time& stamp,
+                                 const RigidState<double>& state) = 0;
+  virtual bool finished(double elapsed) const = 0;
+  /// When an open-loop controller changes its inputs next, seconds since RUNNING began; a
+  /// closed-loop one is driven by the state instead, at most at `rate`.
+  virtual double nextChange(double /*elapsed*/) const { return kByState; }
+
+  static constexpr double kByState = -1.0;
+
+  /// Takes effect at once. Call from any thread.
+  void setParams(const ControllerParams& params);
+  /// Guards what child and base share; held while load, activate, update, deactivate are called.
+  std::recursive_mutex& mutex() { return mutex_; }
+  bool running() const { return state_ == ground_msgs::ControllerStatus::RUNNING; }
+
+ private:
+  using Status = ground_msgs::ControllerStatus;
+
+  void onInit() override;
+  void onState(const ground_msgs::State::ConstPtr& message);
+  void onSender(const ground_msgs::SenderStatus::ConstPtr& message);
+  bool onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response);
+  bool onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response);
+  void run();
+  double watch();
+  void enter(std::uint8_t state, const std::string& reason);
+  std::string start();
+  void begin(const ros::Time& stamp);
+  void control(const ros::Time& stamp);
+  std::string stateProblem() const;
+  void publish(double left, double right, double lift);
+  void publishStatus();
+
+  std::recursive_mutex mutex_;  ///< guards everything below
+  ControllerParams params_;
+  std::string name_;
+  std::uint8_t state_ = Status::IDLE;
+  std::string reason_ = "not started yet";
+  bool auto_start_ = false, require_armed_ = true;
+  bool armed_ = false;
+  ground_msgs::State::ConstPtr measured_;
+  double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
+  ros::Time lifting_since_, running_since_, last_update_;
+  double next_keepalive_ = 0, next_status_ = 0;  ///< steady clock [s]
+  ros::Publisher controls_, status_;
+  ros::Subscriber state_subscriber_, sender_subscriber_;
+  ros::ServiceServer start_service_, stop_service_;
+  std::condition_variable_any wake_;
+  std::atomic<bool> alive_{true};
+  std::thread thread_;
+};
+
+}  // namespace ground

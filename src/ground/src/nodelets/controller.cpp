@@ -1,0 +1,233 @@
+#include "ground/nodelets/controller.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "ground/nodelets/parameters.h"
+
+namespace ground {
+namespace {
+
+constexpr double kKeepalive = 0.02;      // between repeated commands [s]
+constexpr double kStatusPeriod = 0.5;    // [s]
+constexpr double kWatch = 0.005;         // between looks at the watchdog [s]
+constexpr double kSimulatedTick = 5e-4;  // between looks at a simulated clock [s]
+
+double steadyNow() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+const char* nameOf(std::uint8_t state) {
+  static const char* names[] = {"IDLE", "WAITING", "LIFTING", "RUNNING", "DONE", "STOPPED"};
+  return names[state];
+}
+
+}  // namespace
+
+Controller::~Controller() { shutdown(); }
+
+void Controller::shutdown() {
+  if (!alive_.exchange(false)) return;
+  wake_.notify_all();
+  if (thread_.joinable()) thread_.join();
+  state_subscriber_.shutdown();
+  sender_subscriber_.shutdown();
+  start_service_.shutdown();
+  stop_service_.shutdown();
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (controls_) publish(0, 0, 0);
+}
+
+void Controller::onInit() {
+  name_ = getName();
+  try {
+    const std::lock_guard<std::recursive_mutex> lock(mutex_);
+    ros::NodeHandle& nh = getMTPrivateNodeHandle();
+    auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
+    require_armed_ = optionalParameter<bool>(nh, "require_armed", true);
+    controls_ = getMTNodeHandle().advertise<ground_msgs::Controls>("controls", 4);
+    status_ = nh.advertise<Status>("status", 1, true);
+    load(nh);
+    publishStatus();
+    thread_ = std::thread([this] { run(); });
+    start_service_ = nh.advertiseService("start", &Controller::onStart, this);
+    stop_service_ = nh.advertiseService("stop", &Controller::onStop, this);
+    const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+    ros::NodeHandle& topics = getMTNodeHandle();
+    sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
+    state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
+  } catch (const std::exception& error) {
+    NODELET_FATAL("%s: %s", name_.c_str(), error.what());
+    throw;
+  }
+}
+
+void Controller::setParams(const ControllerParams& params) {
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  params_ = params;
+}
+
+void Controller::onSender(const ground_msgs::SenderStatus::ConstPtr& message) {
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  armed_ = message->state == ground_msgs::SenderStatus::ARMED;
+  if (require_armed_ && !armed_ && (state_ == Status::LIFTING || running()))
+    enter(Status::STOPPED, "the sender is not armed: " + message->reason);
+}
+
+void Controller::onState(const ground_msgs::State::ConstPtr& message) {
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  measured_ = message;
+  measured_at_ = steadyNow();
+  watch();
+  if (!running() || nextChange(0) != kByState) return;
+  const double since = (message->header.stamp - last_update_).toSec();
+  // A tenth of tolerance, so that jitter does not skip every other state.
+  if (last_update_.isZero() || since >= 0.9 / params_.rate) control(message->header.stamp);
+}
+
+bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  response.message = start();
+  response.success = response.message.empty();
+  return true;
+}
+
+bool Controller::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  auto_start_ = false;
+  enter(Status::STOPPED, "stopped by hand");
+  response.success = true;
+  return true;
+}
+
+std::string Controller::start() {
+  if (state_ == Status::WAITING || state_ == Status::LIFTING || running())
+    return "it has been started already";
+  enter(Status::WAITING, "waits for a valid state and an armed sender");
+  return "";
+}
+
+std::string Controller::stateProblem() const {
+  if (!measured_) return "there is no state";
+  if (!measured_->valid) return "the state is invalid: " + measured_->status;
+  if (steadyNow() - measured_at_ > params_.state_timeout) return "the state is stale";
+  // A state may also come on time and be old.
+  const double age = (ros::Time::now() - measured_->header.stamp).toSec();
+  if (age > params_.state_timeout) return "the state is stale";
+  for (int i = 0; i < 3; ++i)
+    if (!std::isfinite(measured_->eta[i]) || !std::isfinite(measured_->nu[i]))
+      return "the state is not finite";
+  return "";
+}
+
+/// Moves the life cycle on; returns how long it may be left alone [s].
+double Controller::watch() {
+  const double now = steadyNow();
+  if (auto_start_ && state_ == Status::IDLE) {
+    auto_start_ = false;
+    start();
+  }
+  const std::string problem = stateProblem();
+  const bool ready = problem.empty() && (armed_ || !require_armed_);
+  const ros::Time time = ros::Time::now();
+  if (state_ == Status::WAITING && ready) {
+    lifting_since_ = time;
+    enter(Status::LIFTING, "lift on");
+  }
+  if ((state_ == Status::LIFTING || running()) && !problem.empty()) enter(Status::STOPPED, problem);
+  if ((state_ == Status::LIFTING && time < lifting_since_) || (running() && time < running_since_))
+    enter(Status::STOPPED, "time jumped back");
+  if (state_ == Status::LIFTING && (time - lifting_since_).toSec() >= params_.lift_time)
+    begin(time);
+
+  double wait = kWatch;
+  if (running()) {
+    const double elapsed = (time - running_since_).toSec();
+    if (finished(elapsed)) {
+      enter(Status::DONE, "came to its end");
+    } else if (nextChange(0) != kByState) {
+      const double last = (last_update_ - running_since_).toSec();
+      const double due = last_update_.isZero() ? 0.0 : nextChange(last);
+      if (elapsed >= due || now >= next_keepalive_) control(time);
+      const double left = nextChange(elapsed) - elapsed;
+      wait = std::clamp(left, 0.0, ros::Time::isSimTime() ? kSimulatedTick : wait);
+    }
+  } else if (now >= next_keepalive_) {
+    publish(0, 0, state_ == Status::LIFTING ? params_.lift : 0.0);
+  }
+  if (now >= next_status_) publishStatus();
+  return wait;
+}
+
+void Controller::run() {
+  std::unique_lock<std::recursive_mutex> lock(mutex_);
+  while (alive_) {
+    const double wait = watch();
+    wake_.wait_for(lock, std::chrono::duration<double>(wait));
+  }
+}
+
+void Controller::begin(const ros::Time& stamp) {
+  running_since_ = stamp;
+  last_update_ = ros::Time();
+  try {
+    activate(stamp);
+  } catch (const std::exception& error) {
+    enter(Status::STOPPED, error.what());
+    return;
+  }
+  enter(Status::RUNNING, "driving");
+}
+
+void Controller::control(const ros::Time& stamp) {
+  RigidState<double> state;
+  std::copy(measured_->eta.begin(), measured_->eta.end(), state.eta.data());
+  std::copy(measured_->nu.begin(), measured_->nu.end(), state.nu.data());
+  // The state may be older than the start by the mocap's latency.
+  const double elapsed = std::max(0.0, (stamp - running_since_).toSec());
+  const Vector2<double> inputs = update(elapsed, stamp, state);
+  last_update_ = stamp;
+  if (!inputs.allFinite()) {
+    enter(Status::STOPPED, "the command is not finite");
+    return;
+  }
+  publish(inputs.x(), inputs.y(), params_.lift);
+}
+
+void Controller::enter(std::uint8_t state, const std::string& reason) {
+  const bool was_running = running();
+  state_ = state;
+  reason_ = reason;
+  if (was_running) deactivate();
+  if (state != Status::RUNNING) publish(0, 0, state == Status::LIFTING ? params_.lift : 0.0);
+  publishStatus();
+  if (state == Status::STOPPED) {
+    ROS_WARN("%s: %s: %s", name_.c_str(), nameOf(state), reason.c_str());
+  } else {
+    ROS_INFO("%s: %s: %s", name_.c_str(), nameOf(state), reason.c_str());
+  }
+}
+
+void Controller::publish(double left, double right, double lift) {
+  auto message = boost::make_shared<ground_msgs::Controls>();
+  message->header.stamp = ros::Time::now();
+  message->left = left;
+  message->right = right;
+  message->lift = lift;
+  controls_.publish(message);
+  next_keepalive_ = steadyNow() + kKeepalive;
+}
+
+void Controller::publishStatus() {
+  auto message = boost::make_shared<Status>();
+  message->header.stamp = ros::Time::now();
+  message->state = state_;
+  message->controller = name_;
+  message->reason = reason_;
+  if (running()) message->elapsed = (message->header.stamp - running_since_).toSec();
+  status_.publish(message);
+  next_status_ = steadyNow() + kStatusPeriod;
+}
+
+}  // namespace ground

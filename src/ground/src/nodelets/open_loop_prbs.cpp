@@ -1,0 +1,60 @@
+#include <ground/OpenLoopPRBSConfig.h>
+
+#include <memory>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "ground/control/prbs.h"
+#include "ground/nodelets/controller.h"
+#include "ground/nodelets/parameters.h"
+
+namespace ground {
+
+/// Plays a pseudo-random binary sequence on the thrusters, each bit for exactly its time, and ends
+/// with zero inputs.
+///
+/// Parameters: csv (file of bits; made from order and seed when empty), order (9), seed (1), and
+/// those of OpenLoopPRBS.cfg, which take effect at the next start.
+class OpenLoopPRBS : public Controller {
+ public:
+  ~OpenLoopPRBS() override { shutdown(); }
+
+ private:
+  void load(ros::NodeHandle& nh) override {
+    const auto csv = optionalParameter<std::string>(nh, "csv", "");
+    const int order = optionalParameter<int>(nh, "order", 9);
+    const int seed = optionalParameter<int>(nh, "seed", 1);
+    if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
+    bits_ = csv.empty() ? makePrbs(order, static_cast<unsigned long>(seed)) : readPrbs(csv);
+    reconfigure_ = std::make_unique<LiveParameters<OpenLoopPRBSConfig>>(
+        nh, [](const OpenLoopPRBSConfig& c) { return params(c).validate(); },
+        [this](const OpenLoopPRBSConfig& c) {
+          const std::lock_guard<std::recursive_mutex> lock(mutex());
+          params_ = params(c);
+          setParams({c.lift, c.lift_time, c.state_timeout, 50.0});
+        });
+  }
+
+  static PrbsParams params(const OpenLoopPRBSConfig& c) {
+    return {c.clock, c.left_low, c.left_high, c.right_low, c.right_high, c.duration};
+  }
+
+  void activate(const ros::Time&) override {
+    signal_ = std::make_unique<PrbsSignal>(bits_, params_);
+  }
+  Vector2<double> update(double elapsed, const ros::Time&, const RigidState<double>&) override {
+    return signal_->at(elapsed);
+  }
+  bool finished(double elapsed) const override { return elapsed >= signal_->duration(); }
+  double nextChange(double elapsed) const override {
+    return signal_ ? signal_->nextChange(elapsed) : 0.0;
+  }
+
+  PrbsBits bits_;
+  PrbsParams params_;
+  std::unique_ptr<PrbsSignal> signal_;
+  std::unique_ptr<LiveParameters<OpenLoopPRBSConfig>> reconfigure_;
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::OpenLoopPRBS, nodelet::Nodelet)
