@@ -1,0 +1,25 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "ground/estimation/velocity_estimator.h"
+
+namespace ground {
+
+/// Smoothed motion at every stamp, one row each.
+struct SmoothedMotion {
+  Eigen::MatrixX3d eta;     ///< x, y [m], unwrapped psi [rad], world_ned
+  Eigen::MatrixX3d nu;      ///< u, v [m/s], r [rad/s], body
+  Eigen::MatrixX3d nu_dot;  ///< their derivatives by time, body
+  std::vector<bool> used;   ///< poses that were believed
+};
+
+/// Velocities without delay from a whole recording: forward Kalman filter and backward smoother
+/// (Rauch, Tung, Striebel 1965) with the model of the Kalman estimator. Poses outside the gate are
+/// left out. Stamps [s] must not descend; rows of eta are x, y [m], psi [rad], wrapped or not.
+/// Throws std::invalid_argument on sizes that differ, fewer than three poses or non-finite values.
+SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
+                      const EstimatorParams& params);
+
+}  // namespace ground

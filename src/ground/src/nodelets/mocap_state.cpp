@@ -1,0 +1,198 @@
+#include <geometry_msgs/PoseStamped.h>
+#include <ground/MocapStateConfig.h>
+#include <ground_msgs/State.h>
+#include <nav_msgs/Odometry.h>
+#include <nodelet/nodelet.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+#include <tf2_ros/transform_broadcaster.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <limits>
+#include <mutex>
+#include <pluginlib/class_list_macros.hpp>
+#include <thread>
+
+#include "ground/estimation/axis_mapping.h"
+#include "ground/estimation/velocity_estimator.h"
+#include "ground/nodelets/parameters.h"
+
+namespace ground {
+
+/// Motion capture poses to the state of the craft.
+///
+/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), and those of MocapState.cfg, live.
+/// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, and on tf world ->
+/// world_ned (z down) -> hovercraft. Without poses it says so with invalid states at 10 Hz.
+class MocapState : public nodelet::Nodelet {
+ public:
+  ~MocapState() override {
+    alive_ = false;
+    wake_.notify_all();
+    if (thread_.joinable()) thread_.join();
+    subscriber_.shutdown();
+  }
+
+ private:
+  using Config = MocapStateConfig;
+
+  void onInit() override {
+    try {
+      start();
+    } catch (const std::exception& error) {
+      NODELET_FATAL("mocap_state: %s", error.what());
+      throw;
+    }
+  }
+
+  void start() {
+    ros::NodeHandle& nh = getMTPrivateNodeHandle();
+    ros::NodeHandle& topics = getMTNodeHandle();
+    axes_ = optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack);
+    mapping_ = AxisMapping(axes_);
+    state_publisher_ = topics.advertise<ground_msgs::State>("state", 4);
+    odometry_publisher_ = topics.advertise<nav_msgs::Odometry>("odometry", 4);
+    static_broadcaster_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
+    broadcaster_ = std::make_unique<tf2_ros::TransformBroadcaster>();
+    geometry_msgs::TransformStamped down;  // z down: half a turn about x
+    down.header.stamp = ros::Time::now();
+    down.header.frame_id = "world";
+    down.child_frame_id = "world_ned";
+    down.transform.rotation.x = 1;
+    static_broadcaster_->sendTransform(down);
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(
+        nh, [](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
+    thread_ = std::thread([this] { watch(); });
+    subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose,
+                                   this, ros::TransportHints().tcpNoDelay());
+  }
+
+  static EstimatorParams params(const Config& c) {
+    EstimatorParams p;
+    p.position_noise = c.position_noise;
+    p.heading_noise = c.heading_noise;
+    p.max_gap = c.max_gap;
+    p.linear_jerk = c.linear_jerk;
+    p.angular_jerk = c.angular_jerk;
+    p.gate = c.gate;
+    p.median = c.median;
+    return p;
+  }
+
+  static std::string wrong(const Config& c) {
+    if (c.estimator != "kalman" && c.estimator != "finite_differences")
+      return "estimator must be kalman or finite_differences, not '" + c.estimator + "'";
+    return params(c).validate();
+  }
+
+  void apply(const Config& c) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    mapping_ = AxisMapping(axes_, c.heading_offset);
+    estimator_ = c.estimator == "kalman" ? makeKalmanEstimator(params(c))
+                                         : makeFiniteDifferenceEstimator(params(c));
+    timeout_ = std::chrono::duration<double>(c.timeout);
+  }
+
+  void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
+    const auto& p = pose->pose.position;
+    const auto& q = pose->pose.orientation;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto planar = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z});
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const StateEstimate& estimate = estimator_->update(
+        pose->header.stamp.toSec(), planar ? *planar : Vector3<double>(nan, nan, nan));
+    // Repeated and late poses are no sign of life either.
+    if (!estimate.used && estimate.valid) return;
+    last_pose_ = std::chrono::steady_clock::now();
+    stamp_ = pose->header.stamp;
+    publish(estimate, estimate.valid, estimate.status);
+    if (!estimate.used) return;
+    publishOdometry(estimate);
+  }
+
+  void publish(const StateEstimate& estimate, bool valid, const std::string& status) {
+    auto state = boost::make_shared<ground_msgs::State>();
+    state->header.stamp = stamp_;
+    state->header.frame_id = "world_ned";
+    for (int i = 0; i < 3; ++i) {
+      state->eta[i] = estimate.eta(i);
+      state->nu[i] = estimate.nu(i);
+      state->nu_dot[i] = estimate.nu_dot(i);
+      for (int j = 0; j < 3; ++j) state->nu_covariance[3 * i + j] = estimate.nu_covariance(i, j);
+    }
+    state->age = (ros::Time::now() - stamp_).toSec();
+    state->valid = valid;
+    state->status = status;
+    state_publisher_.publish(state);
+    if (valid != was_valid_) {
+      if (valid) {
+        NODELET_INFO("mocap_state: the state is valid");
+      } else {
+        NODELET_WARN("mocap_state: the state is invalid: %s", status.c_str());
+      }
+    }
+    was_valid_ = valid;
+  }
+
+  void publishOdometry(const StateEstimate& estimate) {
+    auto odometry = boost::make_shared<nav_msgs::Odometry>();
+    odometry->header.stamp = stamp_;
+    odometry->header.frame_id = "world_ned";
+    odometry->child_frame_id = "hovercraft";
+    odometry->pose.pose.position.x = estimate.eta.x();
+    odometry->pose.pose.position.y = estimate.eta.y();
+    odometry->pose.pose.orientation.z = std::sin(estimate.eta.z() / 2);
+    odometry->pose.pose.orientation.w = std::cos(estimate.eta.z() / 2);
+    odometry->twist.twist.linear.x = estimate.nu.x();
+    odometry->twist.twist.linear.y = estimate.nu.y();
+    odometry->twist.twist.angular.z = estimate.nu.z();
+    constexpr int kIndex[3] = {0, 1, 5};  // of u, v, r in the six-dimensional twist
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j)
+        odometry->twist.covariance[6 * kIndex[i] + kIndex[j]] = estimate.nu_covariance(i, j);
+    odometry_publisher_.publish(odometry);
+
+    geometry_msgs::TransformStamped transform;
+    transform.header = odometry->header;
+    transform.child_frame_id = odometry->child_frame_id;
+    transform.transform.translation.x = estimate.eta.x();
+    transform.transform.translation.y = estimate.eta.y();
+    transform.transform.rotation = odometry->pose.pose.orientation;
+    broadcaster_->sendTransform(transform);
+  }
+
+  /// Says on the steady clock when poses stop, at once and then at 10 Hz.
+  void watch() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (alive_) {
+      const auto now = std::chrono::steady_clock::now();
+      const bool stale = now - last_pose_ > timeout_;
+      if (stale)
+        publish(estimator_->estimate(), false,
+                stamp_.isZero() ? "no pose yet" : "no pose for a while");
+      wake_.wait_for(lock, std::chrono::milliseconds(stale ? 100 : 5));
+    }
+  }
+
+  std::mutex mutex_;  ///< guards all that follows
+  std::string axes_;
+  AxisMapping mapping_;
+  std::unique_ptr<VelocityEstimator> estimator_;
+  std::chrono::duration<double> timeout_{0.1};
+  std::chrono::steady_clock::time_point last_pose_;
+  ros::Time stamp_;
+  bool was_valid_ = false;
+  std::condition_variable wake_;
+  std::atomic<bool> alive_{true};
+  std::thread thread_;
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> static_broadcaster_;
+  std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;
+  ros::Publisher state_publisher_, odometry_publisher_;
+  ros::Subscriber subscriber_;
+  std::unique_ptr<LiveParameters<Config>> reconfigure_;
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::MocapState, nodelet::Nodelet)

@@ -1,0 +1,214 @@
+#include <geometry_msgs/PoseStamped.h>
+#include <ground/SimulatorConfig.h>
+#include <ground_msgs/State.h>
+#include <nodelet/nodelet.h>
+#include <rosgraph_msgs/Clock.h>
+
+#include <atomic>
+#include <chrono>
+#include <mutex>
+#include <pluginlib/class_list_macros.hpp>
+#include <thread>
+
+#include "ground/estimation/axis_mapping.h"
+#include "ground/link/protocol.h"
+#include "ground/link/udp_socket.h"
+#include "ground/model/model_file.h"
+#include "ground/nodelets/parameters.h"
+#include "ground/simulation/room.h"
+
+namespace ground {
+
+/// Craft and room: speaks the craft's UDP protocol to the sender, moves by the model, and delivers
+/// what the mocap sees, in OptiTrack's frame. It owns the time: /clock runs at real_time_factor.
+///
+/// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
+/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), watchdog (0.25 s), start_time
+/// (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
+/// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock.
+class Simulator : public nodelet::Nodelet {
+ public:
+  ~Simulator() override {
+    alive_ = false;
+    if (thread_.joinable()) thread_.join();
+  }
+
+ private:
+  using Config = SimulatorConfig;
+  using SteadyClock = std::chrono::steady_clock;
+
+  void onInit() override {
+    try {
+      start();
+    } catch (const std::exception& error) {
+      NODELET_FATAL("simulator: %s", error.what());
+      throw;
+    }
+  }
+
+  void start() {
+    ros::NodeHandle& nh = getMTPrivateNodeHandle();
+    ros::NodeHandle& topics = getMTNodeHandle();
+    const Model model = loadModel(requiredParameter<std::string>(nh, "model"));
+    input_max_ = model.body.input_max;
+    const int seed = optionalParameter<int>(nh, "seed", 1);
+    if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
+    Room::Params room;
+    room.seed = static_cast<unsigned long>(seed);
+    room.start = optionalParameter<double>(nh, "start_time", 1000.0);
+    room.watchdog = optionalParameter<double>(nh, "watchdog", 0.25);
+    room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
+        optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
+    if (!(room.start > 0) || !(room.watchdog > 0) || !room.initial.eta.allFinite())
+      throw std::runtime_error("start_time and watchdog must be positive, x, y, psi finite");
+    mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
+    mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
+    publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);
+    sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
+    socket_ = std::make_unique<UdpSocket>(UdpAddress());
+    room_ = std::make_unique<Room>(model, mocap_, room);
+
+    pose_publisher_ =
+        topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
+    truth_publisher_ = nh.advertise<ground_msgs::State>("truth", 10);
+    if (publish_clock_) clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(
+        nh, [this](const Config& c) { return params(c).validate(); },
+        [this](const Config& c) { apply(c); });
+    thread_ = std::thread([this] { run(); });
+  }
+
+  MocapParams params(const Config& c) const {
+    MocapParams p = mocap_;
+    p.position_noise = c.position_noise;
+    p.heading_noise = c.heading_noise;
+    p.latency = c.latency;
+    p.loss = c.loss;
+    p.gap_rate = c.gap_rate;
+    p.gap_length = c.gap_length;
+    return p;
+  }
+
+  void apply(const Config& c) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    room_->setMocap(params(c));
+    wall_origin_ = SteadyClock::now();
+    time_origin_ = room_->time();
+    real_time_factor_ = c.real_time_factor;
+  }
+
+  /// Simulated time by the wall's clock [s].
+  double timeNow() const {
+    const std::chrono::duration<double> wall = SteadyClock::now() - wall_origin_;
+    return time_origin_ + real_time_factor_ * wall.count();
+  }
+
+  void run() {
+    std::string datagram;
+    UdpAddress from;
+    double next_telemetry = 0, next_truth = 0;
+    while (alive_) {
+      const bool came = socket_->receive(kTick, datagram, from);
+      std::unique_lock<std::mutex> lock(mutex_);
+      const double now = timeNow();
+      room_->advance(now);
+      if (came && from == sender_) obey(datagram);
+      const auto frames = room_->takeFrames();
+      const RigidState<double> state = room_->state(), rate = room_->derivative();
+      lock.unlock();
+
+      publishClock(now);
+      for (const MocapFrame& frame : frames) publishPose(frame);
+      if (now >= next_truth) {
+        publishTruth(now, state, rate);
+        next_truth = now + kTruthPeriod;
+      }
+      if (now >= next_telemetry) {
+        sendTelemetry(state, rate);
+        next_telemetry = now + kTelemetryPeriod;
+      }
+    }
+  }
+
+  void obey(const std::string& datagram) {
+    MotorCommand command;
+    if (!decodeMotors(datagram, command)) {
+      NODELET_WARN_THROTTLE(1, "simulator: a datagram of the sender is not a Motors message");
+      return;
+    }
+    room_->command(input_max_ * command.left, input_max_ * command.right, command.lift);
+  }
+
+  void publishClock(double now) {
+    if (!publish_clock_) return;
+    auto clock = boost::make_shared<rosgraph_msgs::Clock>();
+    clock->clock = ros::Time(now);
+    clock_publisher_.publish(clock);
+  }
+
+  void publishPose(const MocapFrame& frame) {
+    Eigen::Vector3d p;
+    Eigen::Quaterniond q;
+    mapping_.toMocap(frame.eta, kMarkerHeight, p, q);
+    auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
+    pose->header.stamp = ros::Time(frame.captured);
+    pose->header.frame_id = "mocap";
+    pose->pose.position.x = p.x();
+    pose->pose.position.y = p.y();
+    pose->pose.position.z = p.z();
+    pose->pose.orientation.w = q.w();
+    pose->pose.orientation.x = q.x();
+    pose->pose.orientation.y = q.y();
+    pose->pose.orientation.z = q.z();
+    pose_publisher_.publish(pose);
+  }
+
+  void publishTruth(double now, const RigidState<double>& state, const RigidState<double>& rate) {
+    auto truth = boost::make_shared<ground_msgs::State>();
+    truth->header.stamp = ros::Time(now);
+    truth->header.frame_id = "world_ned";
+    for (int i = 0; i < 3; ++i) {
+      truth->eta[i] = state.eta(i);
+      truth->nu[i] = state.nu(i);
+      truth->nu_dot[i] = rate.nu(i);
+    }
+    truth->valid = true;
+    truth_publisher_.publish(truth);
+  }
+
+  void sendTelemetry(const RigidState<double>& state, const RigidState<double>& rate) {
+    constexpr double kDegrees = 180 / M_PI, kMilliG = 1000 / 9.81;
+    CraftTelemetry telemetry;
+    telemetry.yaw = static_cast<float>(kDegrees * wrapAngle(state.eta.z()));
+    const double specific[2] = {rate.nu.x() - state.nu.z() * state.nu.y(),
+                                rate.nu.y() + state.nu.z() * state.nu.x()};
+    telemetry.acc = {static_cast<int>(std::lround(kMilliG * specific[0])),
+                     static_cast<int>(std::lround(kMilliG * specific[1])), -1000};
+    telemetry.gyro = {0, 0, static_cast<int>(std::lround(kDegrees * state.nu.z()))};
+    socket_->send(encodeTelemetry(telemetry), sender_);
+  }
+
+  static constexpr double kTick = 0.001;            // wall time between looks at the socket [s]
+  static constexpr double kTruthPeriod = 0.01;      // [s]
+  static constexpr double kTelemetryPeriod = 0.02;  // [s]
+  static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
+
+  std::mutex mutex_;  ///< guards room_, the origins and the factor
+  std::unique_ptr<Room> room_;
+  SteadyClock::time_point wall_origin_;
+  double time_origin_ = 0, real_time_factor_ = 1;
+  MocapParams mocap_;
+  AxisMapping mapping_;
+  double input_max_ = 1;
+  bool publish_clock_ = true;
+  UdpAddress sender_;
+  std::unique_ptr<UdpSocket> socket_;
+  ros::Publisher pose_publisher_, truth_publisher_, clock_publisher_;
+  std::atomic<bool> alive_{true};
+  std::thread thread_;
+  std::unique_ptr<LiveParameters<Config>> reconfigure_;
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::Simulator, nodelet::Nodelet)
