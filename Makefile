@@ -1,0 +1,41 @@
+# make demo: an experiment from launch to picture; make test: everything checked.
+# Both install what is missing first (as root or through sudo) and build what has changed.
+SHELL := /bin/bash
+# ROS 1 lives in the system's Python, whichever python3 comes first in PATH.
+export PATH := /usr/bin:$(PATH)
+
+jobs := $(shell nproc)
+noetic := $(wildcard /opt/ros/noetic/setup.sh)
+in_ros := $(if $(noetic),source $(noetic) &&)
+in_workspace := source build/devel/setup.bash &&
+installed := build/.installed
+
+.PHONY: build demo test bench install clean
+
+build: build/CMakeCache.txt
+	@cmake --build build -- -j$(jobs) --no-print-directory
+
+demo: build
+	@$(in_workspace) rosrun ground demo --out build/demo
+
+test: build
+	@cmake --build build --target tests -- -j$(jobs) --no-print-directory
+	@rm -rf build/test_results
+	@status=0; $(in_workspace) (cd build && ctest --output-on-failure) || status=1; \
+	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
+
+bench: build
+	@cmake --build build --target benchmarks -- -j$(jobs) --no-print-directory
+	@$(in_workspace) roslaunch ground latency.launch
+
+build/CMakeCache.txt: $(installed)
+	@$(in_ros) cmake -S . -B build > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
+	@touch $@
+
+$(installed): .ci/debian-packages.txt .ci/install-dependencies
+	@mkdir -p build
+	@.ci/install-dependencies
+	@touch $@
+
+clean:
+	rm -rf build

@@ -1,0 +1,108 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "ground/model/simulation.h"
+
+namespace ground {
+
+/// One recording: what was measured and what was commanded, on one clock that starts at the run's
+/// start.
+struct RunData {
+  std::string name;
+  std::vector<double> times;  ///< of the measurements, ascending [s]
+  Eigen::MatrixX3d eta;       ///< x, y [m], psi unwrapped [rad], world_ned
+  Eigen::MatrixX3d nu;        ///< u, v [m/s], r [rad/s], body
+  InputSequence inputs;       ///< in the model's units of input
+};
+
+/// A stretch of a run that is simulated from an initial velocity of its own; the initial pose is
+/// the measured one.
+struct Window {
+  int run;
+  int first, last;  ///< first and last sample
+};
+
+/// Cuts the part [from, to] s of a run into windows of `length` seconds that share their end
+/// points; a last piece shorter than half a window is left out. Windows do not reach over gaps
+/// longer than `max_gap` seconds in the measurements.
+std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
+                               double length, double max_gap = 0.1);
+
+/// Simulated velocities of windows at the samples of their runs.
+struct WindowSimulation {
+  std::vector<Eigen::MatrixX3d> eta, nu;  ///< per window, one row a sample
+};
+
+/// What to fit, and how.
+struct FitOptions {
+  enum class Objective {
+    kLeastSquares,  ///< weighted least squares with a robust loss
+    kThesis         ///< weighted absolute errors, (3.4)
+  };
+  std::vector<std::string> free;  ///< names of the free parameters
+  Objective objective = Objective::kLeastSquares;
+  int max_iterations = 200;
+  int threads = 0;     ///< 0: all cores
+  double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
+};
+
+struct FittedParameter {
+  std::string name, unit;
+  double start, value, lower, upper;  ///< lower, upper: 95% interval
+  bool at_bound;
+};
+
+struct FitResult {
+  Model model;  ///< with the fitted values
+  std::vector<FittedParameter> parameters;
+  Eigen::MatrixXd correlation;  ///< of the estimates
+  double condition = 0;         ///< of the scaled information matrix
+  double objective_before = 0;  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r
+  double objective_after = 0;
+  int iterations = 0;
+  bool converged = false;
+  std::string message;
+};
+
+/// The difference between simulated and measured velocities over windows of runs (thesis 3.3), each
+/// channel divided by its empirical standard deviation in the run.
+class SimulationError {
+ public:
+  /// Throws std::invalid_argument when there is no window, a run does not move or arrays differ in
+  /// length.
+  SimulationError(std::vector<RunData> runs, std::vector<Window> windows);
+
+  /// Fits the free parameters of a model and the windows' initial velocities. Throws
+  /// std::invalid_argument on options that cannot be met, std::runtime_error when the model cannot
+  /// be simulated at its start values.
+  FitResult fit(const Model& model, const FitOptions& options) const;
+
+  /// Simulates every window with the initial velocities that suit the model best.
+  WindowSimulation simulate(const Model& model) const;
+
+  /// The thesis's objective (3.4) over all windows, from a simulation of them: the mean over
+  /// samples of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
+  double objective(const WindowSimulation& simulation) const;
+
+  /// Standard deviations of u, v, r in a run.
+  const Vector3<double>& sigma(int run) const { return sigma_[run]; }
+  const std::vector<RunData>& runs() const { return runs_; }
+  const std::vector<Window>& windows() const { return windows_; }
+
+  /// Weighted residuals of one window, u, v, r after each other for every sample; `jacobian`, when
+  /// asked for, by the parameters of those indices, then by the initial velocity. False when the
+  /// simulation is not finite.
+  bool residuals(const Model& model, const std::vector<double>& coordinates,
+                 const std::vector<int>& free, int window, const Vector3<double>& initial_nu,
+                 Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
+
+ private:
+  std::vector<RunData> runs_;
+  std::vector<Window> windows_;
+  std::vector<Vector3<double>> sigma_;
+};
+
+}  // namespace ground
