@@ -103,7 +103,7 @@ TEST(Fit, WithstandsNoise) {
   for (const Case& c : {Case{0.1, 0.02}, Case{0.3, 0.06}, Case{0.5, 0.10}}) {
     std::vector<double> errors;
     int covered = 0, intervals = 0;
-    for (unsigned seed = 1; seed <= 20; ++seed) {
+    for (unsigned seed = 1; seed <= 40; ++seed) {
       const FitResult result = problem(record(truth(), 4, c.epsilon, seed)).fit(start(), options());
       errors.push_back(worst(result));
       for (const FittedParameter& p : result.parameters) {

@@ -212,7 +212,7 @@ Uncertainty uncertainty(const SimulationError& problem, const Model& model, cons
   double total = 0;
   for (const Window& w : problem.windows()) total += durationOf(w);
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
-  block = std::min(block, total / (6 * n));
+  block = std::min(block, total / (4 * n));
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
