@@ -1,0 +1,1 @@
+"""Identification of a miniature hovercraft: recordings, fits and comparisons."""

@@ -1,3 +1,246 @@
+// Python's view of the core: numpy arrays in, numpy arrays out.
+#include <pybind11/eigen.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
-PYBIND11_MODULE(_core, module) { module.doc() = "The C++ core of ground."; }
+#include "ground/control/prbs.h"
+#include "ground/estimation/axis_mapping.h"
+#include "ground/estimation/smoother.h"
+#include "ground/identification/simulation_error.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+
+namespace py = pybind11;
+
+namespace ground {
+namespace {
+
+py::dict describe(const ParameterInfo& info) {
+  py::dict d;
+  d["name"] = info.name;
+  d["unit"] = info.unit;
+  d["doc"] = info.doc;
+  d["neutral"] = info.neutral;
+  d["lower"] = info.lower;
+  d["upper"] = info.upper;
+  return d;
+}
+
+py::list describe(const std::vector<ParameterInfo>& infos) {
+  py::list list;
+  for (const ParameterInfo& info : infos) list.append(describe(info));
+  return list;
+}
+
+/// Rows time, left, right, lift, ascending in time.
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
+  if (rows.cols() != 4) throw std::invalid_argument("inputs need columns time, left, right, lift");
+  if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
+  InputSequence inputs;
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
+  return inputs;
+}
+
+RunData makeRun(const std::string& name, const std::vector<double>& times,
+                const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
+                const Eigen::Ref<const Eigen::MatrixXd>& inputs) {
+  return {name, times, eta, nu, toInputs(inputs)};
+}
+
+py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
+                     const std::vector<double>& times, const Vector3<double>& eta,
+                     const Vector3<double>& nu) {
+  const InputSequence inputs = toInputs(rows);
+  if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
+  const auto count = static_cast<Eigen::Index>(times.size());
+  Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
+  {
+    const py::gil_scoped_release release;
+    const Dynamics<double> dynamics(model);
+    Simulation<double> simulation(dynamics, inputs, {eta, nu}, times.front());
+    for (Eigen::Index i = 0; i < count; ++i) {
+      simulation.advance(times[static_cast<std::size_t>(i)]);
+      eta_out.row(i) = simulation.measure().eta;
+      nu_out.row(i) = simulation.measure().nu;
+    }
+  }
+  py::dict d;
+  d["eta"] = eta_out;
+  d["nu"] = nu_out;
+  return d;
+}
+
+py::dict toDict(const FitResult& result) {
+  py::list parameters;
+  for (const FittedParameter& p : result.parameters) {
+    py::dict d;
+    d["name"] = p.name;
+    d["unit"] = p.unit;
+    d["start"] = p.start;
+    d["value"] = p.value;
+    d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["at_bound"] = p.at_bound;
+    parameters.append(d);
+  }
+  py::dict d;
+  d["model"] = result.model;
+  d["parameters"] = parameters;
+  d["correlation"] = result.correlation;
+  d["condition"] = result.condition;
+  d["objective_before"] = result.objective_before;
+  d["objective_after"] = result.objective_after;
+  d["iterations"] = result.iterations;
+  d["converged"] = result.converged;
+  d["message"] = result.message;
+  return d;
+}
+
+}  // namespace
+}  // namespace ground
+
+PYBIND11_MODULE(_core, module) {
+  using namespace ground;
+  module.doc() = "The C++ core: model, smoother, fit by simulation error.";
+
+  py::class_<Provenance>(module, "Provenance")
+      .def(py::init<>())
+      .def_readwrite("date", &Provenance::date)
+      .def_readwrite("command", &Provenance::command)
+      .def_readwrite("bags", &Provenance::bags)
+      .def_readwrite("error_before", &Provenance::error_before)
+      .def_readwrite("error_after", &Provenance::error_after)
+      .def_readwrite("confidence_95", &Provenance::confidence_95);
+
+  py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
+      .def_readwrite("name", &Model::name)
+      .def_readwrite("provenance", &Model::provenance)
+      .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
+      .def_property_readonly("effects",
+                             [](const Model& m) {
+                               std::vector<std::string> names;
+                               for (const auto& e : m.effects)
+                                 names.push_back(e.effect->info().name);
+                               return names;
+                             })
+      .def("copy", [](const Model& m) { return Model(m); })
+      .def(
+          "parameters", [](const Model& m) { return describe(m.parameters()); },
+          "Name, unit, doc, neutral value and bounds of every parameter.")
+      .def("value", &Model::value, py::arg("parameter"))
+      .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
+      .def(
+          "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
+          py::arg("name"), "Adds an effect of the library at its neutral values.")
+      .def("remove_effect", &Model::removeEffect, py::arg("name"))
+      .def("format", &formatModel, "The model file's text.");
+
+  module.def("load_model", &loadModel, py::arg("path"));
+  module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
+  module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
+             py::arg("overwrite") = false);
+  module.def(
+      "effects",
+      [] {
+        py::dict all;
+        for (const std::string& name : effectNames()) {
+          const EffectPtr effect = makeEffect(name);
+          const EffectInfo& info = effect->info();
+          py::dict d;
+          d["summary"] = info.summary;
+          d["parameters"] = describe(info.parameters);
+          all[py::str(name)] = d;
+        }
+        return all;
+      },
+      "The effects of the library by name.");
+  module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
+             py::arg("eta"), py::arg("nu"),
+             "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
+             "of time, left, right, lift.");
+
+  py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
+      .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
+           py::arg("heading_offset") = 0.0)
+      .def(
+          "to_planar",
+          [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
+            return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
+          },
+          py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.");
+
+  py::class_<EstimatorParams>(module, "EstimatorParams")
+      .def(py::init<>())
+      .def_readwrite("position_noise", &EstimatorParams::position_noise)
+      .def_readwrite("heading_noise", &EstimatorParams::heading_noise)
+      .def_readwrite("linear_jerk", &EstimatorParams::linear_jerk)
+      .def_readwrite("angular_jerk", &EstimatorParams::angular_jerk)
+      .def_readwrite("gate", &EstimatorParams::gate);
+  module.def(
+      "smooth",
+      [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
+         const EstimatorParams& params) {
+        const SmoothedMotion motion = smooth(stamps, eta, params);
+        py::dict d;
+        d["eta"] = motion.eta;
+        d["nu"] = motion.nu;
+        d["nu_dot"] = motion.nu_dot;
+        d["used"] = motion.used;
+        return d;
+      },
+      py::arg("stamps"), py::arg("eta"), py::arg("params"),
+      "Velocities without delay from the poses of a whole recording.");
+
+  py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
+      .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
+           py::arg("inputs"))
+      .def_readonly("name", &RunData::name)
+      .def_readonly("times", &RunData::times)
+      .def_readonly("eta", &RunData::eta)
+      .def_readonly("nu", &RunData::nu);
+  py::class_<Window>(module, "Window")
+      .def_readonly("run", &Window::run)
+      .def_readonly("first", &Window::first)
+      .def_readonly("last", &Window::last);
+  module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
+             py::arg("end"), py::arg("length"), py::arg("max_gap") = 0.1);
+
+  py::enum_<FitOptions::Objective>(module, "Objective")
+      .value("least_squares", FitOptions::Objective::kLeastSquares)
+      .value("thesis", FitOptions::Objective::kThesis);
+  py::class_<SimulationError>(module, "SimulationError", "Simulated minus measured velocities.")
+      .def(py::init<std::vector<RunData>, std::vector<Window>>(), py::arg("runs"),
+           py::arg("windows"))
+      .def("sigma", &SimulationError::sigma, py::arg("run"))
+      .def(
+          "simulate",
+          [](const SimulationError& problem, const Model& model) {
+            WindowSimulation simulation;
+            {
+              const py::gil_scoped_release release;
+              simulation = problem.simulate(model);
+            }
+            py::dict d;
+            d["objective"] = problem.objective(simulation);
+            d["eta"] = simulation.eta;
+            d["nu"] = simulation.nu;
+            return d;
+          },
+          py::arg("model"), "Every window with the initial velocities that suit the model best.")
+      .def(
+          "fit",
+          [](const SimulationError& problem, const Model& model,
+             const std::vector<std::string>& free, FitOptions::Objective objective) {
+            FitOptions options;
+            options.free = free;
+            options.objective = objective;
+            FitResult result;
+            {
+              const py::gil_scoped_release release;
+              result = problem.fit(model, options);
+            }
+            return toDict(result);
+          },
+          py::arg("model"), py::arg("free"),
+          py::arg("objective") = FitOptions::Objective::kLeastSquares);
+}

@@ -1,0 +1,229 @@
+"""Recordings: poses and commands as they were measured, from bags and CSV files."""
+import csv
+import math
+import os
+from dataclasses import dataclass, field
+from typing import List
+
+import numpy as np
+
+from ground import _core, files
+from ground.errors import IdentifyError
+
+CSV_STAMP = "field.header.stamp"
+CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
+
+
+@dataclass
+class Recording:
+    """One run as it was recorded, on the clock of its header stamps."""
+
+    name: str
+    pose_times: np.ndarray  # (n,) [s], in the order of arrival
+    eta: np.ndarray  # (n, 3) x, y [m], psi [rad], world_ned
+    control_times: np.ndarray  # (m,) [s]
+    controls: np.ndarray  # (m, 3) left, right, lift, 0..1
+    source: str  # which topics it came from
+    warnings: List[str] = field(default_factory=list)
+
+
+def read_bag(path, axes="x, z, -y"):
+    """The recording in a bag: ground's own topics or those of the original system.
+
+    Poses come from a mocap PoseStamped (by `axes` to world_ned) where there is one, else from a
+    PointStamped `pose` or `eta` (x, y, psi), else from ground_msgs/State. Raises IdentifyError.
+    """
+    import rosbag
+
+    if not os.path.isfile(path):
+        raise IdentifyError("%s: no such file" % path)
+    warnings = []
+    try:
+        try:
+            bag = rosbag.Bag(path)
+        except rosbag.ROSBagUnindexedException:
+            warnings.append("the bag was not closed: read as far as it goes")
+            bag = rosbag.Bag(path, allow_unindexed=True)
+            for _ in bag.reindex():
+                pass
+    except (rosbag.ROSBagException, OSError, ValueError) as error:
+        raise IdentifyError("%s: not a readable bag (%s)" % (path, error))
+    with bag:
+        info = bag.get_type_and_topic_info().topics
+        pose_topic = _choose(info, path, "poses", _pose_rank)
+        control_topic = _choose(info, path, "controls", _control_rank)
+        poses, controls = [], []
+        mapping = _core.AxisMapping(axes)
+        lost = 0
+        try:
+            for topic, message, _ in bag.read_messages([pose_topic, control_topic]):
+                stamp = message.header.stamp.to_sec()
+                if topic == control_topic:
+                    controls.append((stamp,) + _control(message))
+                else:
+                    pose = _pose(message, mapping)
+                    if pose is None:
+                        lost += 1
+                    else:
+                        poses.append((stamp,) + pose)
+        except (rosbag.ROSBagException, OSError, ValueError) as error:
+            warnings.append("the bag is damaged: read as far as it goes (%s)" % error)
+    if lost:
+        warnings.append("%d poses are invalid and were left out" % lost)
+    source = "%s (%s), %s (%s)" % (
+        pose_topic,
+        info[pose_topic].msg_type,
+        control_topic,
+        info[control_topic].msg_type,
+    )
+    return _checked(path, poses, controls, source, warnings)
+
+
+def _pose_rank(name, kind):
+    if kind == "geometry_msgs/PoseStamped" and name.endswith("pose"):
+        return 0
+    if kind == "geometry_msgs/PointStamped" and name in ("pose", "eta"):
+        return 1
+    if kind == "ground_msgs/State" and name == "state":
+        return 2
+    return None
+
+
+def _control_rank(name, kind):
+    if name != "controls":
+        return None
+    return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
+
+
+def _choose(info, path, what, rank):
+    """The best topic that has messages, by its last name and type."""
+    found = []
+    for topic, entry in info.items():
+        order = rank(topic.rsplit("/", 1)[-1], entry.msg_type)
+        if order is not None and entry.message_count > 0:
+            found.append((order, topic))
+    if not found:
+        there = ", ".join("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
+        raise IdentifyError(
+            "%s: no %s in this bag; it has %s" % (path, what, there or "no messages at all")
+        )
+    found.sort()
+    same = [topic for order, topic in found if order == found[0][0]]
+    if len(same) > 1:
+        raise IdentifyError(
+            "%s: several topics could be the %s: %s" % (path, what, ", ".join(same))
+        )
+    return same[0]
+
+
+def _pose(message, mapping):
+    kind = message._type
+    if kind == "geometry_msgs/PoseStamped":
+        p, q = message.pose.position, message.pose.orientation
+        planar = mapping.to_planar((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+        return None if planar is None else tuple(planar)
+    if kind == "geometry_msgs/PointStamped":
+        return (message.point.x, message.point.y, message.point.z)
+    return tuple(message.eta) if message.valid else None
+
+
+def _control(message):
+    if message._type == "geometry_msgs/PointStamped":
+        return (message.point.x, message.point.y, message.point.z)
+    return (message.left, message.right, message.lift)
+
+
+def _checked(path, poses, controls, source, warnings):
+    poses, controls = np.array(poses, float), np.array(controls, float)
+    for what, rows in (("poses", poses), ("controls", controls)):
+        if len(rows) < 2:
+            raise IdentifyError("%s: only %d %s" % (path, len(rows), what))
+        bad = ~np.isfinite(rows).all(axis=1)
+        if bad.any():
+            raise IdentifyError(
+                "%s: %d of %d %s are not finite, the first is number %d"
+                % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
+            )
+    low, high = controls[:, 1:].min(), controls[:, 1:].max()
+    if low < -1e-9 or high > 1 + 1e-9:
+        raise IdentifyError(
+            "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
+        )
+    turns = np.abs(np.diff(poses[:, 3]))
+    if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
+        raise IdentifyError(
+            "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
+            "degrees, but radians are needed" % (path, np.abs(poses[:, 3]).max(), np.median(turns))
+        )
+    order = np.argsort(controls[:, 0], kind="stable")
+    controls = controls[order]
+    return Recording(
+        name=os.path.splitext(os.path.basename(path))[0],
+        pose_times=poses[:, 0],
+        eta=poses[:, 1:],
+        control_times=controls[:, 0],
+        controls=controls[:, 1:],
+        source=source,
+        warnings=warnings,
+    )
+
+
+def read_csv(path):
+    """Stamps [s as integer ns] and points of a `rostopic echo -p` export, (n,) and (n, 3)."""
+    try:
+        with open(path, newline="") as file:
+            reader = csv.DictReader(file)
+            missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
+            if missing:
+                raise IdentifyError("%s, line 1: no column %s" % (path, ", ".join(missing)))
+            stamps, points = [], []
+            for row in reader:
+                try:
+                    stamp = int(row[CSV_STAMP])
+                    point = [float(row[c]) for c in CSV_COLUMNS[1:]]
+                except (TypeError, ValueError):
+                    raise IdentifyError(
+                        "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
+                    )
+                if stamp <= 0 or not all(map(math.isfinite, point)):
+                    raise IdentifyError(
+                        "%s, line %d: a value is not finite or not positive as a stamp"
+                        % (path, reader.line_num)
+                    )
+                stamps.append(stamp)
+                points.append(point)
+    except (OSError, UnicodeDecodeError) as error:
+        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+    if len(stamps) < 2:
+        raise IdentifyError("%s: only %d rows" % (path, len(stamps)))
+    return stamps, np.array(points)
+
+
+def import_csv(controls_path, pose_path, bag_path, force=False):
+    """Writes a pair of CSV exports to a bag that read_bag reads."""
+    import genpy
+    import rosbag
+    from geometry_msgs.msg import PointStamped
+
+    series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
+    for topic, path in (("pose", pose_path), ("controls", controls_path)):
+        stamps, points = series[topic]
+        rows = np.column_stack([np.array(stamps) * 1e-9, points])
+        other = np.tile([[0.0, 0, 0, 0]], (2, 1))
+        pair = (rows, other) if topic == "pose" else (other, rows)
+        _checked(path, pair[0], pair[1], "", [])
+    spans = [(s[0], s[-1]) for s, _ in series.values()]
+    if max(s[0] for s in spans) > min(s[1] for s in spans):
+        raise IdentifyError(
+            "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
+        )
+    with files.new_file(bag_path, force) as temporary:
+        with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+            for topic, (stamps, points) in series.items():
+                for sequence, (stamp, point) in enumerate(zip(stamps, points)):
+                    message = PointStamped()
+                    message.header.seq = sequence
+                    message.header.stamp = genpy.Time(stamp // 10**9, stamp % 10**9)
+                    message.point.x, message.point.y, message.point.z = point
+                    bag.write(topic, message, message.header.stamp)
+    return {topic: len(stamps) for topic, (stamps, _) in series.items()}
