@@ -97,6 +97,7 @@ class Sender : public nodelet::Nodelet {
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
+    statuses_.push_back(status());
     report_thread_ = std::thread([this] { report(); });
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = nh.advertiseService("arm", &Sender::onArm, this);
@@ -235,7 +236,7 @@ class Sender : public nodelet::Nodelet {
 
   /// Publishes and logs what the outbox holds, and the status at 2 Hz.
   void report() {
-    double next_status = 0, next_count = 0;
+    double next_status = steadyNow() + kStatusPeriod, next_count = 0;
     std::unique_lock<std::mutex> lock(mutex_);
     while (true) {
       wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod),
