@@ -38,6 +38,8 @@ class SenderShutdown(SenderTest):
         self.assert_zero(craft.since(zeros[0].time))
         self.worst[what] = zeros[0].time - start
         self.assertLessEqual(zeros[0].time - start, END_LIMIT, what)
+        last = SenderTest.status  # the farewell, not the watchdog for commands that stopped to come
+        self.assertNotEqual(last.state, SenderStatus.FAULT, last.reason)
 
     def test_signals_while_driving(self):
         # SIGHUP: the terminal is closed; SIGTERM: kill, systemd

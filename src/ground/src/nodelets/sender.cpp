@@ -172,7 +172,8 @@ class Sender : public nodelet::Nodelet {
     std::string data;
     UdpAddress from;
     double wait = 0;
-    while (running_ && ros::ok()) {
+    // ros::ok() holds until the end of roscpp's shutdown, which may wait for the master.
+    while (running_ && !ros::isShuttingDown() && ros::ok()) {
       const bool came = socket_->receive(wait, data, from);
       const std::lock_guard<std::mutex> lock(mutex_);
       const double now = steadyNow();
