@@ -20,7 +20,7 @@ class ControllerCase(unittest.TestCase):
         self.start = rospy.ServiceProxy(self.name + "/start", Trigger)
         self.stop = rospy.ServiceProxy(self.name + "/stop", Trigger)
         self.sender = rospy.Publisher("sender/status", SenderStatus, queue_size=1, latch=True)
-        self.station = harness.Station(controls=False)
+        self.states = harness.StatePublisher()
         self.arm(True)
         harness.wait_for(lambda: self.status.message, 5, "a status")
         harness.wait_for(lambda: self.controls.message, 5, "commands")
@@ -28,7 +28,7 @@ class ControllerCase(unittest.TestCase):
 
     def tearDown(self):
         self.stop()
-        self.station.stop()
+        self.states.stop()
 
     def arm(self, armed):
         self.sender.publish(

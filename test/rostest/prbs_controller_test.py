@@ -28,7 +28,7 @@ class PrbsTest(ControllerCase):
 
     def test_waits_for_the_sender_and_for_the_state(self):
         self.arm(False)
-        self.station.state.valid = False
+        self.states.state.valid = False
         time.sleep(0.1)
         self.assertTrue(self.start().success)
         self.expect(S.WAITING)
@@ -36,7 +36,7 @@ class PrbsTest(ControllerCase):
         self.arm(True)
         time.sleep(0.2)
         self.assertEqual(self.status.message.state, S.WAITING)
-        self.station.state.valid = True
+        self.states.state.valid = True
         self.expect(S.LIFTING)
         harness.wait_for(lambda: self.controls.message.lift == 0.7, 0.2, "lift")
         self.assertEqual(self.controls.message.left, 0)
@@ -74,18 +74,18 @@ class PrbsTest(ControllerCase):
     def test_stops_when_the_state_is_stale(self):
         self.run_it()
         moment = time.monotonic()
-        self.station.stop("states")
+        self.states.stop()
         self.expect_stop("stale")
         driven = [t for t, m in self.controls.all if m.lift > 0]
         self.assertLess(driven[-1] - moment, 0.25)
 
     def test_stops_when_the_state_is_invalid_or_not_finite(self):
         self.run_it()
-        self.station.state.valid = False
+        self.states.state.valid = False
         self.expect_stop("invalid")
-        self.station.state.valid = True
+        self.states.state.valid = True
         self.run_it()
-        self.station.state.nu[0] = math.nan
+        self.states.state.nu[0] = math.nan
         self.expect_stop("not finite")
 
     def test_stops_when_the_sender_disarms_and_by_hand(self):

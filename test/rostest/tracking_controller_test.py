@@ -20,7 +20,7 @@ class TrackingTest(ControllerCase):
     name = "tracking"
 
     def test_gains_change_live(self):
-        self.station.state.nu[2] = 0.5
+        self.states.state.nu[2] = 0.5
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)
         client.update_configuration({"k_z": 1e-6, "k_e": 0.01})
         self.run_it()

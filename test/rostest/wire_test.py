@@ -12,6 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
+from fake_craft import FakeCraft, is_zero  # noqa: E402
 from ground import _core  # noqa: E402
 
 PORT, CLOCK, DURATION = 33441, 15.0, 4.0
@@ -19,7 +20,8 @@ PORT, CLOCK, DURATION = 33441, 15.0, 4.0
 
 class WireTest(unittest.TestCase):
     def setUp(self):
-        self.craft = harness.Craft(PORT)
+        self.craft = FakeCraft(PORT)
+        self.craft.send()
         self.mocap = harness.Mocap()
         self.status = harness.Latest("controller/status", ControllerStatus)
         self.sender = harness.sender_status()
@@ -47,30 +49,24 @@ class WireTest(unittest.TestCase):
         bits = _core.make_prbs(6, 5)
         expected, last = [], None
         for i in range(int(DURATION * CLOCK)):
-            # DL, DR, R, L
-            motors = (
-                2000,
-                2000,
-                1000 + 1000 * bits[i % len(bits)][1],
-                1000 + 1000 * bits[i % len(bits)][0],
-            )
-            if motors != last:
-                expected.append((i / CLOCK, motors))
-                last = motors
-        lifting = (2000, 2000, 1000, 1000)
-        edges, last = [], None
-        for t, motors in list(self.craft.packets):
-            if motors != last:
-                edges.append((t, motors))
-                last = motors
-        first = next(i for i, (_, m) in enumerate(edges) if m == lifting) + 1
-        if expected[0][1] == lifting:  # the first bits look like lifting: start at the next edge
+            inputs = tuple(map(float, bits[i % len(bits)]))
+            if inputs != last:
+                expected.append((i / CLOCK, inputs))
+                last = inputs
+        if expected[0][1] == (0, 0):  # as when lifting: start at the next edge
             expected = expected[1:]
-        edges = edges[first : first + len(expected) + 1]
-        self.assertEqual([m for _, m in edges[:-1]], [m for _, m in expected])
-        self.assertEqual(edges[-1][1], harness.ZERO, "the end is zero")
+        edges, last = [], (0, 0)
+        for packet in self.craft.since(0):
+            inputs = (packet.left, packet.right)
+            if inputs != last:
+                edges.append((packet.time, inputs))
+                last = inputs
+        if expected[-1][1] != (0, 0):
+            expected.append((DURATION, (0, 0)))
+        self.assertEqual([m for _, m in edges], [m for _, m in expected])
+        self.assertTrue(is_zero(self.craft.since(0)[-1]), "the end is zero")
         times = [t for t, _ in edges]
-        wanted = [t for t, _ in expected] + [DURATION]
+        wanted = [t for t, _ in expected]
         offset = sorted(t - w for t, w in zip(times, wanted))[len(times) // 2]
         errors = sorted(abs(t - w - offset) for t, w in zip(times, wanted))
         print(
@@ -84,12 +80,15 @@ class WireTest(unittest.TestCase):
         self.assertTrue(self.start().success)
         self.expect(ControllerStatus.RUNNING, 10)
         time.sleep(0.3)
-        moment = time.monotonic()
+        moment = time.time()
         self.mocap.stop()
-        harness.wait_for(lambda: self.craft.zero_since(moment), 2, "zero packets")
+        self.craft.wait(
+            lambda packets: is_zero(packets[-1]) and packets[-1].time > moment, "zero packets", 2
+        )
         time.sleep(0.2)
-        delay = self.craft.zero_since(moment) - moment
-        print("poses lost: zero on the wire after %.0f ms" % (1e3 * delay))
+        after = self.craft.since(moment)
+        delay = max((p.time for p in after if not is_zero(p)), default=moment) - moment
+        print("poses lost: the last packet that drives after %.0f ms" % (1e3 * delay))
         self.assertLess(delay, 0.25)
         harness.wait_for(lambda: self.sender.message.state == SenderStatus.FAULT, 2, "FAULT")
         self.expect(ControllerStatus.STOPPED, 2)
