@@ -117,7 +117,7 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   command(kZero);
   EXPECT_EQ(arm(), "there is no state");
   state(false);
-  EXPECT_EQ(arm(), "the state is invalid: lost");
+  EXPECT_EQ(arm(), "there is no valid state: lost");
   state(true, 0.25);
   EXPECT_EQ(arm(), "the state is stale");
   state(true, kNan);

@@ -145,7 +145,7 @@ std::string GroundLink::arm(double now) {
     return state_until_ == kNever ? "there is no state" : "the state is stale";
   }
   if (params_.require_state && !state_valid_)
-    return because("the state is invalid", state_problem_);
+    return because("there is no valid state", state_problem_);
   if (publishers_ > 1)
     return std::to_string(publishers_) + " nodes publish commands: stop all but one";
   if (clash_until_ > now) return clash_;
