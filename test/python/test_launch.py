@@ -1,0 +1,213 @@
+"""Launch files as users start them: documented, honest about what is missing, seen in rviz."""
+import contextlib
+import os
+import pathlib
+import runpy
+import shutil
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from conftest import ROOT
+
+LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextlib.contextmanager
+def roslaunch(log, *arguments, **environment):
+    """A launch with a master of its own, ended as by Ctrl-C."""
+    port = free_port()
+    env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % port, **environment)
+    with open(str(log), "w") as output:
+        process = subprocess.Popen(
+            ["roslaunch", "-p", str(port), "ground"] + list(arguments),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=env,
+        )
+        try:
+            process.env = env
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(timeout=30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def wait_for(condition, timeout, what):
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.1)
+    raise AssertionError("waited %d s in vain: %s" % (timeout, what))
+
+
+def test_the_experiments_are_there():
+    expected = ["replay", "room_prbs", "room_tracking", "sim_prbs", "sim_tracking"]
+    assert set(n + ".launch" for n in expected) <= set(LAUNCH)
+
+
+@pytest.mark.parametrize("name", LAUNCH)
+def test_every_argument_is_documented(name):
+    result = subprocess.run(
+        ["roslaunch", "--ros-args", "ground", name],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=30,
+    )
+    assert result.returncode == 0, result.stdout
+    assert "undocumented" not in result.stdout.lower(), result.stdout
+    text = (ROOT / "launch" / name).read_text()
+    declared = text.count("<arg name=") - text.count('" value=')
+    assert text.count(" doc=") >= declared > 0
+
+
+def test_launch_files_name_no_absolute_path():
+    for path in (ROOT / "launch").rglob("*.launch*"):
+        for line in path.read_text().splitlines():
+            assert '"/home' not in line and '"/work' not in line and '"/opt' not in line, line
+
+
+@pytest.mark.parametrize("name", ["room_prbs.launch", "room_tracking.launch"])
+def test_the_room_says_that_vrpn_is_missing(tmp_path, name):
+    if (
+        subprocess.run(
+            ["rospack", "find", "vrpn_client_ros"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ).returncode
+        == 0
+    ):
+        pytest.skip("vrpn_client_ros is installed")
+    log = tmp_path / "log"
+    port = free_port(socket.SOCK_DGRAM)
+    with roslaunch(
+        log, name, "mocap_host:=127.0.0.1", "rviz:=false", "record:=false", "port:=%d" % port
+    ) as launch:
+        launch.wait(timeout=40)
+    text = log.read_text()
+    assert "vrpn_client_ros is not installed" in text
+    assert "Traceback" not in text
+
+
+def test_a_bag_has_a_name_of_its_own(tmp_path):
+    record = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "record"))
+    names = set()
+    for _ in range(5):
+        path, file = record["reserve"](str(tmp_path), "twice")
+        file.close()
+        pathlib.Path(path + ".bag").write_text("a recording")
+        names.add(path)
+    assert len(names) == 5
+    assert all("_twice" in name for name in names)
+
+
+def test_an_experiment_is_recorded_and_replayed(tmp_path):
+    bags = tmp_path / "bags"
+    port = free_port(socket.SOCK_DGRAM)
+    with roslaunch(
+        tmp_path / "log",
+        "sim_prbs.launch",
+        "duration:=3",
+        "record:=true",
+        "bag_dir:=%s" % bags,
+        "experiment:=short",
+        "exit_when_done:=true",
+        "port:=%d" % port,
+    ) as launch:
+        launch.wait(timeout=60)
+    bag = list(bags.glob("*_short.bag"))
+    assert len(bag) == 1, (tmp_path / "log").read_text()
+    assert "real_time_factor" in bag[0].with_suffix(".yaml").read_text()
+    info = subprocess.run(
+        ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
+    ).stdout
+    for topic in ("/controls", "/state", "/vrpn_client_node/hovercraft/pose", "/sender/status"):
+        assert topic + " " in info
+
+    with roslaunch(
+        tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"
+    ) as launch:
+
+        def predicted():
+            echo = ["rostopic", "echo", "-n", "1", "/path/predicted/poses[5]/pose/position"]
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return (
+                    "x:"
+                    in subprocess.run(
+                        echo,
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.DEVNULL,
+                        env=launch.env,
+                        timeout=5,
+                        universal_newlines=True,
+                    ).stdout
+                )
+
+        wait_for(predicted, 40, "a predicted path")
+
+
+def test_rviz_shows_craft_paths_and_reference(tmp_path):
+    from PIL import Image
+
+    if not shutil.which("rviz") or not shutil.which("Xvfb"):
+        pytest.skip("rviz or Xvfb is not installed")
+    display = next(n for n in range(80, 200) if not os.path.exists("/tmp/.X11-unix/X%d" % n))
+    screen = subprocess.Popen(
+        ["Xvfb", ":%d" % display, "-screen", "0", "1300x900x24", "+extension", "GLX", "-noreset"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        wait_for(lambda: os.path.exists("/tmp/.X11-unix/X%d" % display), 10, "a screen")
+        drawing = dict(DISPLAY=":%d" % display, LIBGL_ALWAYS_SOFTWARE="1", QT_X11_NO_MITSHM="1")
+        port = free_port(socket.SOCK_DGRAM)
+        picture = str(tmp_path / "rviz.png")
+
+        def colours():
+            subprocess.run(
+                ["import", "-window", "root", picture], env=dict(os.environ, **drawing), check=True
+            )
+            pixels = Image.open(picture).convert("RGB").resize((650, 450), Image.NEAREST).getdata()
+            close = lambda c, to: all(abs(a - b) < 40 for a, b in zip(c, to))  # noqa: E731
+            wanted = {
+                "reference": (40, 160, 70),
+                "measured": (30, 30, 30),
+                "predicted": (225, 60, 160),
+                "hull": (40, 90, 190),
+            }
+            return {name: sum(close(p, c) for p in pixels) for name, c in wanted.items()}
+
+        with roslaunch(
+            tmp_path / "log", "sim_tracking.launch", "rviz:=true", "port:=%d" % port, **drawing
+        ):
+            seen = {}
+
+            def all_there():
+                seen.update(colours())
+                return (
+                    min(seen["reference"], seen["measured"], seen["predicted"]) > 60
+                    and seen["hull"] > 5
+                )
+
+            try:
+                wait_for(all_there, 90, "craft and paths in rviz")
+            except AssertionError:
+                raise AssertionError("rviz shows %s" % seen)
+    finally:
+        screen.terminate()
+        screen.wait()
