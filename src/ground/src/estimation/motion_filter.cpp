@@ -15,12 +15,12 @@ std::string EstimatorParams::validate() const {
   return "";
 }
 
-bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt,
+bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
                 const EstimatorParams& params) {
   for (int i = 0; i < 3; ++i) {
     const double step = i < 2 ? to(i) - from(i) : wrapAngle(to(i) - from(i));
     const double noise = params.gate * M_SQRT2 * params.noise(i);
-    if (std::abs(step) > noise + typicalSpeed(i) * (dt + params.gate * params.stamp_noise))
+    if (std::abs(step) > noise + times * typicalSpeed(i) * (dt + params.gate * params.stamp_noise))
       return false;
   }
   return true;
@@ -89,7 +89,8 @@ void IntervalScatter::add(double dt) {
 double IntervalScatter::stampNoise() const { return std::sqrt(variance_ / 2); }
 
 bool JumpDetector::add(double stamp, const Vector3<double>& eta, const EstimatorParams& params) {
-  count_ = count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, params) ? count_ + 1 : 1;
+  count_ =
+      count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, kUnknownMotion, params) ? count_ + 1 : 1;
   stamp_ = stamp;
   eta_ = eta;
   return count_ >= kEnough;

@@ -8,7 +8,7 @@ namespace ground {
 namespace {
 
 constexpr int kSettled = 5;            // poses after which velocities are believed
-constexpr int kTolerated = 3;          // poses in a row that may be left out
+constexpr int kTolerated = 3;          // poses that may be left out, one made good by each used
 constexpr double kBackwardJump = 1.0;  // so much earlier is another clock, not a late pose [s]
 
 class FiniteDifferenceEstimator : public VelocityEstimator {
@@ -38,8 +38,7 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
     time_ += dt;
     const double since = time_ - past(0).time;
     const Vector3<double> expected = past(0).eta + since * velocity_;
-    // The first difference has nothing to be compared with.
-    if (count_ > 1 && !sameMotion(expected, eta, since, params_)) return false;
+    if (!sameMotion(expected, eta, since, count_ > 1 ? 1.0 : kUnknownMotion, params_)) return false;
     // Stamps of one poll say nothing of the time between the poses: look back further.
     int back = 0;
     while (back < std::min(count_, kMaxMedian) - 1 && time_ - past(back).time < kMinInterval)
@@ -156,7 +155,8 @@ void VelocityEstimator::reset() {
 
 const StateEstimate& VelocityEstimator::reject(const char* why) {
   estimate_.used = estimate_.ignored = false;
-  estimate_.valid = estimate_.valid && ++rejected_ <= kTolerated;
+  rejected_ = std::min(rejected_ + 1, kTolerated + 1);
+  estimate_.valid = estimate_.valid && rejected_ <= kTolerated;
   estimate_.status = why;
   return estimate_;
 }
@@ -179,12 +179,12 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
     if (!fresh) return reject("the pose jumped");
   }
   if (fresh) {
-    accepted_ = 0;
+    accepted_ = rejected_ = 0;
     start(eta);
   }
   ++accepted_;
   used_stamp_ = stamp;
-  rejected_ = 0;
+  rejected_ = std::max(rejected_ - 1, 0);
   jump_.clear();
   estimate_.used = true;
   estimate_.ignored = false;

@@ -31,10 +31,13 @@ constexpr int kMaxMedian = 101;
 /// Typical speeds of a craft, to which a filter that knows nothing yet is open [m/s], [rad/s].
 constexpr double typicalSpeed(int axis) { return axis < 2 ? 3.0 : 20.0; }
 
-/// Whether a craft may have come from one pose to the next within dt [s]. Headings are compared as
-/// angles.
-bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt,
+/// Whether a craft may have come from one pose to the next within dt [s], at up to `times` the
+/// typical speed. Headings are compared as angles.
+bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
                 const EstimatorParams& params);
+
+/// Times the typical speed that a craft of which nothing is known may have.
+constexpr double kUnknownMotion = 3.0;
 
 /// Kalman filter of one coordinate: position, velocity, acceleration, driven by white jerk.
 struct AxisFilter {

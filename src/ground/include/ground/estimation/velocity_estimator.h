@@ -22,8 +22,9 @@ struct StateEstimate {
 
 /// From poses to velocities, with the poses' own stamps. Repeated and slightly late stamps are
 /// ignored; a long gap or a jump back in time starts anew. Single poses that cannot be (spikes,
-/// turned headings, no number) are left out; the estimate stays valid over three of them in a row
-/// and starts anew after five that follow from each other. Stamps are taken to be as inexact as the
+/// turned headings, no number) are left out; the estimate stays valid over three of them, each of
+/// which the next good pose makes up for, and starts anew after five in a row that follow from each
+/// other. Stamps are taken to be as inexact as the
 /// scatter of their intervals, or params.stamp_noise if that is more. No allocation after
 /// construction.
 class VelocityEstimator {
@@ -57,7 +58,7 @@ class VelocityEstimator {
   double stamp_ = 0;       ///< of the last pose, believed or not [s]
   double used_stamp_ = 0;  ///< of the last pose that went in [s]
   int accepted_ = 0;       ///< poses that went in since the start
-  int rejected_ = 0;       ///< poses in a row that did not
+  int rejected_ = 0;       ///< poses that did not, less those that did since
   JumpDetector jump_;
 };
 
