@@ -13,19 +13,19 @@ installed := build/.installed
 .PHONY: build demo test bench install clean
 
 build: build/CMakeCache.txt
-	@cmake --build build -- -j$(jobs) --no-print-directory
+	@cmake --build build --parallel $(jobs)
 
 demo: build
 	@$(in_workspace) rosrun ground demo --out build/demo
 
 test: build
-	@cmake --build build --target tests -- -j$(jobs) --no-print-directory
+	@cmake --build build --target tests --parallel $(jobs)
 	@rm -rf build/test_results
 	@status=0; $(in_workspace) (cd build && ctest --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
 bench: build
-	@cmake --build build --target benchmarks -- -j$(jobs) --no-print-directory
+	@cmake --build build --target benchmarks --parallel $(jobs)
 	@$(in_workspace) roslaunch ground latency.launch
 
 build/CMakeCache.txt: $(installed)

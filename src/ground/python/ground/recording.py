@@ -2,6 +2,8 @@
 import csv
 import math
 import os
+import shutil
+import tempfile
 from dataclasses import dataclass, field
 from typing import List
 
@@ -38,16 +40,7 @@ def read_bag(path, axes="x, z, -y"):
     if not os.path.isfile(path):
         raise IdentifyError("%s: no such file" % path)
     warnings = []
-    try:
-        try:
-            bag = rosbag.Bag(path)
-        except rosbag.ROSBagUnindexedException:
-            warnings.append("the bag was not closed: read as far as it goes")
-            bag = rosbag.Bag(path, allow_unindexed=True)
-            for _ in bag.reindex():
-                pass
-    except (rosbag.ROSBagException, OSError, ValueError) as error:
-        raise IdentifyError("%s: not a readable bag (%s)" % (path, error))
+    bag = _open_bag(path, warnings)
     with bag:
         info = bag.get_type_and_topic_info().topics
         pose_topic = _choose(info, path, "poses", _pose_rank)
@@ -77,6 +70,35 @@ def read_bag(path, axes="x, z, -y"):
         info[control_topic].msg_type,
     )
     return _checked(path, poses, controls, source, warnings)
+
+
+def _open_bag(path, warnings):
+    """Opens a bag; one that was not closed or is cut short is mended in a copy."""
+    import rosbag
+
+    try:
+        return rosbag.Bag(path)
+    except rosbag.ROSBagUnindexedException:
+        pass
+    except (rosbag.ROSBagException, OSError, ValueError) as error:
+        with open(path, "rb") as file:
+            if file.read(7) != b"#ROSBAG":
+                raise IdentifyError("%s: not a bag (%s)" % (path, error))
+    warnings.append("the bag is cut short or was not closed: read as far as it goes")
+    copy = tempfile.NamedTemporaryFile(suffix=".bag")
+    with open(path, "rb") as file:
+        shutil.copyfileobj(file, copy)
+    copy.flush()
+    try:
+        bag = rosbag.Bag(copy.name, "a", allow_unindexed=True)
+        for _ in bag.reindex():
+            pass
+        bag.close()
+        return rosbag.Bag(copy.name)
+    except Exception as error:  # rosbag raises whatever its parsing meets
+        raise IdentifyError("%s: not a readable bag (%s)" % (path, error))
+    finally:
+        copy.close()
 
 
 def _pose_rank(name, kind):

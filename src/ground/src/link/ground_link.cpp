@@ -1,7 +1,10 @@
 #include "ground/link/ground_link.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <utility>
 
 namespace ground {
 namespace {
@@ -12,45 +15,67 @@ bool finite(const MotorCommand& c) {
   return std::isfinite(c.left) && std::isfinite(c.right) && std::isfinite(c.lift);
 }
 
-bool zero(const MotorCommand& c) { return c.left <= 0 && c.right <= 0 && c.lift <= 0; }
+bool zero(const MotorCommand& c) { return c.left == 0 && c.right == 0 && c.lift == 0; }
+
+std::string because(const std::string& what, const std::string& why) {
+  return why.empty() ? what : what + ": " + why;
+}
+
+void check(const GroundLinkParams& params) {
+  const std::string wrong = params.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+}
 
 }  // namespace
 
 std::string GroundLinkParams::validate() const {
-  if (!(command_timeout > 0)) return "command_timeout must be positive";
-  if (!(state_timeout > 0)) return "state_timeout must be positive";
-  if (!(keepalive_rate > 0)) return "keepalive_rate must be positive";
-  if (!(peer_timeout > 0)) return "peer_timeout must be positive";
+  const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
+  if (!positive(command_timeout)) return "command_timeout must be positive";
+  if (!positive(state_timeout)) return "state_timeout must be positive";
+  if (!positive(keepalive_rate)) return "keepalive_rate must be positive";
+  if (!positive(peer_timeout)) return "peer_timeout must be positive";
+  if (!positive(send_timeout)) return "send_timeout must be positive";
   return "";
 }
 
 GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send)
     : params_(params),
       send_(std::move(send)),
+      fixed_(peer),
       peer_(peer),
-      peer_fixed_(peer.known()),
-      peer_confirmed_(peer.known()),
       peer_heard_(kNever),
       command_until_(kNever),
+      clash_until_(kNever),
       state_until_(kNever),
-      next_packet_(kNever) {}
+      sent_until_(kNever),
+      next_packet_(kNever) {
+  check(params);
+}
+
+void GroundLink::setParams(const GroundLinkParams& params) {
+  check(params);
+  // What is fresh stays fresh for as long as the new timeouts say.
+  command_until_ += params.command_timeout - params_.command_timeout;
+  state_until_ += params.state_timeout - params_.state_timeout;
+  next_packet_ += 1 / params.keepalive_rate - 1 / params_.keepalive_rate;
+  params_ = params;
+}
 
 bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   if (from == peer_) return true;
-  if (peer_fixed_) {
-    if (peer_.port != 0 || from.host != peer_.host) return false;
-    peer_ = from;  // a fixed host speaks from this port
-    return true;
-  }
-  const bool free = !peer_.known();
-  // The craft's hello may be any datagram, so that a stray one may have been taken for it: as long
-  // as the craft is not driven, whoever speaks its protocol is a better guess.
-  const bool better = !peer_confirmed_ && telemetry && state_ != State::kArmed;
-  // A craft that was restarted speaks from another port.
-  const bool back = from.host == peer_.host && telemetry && state_ != State::kArmed &&
+  if (state_ == State::kArmed || fixed_.port != 0) return false;
+  if (fixed_.known() && from.host != fixed_.host) return false;
+  const bool unknown = peer_.port == 0;
+  // The craft's hello may be any datagram, so that a stray one may have been taken for it: until
+  // the craft is certain, whoever speaks its protocol is a better guess.
+  const bool better = !peer_locked_ && telemetry;
+  // A craft that was restarted speaks from another port of its address. Only one that used to send
+  // telemetry can be known to have gone silent.
+  const bool back = peer_speaks_ && telemetry && from.host == peer_.host &&
                     now - peer_heard_ > params_.peer_timeout;
-  if (!free && !better && !back) return false;
+  if (!unknown && !better && !back) return false;
   peer_ = from;
+  ++revision_;
   return true;
 }
 
@@ -65,80 +90,125 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
   }
   peer_heard_ = now;
   if (!understood) return std::nullopt;
-  peer_confirmed_ = true;
+  peer_speaks_ = peer_locked_ = true;
   ++counters_.received;
   return telemetry;
 }
 
 void GroundLink::command(double now, double age, const std::string& source,
                          const MotorCommand& command) {
-  const bool stranger = state_ == State::kArmed && source != armed_source_;
-  if (!finite(command) || !std::isfinite(age) || stranger) {
-    ++counters_.refused;
-    return;
+  watch(now);  // a command that comes too late must not drive on
+  const bool armed = state_ == State::kArmed;
+  if (armed && source != armed_source_)
+    return refuse("a command of " + source + " is not of " + armed_source_ +
+                      ", with which the craft is armed",
+                  false);
+  if (!finite(command)) return refuse("a command of " + source + " is not finite", true);
+  if (!(age < params_.command_timeout))
+    return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
+  if (source != command_source_ && command_until_ > now) {
+    clash_until_ = now + params_.command_timeout;
+    clash_ = "both " + command_source_ + " and " + source + " send commands: stop one of them";
   }
   command_ = command;
   command_source_ = source;
+  command_problem_.clear();
   command_until_ = now - std::max(0.0, age) + params_.command_timeout;
-  if (state_ == State::kArmed && command_until_ > now) transmit(now);
+  if (armed) transmit(now);
 }
 
-void GroundLink::state(double now, double age, bool valid) {
+void GroundLink::refuse(const std::string& why, bool of_controller) {
+  ++counters_.refused;
+  refusal_ = why;
+  if (!of_controller) return;
+  command_problem_ = why;
+  // The controller's last word was not a zero command. While armed the old one runs out instead.
+  if (state_ != State::kArmed) command_until_ = kNever;
+}
+
+void GroundLink::state(double now, double age, bool valid, const std::string& problem) {
+  watch(now);
   state_valid_ = valid;
+  state_problem_ = problem;
   state_until_ = std::isfinite(age) ? now - std::max(0.0, age) + params_.state_timeout : kNever;
-  if (state_ == State::kArmed && params_.require_state && !valid) {
-    enter(State::kFault, "the state is invalid");
-    transmit(now);
-  }
+  watch(now);
 }
 
 std::string GroundLink::arm(double now) {
+  watch(now);
+  if (stopped_) return reason_;
   if (state_ == State::kArmed) return "";
   if (state_ == State::kFault) return "in fault (" + reason_ + "): disarm first";
-  if (!peer_.known() || peer_.port == 0) return "no craft has been heard of";
-  if (params_.require_state && !state_valid_) return "there is no valid state";
-  if (params_.require_state && state_until_ <= now) return "the state is stale";
-  if (command_until_ <= now) return "there is no fresh command";
+  if (peer_.port == 0) return "no craft has been heard of";
+  if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
+  if (params_.require_state && state_until_ <= now) {
+    return state_until_ == kNever ? "there is no state" : "the state is stale";
+  }
+  if (params_.require_state && !state_valid_)
+    return because("there is no valid state", state_problem_);
+  if (publishers_ > 1)
+    return std::to_string(publishers_) + " nodes publish commands: stop all but one";
+  if (clash_until_ > now) return clash_;
+  if (command_until_ <= now) return because("there is no fresh command", command_problem_);
   if (!zero(command_)) return "the command is not zero";
   armed_source_ = command_source_;
+  peer_locked_ = true;
   enter(State::kArmed, "armed with commands of " + armed_source_);
   return "";
 }
 
 void GroundLink::disarm(double now, const std::string& reason) {
-  enter(State::kDisarmed, reason);
+  if (!stopped_) enter(State::kDisarmed, reason);
   transmit(now);
 }
 
+void GroundLink::stop(double now, const std::string& reason) {
+  disarm(now, reason);
+  stopped_ = true;
+}
+
 void GroundLink::tick(double now) {
-  if (state_ == State::kArmed) {
-    if (command_until_ <= now) {
-      enter(State::kFault, "commands are stale");
-    } else if (params_.require_state && state_until_ <= now) {
-      enter(State::kFault, "the state is stale");
-    }
-    if (state_ == State::kFault) transmit(now);
-  }
+  watch(now);
   if (next_packet_ <= now) transmit(now);
+}
+
+void GroundLink::watch(double now) {
+  if (state_ != State::kArmed) return;
+  if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
+  if (params_.require_state && !state_valid_)
+    return fault(now, because("the state is invalid", state_problem_));
+  if (params_.require_state && state_until_ <= now) return fault(now, "the state is stale");
+  if (!send_problem_.empty() && sent_until_ <= now)
+    return fault(now, because("packets cannot be sent", send_problem_));
+}
+
+void GroundLink::fault(double now, const std::string& reason) {
+  enter(State::kFault, reason);
+  transmit(now);
 }
 
 void GroundLink::enter(State state, const std::string& reason) {
   state_ = state;
   reason_ = reason;
+  ++revision_;
 }
 
 void GroundLink::transmit(double now) {
-  if (state_ != State::kArmed) {
-    sendZero();
-  } else if (send_(encodeMotors(command_), peer_)) {
-    ++counters_.sent;
-  }
+  sendPacket(now, state_ == State::kArmed ? command_ : MotorCommand());
   next_packet_ = now + 1 / params_.keepalive_rate;
 }
 
-void GroundLink::sendZero() {
-  if (peer_.known() && peer_.port != 0 && send_(encodeMotors(MotorCommand()), peer_))
+void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand()); }
+
+void GroundLink::sendPacket(double now, const MotorCommand& command) {
+  if (peer_.port == 0) return;
+  const std::string problem = send_(encodeMotors(command), peer_);
+  if (problem.empty()) {
     ++counters_.sent;
+  } else if (send_problem_.empty()) {
+    sent_until_ = now + params_.send_timeout;
+  }
+  send_problem_ = problem;
 }
 
 }  // namespace ground

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "drone.pb.h"
 
@@ -9,6 +10,7 @@ namespace ground {
 namespace {
 
 constexpr unsigned kOff = 1000, kRange = 1000;
+constexpr std::size_t kLongestTelemetry = 128;  // three floats and nine ints take 114 bytes at most
 
 unsigned toMotor(double value) {
   return kOff + static_cast<unsigned>(std::lround(kRange * std::clamp(value, 0.0, 1.0)));
@@ -19,9 +21,16 @@ bool fromMotor(unsigned motor, double& value) {
   return motor >= kOff && motor <= kOff + kRange;
 }
 
+bool refuse(const char* why, std::string* reason) {
+  if (reason != nullptr) *reason = why;
+  return false;
+}
+
 }  // namespace
 
 std::string encodeMotors(const MotorCommand& command) {
+  if (!std::isfinite(command.left) || !std::isfinite(command.right) || !std::isfinite(command.lift))
+    throw std::invalid_argument("a motor command is not finite");
   proto::Motors motors;
   motors.set_motor_dl(toMotor(command.lift));
   motors.set_motor_dr(toMotor(command.lift));
@@ -30,13 +39,20 @@ std::string encodeMotors(const MotorCommand& command) {
   return motors.SerializeAsString();
 }
 
-bool decodeMotors(const std::string& datagram, MotorCommand& command) {
+bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason) {
   proto::Motors motors;
+  // Partial, because protobuf prints to stderr when a required field is missing.
+  if (!motors.ParsePartialFromString(datagram)) return refuse("it is cut or garbled", reason);
+  if (!motors.unknown_fields().empty()) return refuse("it has fields of another message", reason);
+  if (!motors.IsInitialized()) return refuse("a motor is missing", reason);
+  if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor stands twice", reason);
+  MotorCommand read;
   double lift_right = 0;
-  return motors.ParsePartialFromString(datagram) && motors.IsInitialized() &&
-         motors.unknown_fields().empty() && fromMotor(motors.motor_l(), command.left) &&
-         fromMotor(motors.motor_r(), command.right) && fromMotor(motors.motor_dl(), command.lift) &&
-         fromMotor(motors.motor_dr(), lift_right);
+  if (!fromMotor(motors.motor_l(), read.left) || !fromMotor(motors.motor_r(), read.right) ||
+      !fromMotor(motors.motor_dl(), read.lift) || !fromMotor(motors.motor_dr(), lift_right))
+    return refuse("a motor is outside 1000..2000", reason);
+  command = read;
+  return true;
 }
 
 std::string encodeTelemetry(const CraftTelemetry& t) {
@@ -56,13 +72,15 @@ std::string encodeTelemetry(const CraftTelemetry& t) {
   return state.SerializeAsString();
 }
 
-bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t) {
+bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t, std::string* reason) {
   proto::DroneState state;
   // An empty datagram parses too, and a stranger's bytes often parse as fields nobody knows.
-  if (datagram.empty() || !state.ParseFromString(datagram) || !state.unknown_fields().empty())
-    return false;
+  if (datagram.empty()) return refuse("it is empty", reason);
+  if (datagram.size() > kLongestTelemetry) return refuse("it is too long", reason);
+  if (!state.ParseFromString(datagram)) return refuse("it is cut or garbled", reason);
+  if (!state.unknown_fields().empty()) return refuse("it has fields of another message", reason);
   if (!std::isfinite(state.roll()) || !std::isfinite(state.pitch()) || !std::isfinite(state.yaw()))
-    return false;
+    return refuse("an angle is not finite", reason);
   t = {state.roll(),
        state.pitch(),
        state.yaw(),

@@ -39,7 +39,7 @@ UdpAddress UdpAddress::parse(const std::string& text, std::uint16_t default_port
     const std::string digits = text.substr(colon + 1);
     const bool number =
         !digits.empty() && digits.size() <= 5 &&
-        std::all_of(digits.begin(), digits.end(), [](char c) { return isdigit(c); });
+        std::all_of(digits.begin(), digits.end(), [](char c) { return c >= '0' && c <= '9'; });
     const int port = number ? std::stoi(digits) : 0;
     if (port < 1 || port > 65535)
       throw std::invalid_argument("'" + text +

@@ -210,8 +210,10 @@ void Controller::enter(std::uint8_t state, const std::string& reason) {
 }
 
 void Controller::publish(double left, double right, double lift) {
+  const ros::Time now = ros::Time::now();
+  if (now.isZero()) return;  // a simulated clock has not started: there is no stamp to give
   auto message = boost::make_shared<ground_msgs::Controls>();
-  message->header.stamp = ros::Time::now();
+  message->header.stamp = now;
   message->left = left;
   message->right = right;
   message->lift = lift;

@@ -6,8 +6,14 @@
 #include <nodelet/nodelet.h>
 #include <std_srvs/SetBool.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
+#include <condition_variable>
+#include <csignal>
+#include <cstring>
+#include <deque>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
 #include <thread>
@@ -23,24 +29,33 @@ namespace ground {
 /// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), and
 /// those of Sender.cfg. Subscribes: controls, state. Publishes: ~status (latched), ~telemetry.
 /// Services: ~arm. Zero packets go out when disarmed, in fault and at the end.
+///
+/// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
+/// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
 class Sender : public nodelet::Nodelet {
  public:
   ~Sender() override {
+    // First of all the zeros: leaving ROS may wait for the master.
     running_ = false;
-    if (thread_.joinable()) thread_.join();
-    reconfigure_.reset();
-    if (!link_) return;
-    for (int i = 0; i < kFarewells; ++i) {
-      {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        link_->disarm(steadyNow(), "the sender ends");
-      }
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    if (link_thread_.joinable()) link_thread_.join();
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      reporting_ = false;
     }
+    wake_.notify_all();
+    if (report_thread_.joinable()) report_thread_.join();
   }
 
  private:
-  static constexpr int kFarewells = 10;  // UDP may lose some
+  using Status = ground_msgs::SenderStatus;
+  using Telemetry = ground_msgs::Telemetry;
+
+  static constexpr int kFarewells = 10;               // zeros at the end; UDP may lose some
+  static constexpr double kFarewellPeriod = 0.005;    // [s]
+  static constexpr double kTick = 0.002;              // longest wait for the craft [s]
+  static constexpr double kStatusPeriod = 0.5;        // [s]
+  static constexpr double kCountPeriod = 0.1;         // between counts of publishers [s]
+  static constexpr std::size_t kLargestOutbox = 100;  // older telemetry is dropped
 
   void onInit() override {
     try {
@@ -56,30 +71,48 @@ class Sender : public nodelet::Nodelet {
     const int port = optionalParameter<int>(nh, "port", 3333);
     if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
     const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
-    const auto peer = optionalParameter<std::string>(nh, "peer", "");
+    const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
+    const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
+    if (!peer_text.empty() && !peer.known())
+      throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
 
     socket_ =
         std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
-        GroundLinkParams(), peer.empty() ? UdpAddress() : UdpAddress::parse(peer),
-        [this](const std::string& data, const UdpAddress& to) { return socket_->send(data, to); });
+        GroundLinkParams(), peer, [this](const std::string& data, const UdpAddress& to) {
+          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
+        });
 
-    status_publisher_ = nh.advertise<ground_msgs::SenderStatus>("status", 1, true);
-    telemetry_publisher_ = nh.advertise<ground_msgs::Telemetry>("telemetry", 10);
+    status_publisher_ = nh.advertise<Status>("status", 10, true);
+    telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {
           const std::lock_guard<std::mutex> lock(mutex_);
           link_->setParams(params(c));
         });
-    thread_ = std::thread([this] { run(); });
-    arm_service_ = nh.advertiseService("arm", &Sender::onArm, this);
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     ros::NodeHandle& topics = getMTNodeHandle();
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
+    endTidilyOnSignals();
+    statuses_.push_back(status());
+    report_thread_ = std::thread([this] { report(); });
+    link_thread_ = std::thread([this] { run(); });
+    arm_service_ = nh.advertiseService("arm", &Sender::onArm, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
+  }
+
+  /// roscpp ends tidily on SIGINT only; SIGTERM and SIGHUP would kill the process before its zeros.
+  static void endTidilyOnSignals() {
+    struct sigaction interrupt = {}, current = {};
+    if (sigaction(SIGINT, nullptr, &interrupt) != 0 || interrupt.sa_handler == SIG_DFL ||
+        interrupt.sa_handler == SIG_IGN)
+      return;
+    for (const int signal : {SIGTERM, SIGHUP})
+      if (sigaction(signal, nullptr, &current) == 0 && current.sa_handler == SIG_DFL)
+        sigaction(signal, &interrupt, nullptr);
   }
 
   static GroundLinkParams params(const SenderConfig& c) {
@@ -96,45 +129,41 @@ class Sender : public nodelet::Nodelet {
         .count();
   }
 
-  /// How old a message is by its stamp [s]; one from the future is not old.
+  /// How old a message is by its stamp [s]; one from the future is not old. In double, because
+  /// ros::Duration throws where a senseless stamp is too far away.
   static double age(const std_msgs::Header& header) {
-    return std::max(0.0, (ros::Time::now() - header.stamp).toSec());
+    return std::max(0.0, ros::Time::now().toSec() - header.stamp.toSec());
   }
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
-    const double now = steadyNow();
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      link_->command(now, age(controls.header), event.getPublisherName(),
-                     {controls.left, controls.right, controls.lift});
-      if (auto_arm_ && link_->arm(now).empty()) auto_arm_ = false;
-    }
-    publishStatusOnChange();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
+                   {controls.left, controls.right, controls.lift});
+    collect();
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      link_->state(steadyNow(), age(state->header), state->valid);
-    }
-    publishStatusOnChange();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    link_->state(steadyNow(), age(state->header), state->valid, state->status);
+    collect();
   }
 
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      auto_arm_ = false;
-      if (request.data) {
-        response.message = link_->arm(steadyNow());
-        response.success = response.message.empty();
-        if (!response.success) response.message = "not armed: " + response.message;
-      } else {
-        link_->disarm(steadyNow(), "disarmed by hand");
-        response.success = true;
-      }
+    const std::size_t publishers = controls_subscriber_.getNumPublishers();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    auto_arm_ = false;
+    link_->setPublishers(publishers);
+    if (request.data) {
+      const std::string problem = link_->arm(steadyNow());
+      response.success = problem.empty();
+      response.message = problem.empty() ? "armed" : "not armed: " + problem;
+    } else {
+      link_->disarm(steadyNow(), "disarmed by hand");
+      response.success = true;
+      response.message = "disarmed";
     }
-    publishStatusOnChange();
+    collect();
     return true;
   }
 
@@ -142,24 +171,42 @@ class Sender : public nodelet::Nodelet {
   void run() {
     std::string data;
     UdpAddress from;
-    double next_status = 0;
-    while (running_) {
-      const bool came = socket_->receive(kTick, data, from);
+    double wait = 0;
+    // ros::ok() holds until the end of roscpp's shutdown, which may wait for the master.
+    while (running_ && !ros::isShuttingDown() && ros::ok()) {
+      const bool came = socket_->receive(wait, data, from);
+      const std::lock_guard<std::mutex> lock(mutex_);
       const double now = steadyNow();
-      std::optional<CraftTelemetry> telemetry;
+      if (came) {
+        if (const auto telemetry = link_->datagram(now, data, from)) collect(*telemetry);
+      }
+      link_->tick(now);
+      if (auto_arm_ && link_->arm(now).empty()) auto_arm_ = false;
+      wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
+      collect();
+    }
+    for (int i = 0; i < kFarewells; ++i) {
       {
         const std::lock_guard<std::mutex> lock(mutex_);
-        if (came) telemetry = link_->datagram(now, data, from);
-        link_->tick(now);
+        auto_arm_ = false;
+        if (i == 0) link_->stop(steadyNow(), "the sender ends");
+        link_->sendZero(steadyNow());
+        collect();
       }
-      if (telemetry) publishTelemetry(*telemetry);
-      publishStatusOnChange(now >= next_status);
-      if (now >= next_status) next_status = now + 0.5;
+      std::this_thread::sleep_for(std::chrono::duration<double>(kFarewellPeriod));
     }
   }
 
-  void publishTelemetry(const CraftTelemetry& t) {
-    auto message = boost::make_shared<ground_msgs::Telemetry>();
+  /// Puts the status into the outbox when it has changed. mutex_ is held.
+  void collect() {
+    if (link_->revision() == collected_) return;
+    collected_ = link_->revision();
+    statuses_.push_back(status());
+    wake_.notify_all();
+  }
+
+  void collect(const CraftTelemetry& t) {
+    auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->roll = t.roll;
     message->pitch = t.pitch;
@@ -167,52 +214,106 @@ class Sender : public nodelet::Nodelet {
     std::copy(t.acc.begin(), t.acc.end(), message->acc.begin());
     std::copy(t.gyro.begin(), t.gyro.end(), message->gyro.begin());
     std::copy(t.mag.begin(), t.mag.end(), message->mag.begin());
-    telemetry_publisher_.publish(message);
+    if (telemetry_.size() >= kLargestOutbox) telemetry_.pop_front();
+    telemetry_.push_back(message);
+    wake_.notify_all();
   }
 
-  void publishStatusOnChange(bool always = false) {
-    auto message = boost::make_shared<ground_msgs::SenderStatus>();
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      message->state = static_cast<std::uint8_t>(link_->current());
-      message->reason = link_->reason();
-      message->peer = link_->peer().text();
-      const GroundLink::Counters& counters = link_->counters();
-      message->sent = counters.sent;
-      message->received = counters.received;
-      message->malformed = counters.malformed;
-      message->foreign = counters.foreign;
-      message->refused = counters.refused;
-      const bool changed = message->state != published_state_ || message->peer != published_peer_;
-      if (!changed && !always) return;
-      if (message->state != published_state_) {
-        const bool fault = link_->current() == GroundLink::State::kFault;
-        ROS_LOG(fault ? ros::console::levels::Warn : ros::console::levels::Info,
-                ROSCONSOLE_DEFAULT_NAME, "sender: %s: %s", kNames[message->state],
-                message->reason.c_str());
-      }
-      published_state_ = message->state;
-      published_peer_ = message->peer;
-    }
+  /// mutex_ is held.
+  Status::Ptr status() const {
+    auto message = boost::make_shared<Status>();
     message->header.stamp = ros::Time::now();
-    status_publisher_.publish(message);
+    message->state = static_cast<std::uint8_t>(link_->current());
+    message->reason = link_->reason();
+    if (link_->peer().port != 0) message->peer = link_->peer().text();
+    const GroundLink::Counters& counters = link_->counters();
+    message->sent = counters.sent;
+    message->received = counters.received;
+    message->malformed = counters.malformed;
+    message->foreign = counters.foreign;
+    message->refused = counters.refused;
+    return message;
   }
 
-  static constexpr double kTick = 0.002;  // [s]
-  static constexpr const char* kNames[] = {"DISARMED", "ARMED", "FAULT"};
+  /// Publishes and logs what the outbox holds, and the status at 2 Hz.
+  void report() {
+    double next_status = steadyNow() + kStatusPeriod, next_count = 0;
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (true) {
+      wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod),
+                     [this] { return !reporting_ || !statuses_.empty() || !telemetry_.empty(); });
+      const bool last = !reporting_;
+      const double now = steadyNow();
+      if (now >= next_status) {
+        next_status = now + kStatusPeriod;
+        statuses_.push_back(status());
+      }
+      std::deque<Status::Ptr> statuses;
+      std::deque<Telemetry::Ptr> telemetry;
+      statuses.swap(statuses_);
+      telemetry.swap(telemetry_);
+      const std::string refusal = link_->refusal(), send_problem = link_->sendProblem();
+      lock.unlock();
 
-  std::mutex mutex_;  ///< guards link_, auto_arm_ and what was published
+      for (const auto& message : telemetry) telemetry_publisher_.publish(message);
+      for (const auto& message : statuses) {
+        log(*message, refusal);
+        status_publisher_.publish(message);
+      }
+      if (!send_problem.empty())
+        NODELET_WARN_THROTTLE(2, "sender: packets cannot be sent: %s", send_problem.c_str());
+      if (last) return;
+      if (now >= next_count) {
+        next_count = now + kCountPeriod;
+        countPublishers();
+      }
+      lock.lock();
+    }
+  }
+
+  void log(const Status& status, const std::string& refusal) {
+    static const char* kNames[] = {"DISARMED", "ARMED", "FAULT"};
+    if (status.state != logged_.state || status.reason != logged_.reason) {
+      const bool fault = status.state == Status::FAULT;
+      ROS_LOG(fault ? ros::console::levels::Warn : ros::console::levels::Info,
+              ROSCONSOLE_DEFAULT_NAME, "sender: %s: %s", kNames[status.state],
+              status.reason.c_str());
+    }
+    if (status.peer != logged_.peer)
+      NODELET_INFO("sender: the craft is at %s", status.peer.c_str());
+    if (status.refused != logged_.refused)
+      NODELET_WARN("sender: %lu commands refused, last: %s",
+                   static_cast<unsigned long>(status.refused - logged_.refused), refusal.c_str());
+    logged_ = status;
+  }
+
+  void countPublishers() {
+    const std::size_t count = controls_subscriber_.getNumPublishers();
+    if (count > 1 && count != publishers_)
+      NODELET_WARN("sender: %zu nodes publish %s: stop all but one", count,
+                   controls_subscriber_.getTopic().c_str());
+    publishers_ = count;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    link_->setPublishers(count);
+  }
+
+  std::mutex mutex_;  ///< guards link_, auto_arm_, reporting_, collected_ and the outbox
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
   bool auto_arm_ = false;
-  int published_state_ = 0;
-  std::string published_peer_;
+  bool reporting_ = true;
+  std::uint64_t collected_ = 0;  ///< revision of the link that the newest status shows
+  std::deque<Status::Ptr> statuses_;
+  std::deque<Telemetry::Ptr> telemetry_;
+  std::condition_variable wake_;
+  Status logged_;               ///< of report()'s thread
+  std::size_t publishers_ = 0;  ///< of report()'s thread
   std::atomic<bool> running_{true};
-  std::thread thread_;
-  std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   ros::Publisher status_publisher_, telemetry_publisher_;
   ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_;
+  std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
+  std::thread link_thread_, report_thread_;
 };
 
 }  // namespace ground

@@ -51,8 +51,8 @@ class Visualizer : public nodelet::Nodelet {
     if (!controls_.empty() && controls->header.stamp < controls_.back()->header.stamp)
       controls_.clear();
     controls_.push_back(controls);
-    const ros::Time oldest = controls->header.stamp - ros::Duration(config_.horizon + 2.0);
-    while (controls_.size() > 1 && controls_[1]->header.stamp < oldest) controls_.pop_front();
+    const double keep = config_.horizon + 2.0;
+    while (controls_.size() > 1 && age(*controls, *controls_[1]) > keep) controls_.pop_front();
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
@@ -64,8 +64,7 @@ class Visualizer : public nodelet::Nodelet {
     if (state->valid) {
       states_.push_back(state);
       const double keep = std::max(config_.history, config_.horizon) + 0.5;
-      while ((state->header.stamp - states_.front()->header.stamp).toSec() > keep)
-        states_.pop_front();
+      while (age(*state, *states_.front()) > keep) states_.pop_front();
     }
     const double since = (state->header.stamp - last_update_).toSec();
     if (!last_update_.isZero() && state->valid == shown_ && since < 1 / config_.rate) return;
@@ -89,14 +88,21 @@ class Visualizer : public nodelet::Nodelet {
     return p;
   }
 
+  /// How much earlier the second message was stamped [s]; a difference of times, since an instant
+  /// before zero is an error to ROS.
+  template <class A, class B>
+  static double age(const A& now, const B& then) {
+    return (now.header.stamp - then.header.stamp).toSec();
+  }
+
   void publishMeasured() {
     auto path = boost::make_shared<nav_msgs::Path>();
     path->header.stamp = states_.back()->header.stamp;
     path->header.frame_id = "world_ned";
-    const ros::Time oldest = path->header.stamp - ros::Duration(config_.history);
     ros::Time last;
     for (const auto& s : states_) {
-      if (s->header.stamp < oldest || (s->header.stamp - last).toSec() < 0.02) continue;
+      const bool close = (s->header.stamp - last).toSec() < 0.02;
+      if (age(*states_.back(), *s) > config_.history || close) continue;
       last = s->header.stamp;
       path->poses.push_back(pose(last, s->eta[0], s->eta[1], s->eta[2]));
     }
@@ -105,9 +111,9 @@ class Visualizer : public nodelet::Nodelet {
 
   void publishPredicted() {
     const ros::Time end = states_.back()->header.stamp;
-    const ros::Time start = end - ros::Duration(config_.horizon);
-    const auto from = std::find_if(states_.begin(), states_.end(),
-                                   [&](const auto& s) { return s->header.stamp >= start; });
+    const auto from = std::find_if(states_.begin(), states_.end(), [&](const auto& s) {
+      return age(*states_.back(), *s) <= config_.horizon;
+    });
     InputSequence inputs;
     const double origin = (*from)->header.stamp.toSec(), most = model_.body.input_max;
     for (const auto& c : controls_)

@@ -159,6 +159,10 @@ PYBIND11_MODULE(_core, module) {
              "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
              "of time, left, right, lift.");
 
+  module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
+             "Bits (left, right) of a maximum-length sequence.");
+  module.def("read_prbs", &readPrbs, py::arg("path"));
+
   py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
       .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
            py::arg("heading_offset") = 0.0)

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -16,6 +17,7 @@ struct GroundLinkParams {
   double state_timeout = 0.2;    ///< oldest state with which the craft may be driven [s]
   double keepalive_rate = 50.0;  ///< packets per second when nothing new comes [Hz]
   double peer_timeout = 2.0;     ///< silence after which a craft may come back on another port [s]
+  double send_timeout = 0.2;     ///< longest that the system may refuse to send while armed [s]
   bool require_state = true;     ///< whether a valid state is needed to drive
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
@@ -25,63 +27,94 @@ struct GroundLinkParams {
 ///
 /// DISARMED sends zero packets; ARMED sends commands, each at once and again at the keepalive rate;
 /// FAULT sends zero packets and stays until disarmed by hand. ARMED is entered only with a known
-/// craft, a fresh valid state and a fresh zero command, and left for FAULT as soon as commands or
-/// state are stale. All times are those of one steady clock [s]; the caller supplies them, and
-/// serialises the calls.
+/// craft, a fresh valid state and a fresh zero command of a single controller, and left for FAULT
+/// as soon as commands or state are stale, the state is invalid, or packets cannot be sent. All
+/// times are those of one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };
-  using Send = std::function<bool(const std::string& datagram, const UdpAddress& to)>;
+  /// Sends a datagram; says what went wrong, nothing when nothing did.
+  using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
 
   /// `peer`: the craft's address where it is fixed (port 0: whichever it speaks from), nobody when
-  /// it is learned from the first datagram.
+  /// it is learned from the first datagram. Throws std::invalid_argument when params are bad.
   GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send);
 
-  void setParams(const GroundLinkParams& params) { params_ = params; }
+  /// Throws std::invalid_argument, and keeps the old ones, when they are bad.
+  void setParams(const GroundLinkParams& params);
+  /// How many nodes publish commands, whether or not they do so now; more than one bars arming.
+  void setPublishers(std::size_t count) { publishers_ = count; }
 
   /// A datagram came in; gives the craft's telemetry when it is that.
   std::optional<CraftTelemetry> datagram(double now, const std::string& data,
                                          const UdpAddress& from);
-  /// A command of the controller named `source`, issued `age` seconds ago. While armed, commands of
-  /// anyone but the controller that it was armed with are refused.
+  /// A command of the controller named `source`, issued `age` seconds ago. Refused, and counted,
+  /// when it is not finite, too old, or, while armed, of anyone but the controller that the link
+  /// was armed with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
-  /// A state measured `age` seconds ago.
-  void state(double now, double age, bool valid);
+  /// A state measured `age` seconds ago; `problem` says why it is invalid.
+  void state(double now, double age, bool valid, const std::string& problem = "");
   /// Arms; otherwise says why not.
   std::string arm(double now);
   void disarm(double now, const std::string& reason);
+  /// Disarms for good: from now on nothing but zero packets is sent.
+  void stop(double now, const std::string& reason);
   /// Watches the timeouts and keeps packets going out; to be called at least at the keepalive rate.
   void tick(double now);
   /// Sends one zero packet to the craft, if it is known.
-  void sendZero();
+  void sendZero(double now);
 
   State current() const { return state_; }
   const std::string& reason() const { return reason_; }
+  /// The craft's address; port 0 while it is not known.
   const UdpAddress& peer() const { return peer_; }
   const Counters& counters() const { return counters_; }
+  /// Why a command was refused last; empty when none was.
+  const std::string& refusal() const { return refusal_; }
+  /// Why packets cannot be sent; empty when they can.
+  const std::string& sendProblem() const { return send_problem_; }
+  /// When the next packet is due [s].
+  double nextPacket() const { return next_packet_; }
+  /// Grows with every change of state, reason or craft.
+  std::uint64_t revision() const { return revision_; }
 
  private:
   bool isCraft(double now, const UdpAddress& from, bool telemetry);
+  void refuse(const std::string& why, bool of_controller);
+  void watch(double now);
   void enter(State state, const std::string& reason);
+  void fault(double now, const std::string& reason);
   void transmit(double now);
+  void sendPacket(double now, const MotorCommand& command);
 
   GroundLinkParams params_;
   Send send_;
+  UdpAddress fixed_;  ///< what the caller says of the craft's address
   UdpAddress peer_;
-  bool peer_fixed_;
-  bool peer_confirmed_;  ///< has sent a DroneState, or is fixed
-  double peer_heard_;    ///< last datagram of the craft
+  bool peer_speaks_ = false;  ///< has sent a DroneState
+  bool peer_locked_ = false;  ///< is the craft for certain: speaks, or was armed
+  double peer_heard_;         ///< last datagram of the craft
+  std::size_t publishers_ = 0;
   State state_ = State::kDisarmed;
+  bool stopped_ = false;
   std::string reason_ = "not armed yet";
-  MotorCommand command_;  ///< last finite one
+  MotorCommand command_;  ///< last one that was not refused
   std::string command_source_, armed_source_;
-  double command_until_;  ///< when command_ becomes stale
-  double state_until_;    ///< when the state becomes stale
+  std::string command_problem_;  ///< why the controller's newest command is not command_
+  double command_until_;         ///< when command_ becomes stale
+  double clash_until_;           ///< when a second controller may be taken to have gone
+  std::string clash_;
+  double state_until_;  ///< when the state becomes stale
   bool state_valid_ = false;
+  std::string state_problem_;
+  std::string refusal_;
+  std::string send_problem_;
+  double sent_until_;  ///< when failing to send becomes a fault
   double next_packet_;
+  std::uint64_t revision_ = 0;
   Counters counters_;
 };
 

@@ -18,13 +18,18 @@ struct CraftTelemetry {
   std::array<int, 3> acc{}, gyro{}, mag{};
 };
 
-/// Datagram to the craft: each motor 1000 + 1000 clip(value), both lift motors alike.
+/// Datagram to the craft: each motor 1000 + 1000 clip(value), both lift motors alike. Throws
+/// std::invalid_argument when a value is not finite.
 std::string encodeMotors(const MotorCommand& command);
-/// Reads a datagram from the ground; false when it is not whole or a value is outside 1000..2000.
-bool decodeMotors(const std::string& datagram, MotorCommand& command);
+/// Reads a datagram from the ground; false, with the reason and `command` untouched, when it is not
+/// exactly one Motors message or a value is outside 1000..2000.
+bool decodeMotors(const std::string& datagram, MotorCommand& command,
+                  std::string* reason = nullptr);
 
 std::string encodeTelemetry(const CraftTelemetry& telemetry);
-/// Reads a datagram from the craft; false when it is not a DroneState.
-bool decodeTelemetry(const std::string& datagram, CraftTelemetry& telemetry);
+/// Reads a datagram from the craft; false, with the reason and `telemetry` untouched, when it is
+/// not a DroneState. All its fields are optional, so that one cut between two fields still is one.
+bool decodeTelemetry(const std::string& datagram, CraftTelemetry& telemetry,
+                     std::string* reason = nullptr);
 
 }  // namespace ground

@@ -29,7 +29,7 @@ class UdpSocket {
   UdpSocket(const UdpSocket&) = delete;
   UdpSocket& operator=(const UdpSocket&) = delete;
 
-  /// False when the system would not take the datagram.
+  /// False, with errno set, when the system would not take the datagram.
   bool send(const std::string& datagram, const UdpAddress& to);
   /// Waits up to timeout [s]; false when nothing came.
   bool receive(double timeout, std::string& datagram, UdpAddress& from);

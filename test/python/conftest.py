@@ -1,0 +1,68 @@
+"""What the tests of the identification tool share."""
+import pathlib
+import subprocess
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
+MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+
+
+def identify(*arguments):
+    """Runs the tool as a user does."""
+    return subprocess.run(
+        ["rosrun", "ground", "identify"] + [str(a) for a in arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def recordings():
+    """The real recordings: stamps of the shared runs."""
+    if not SHARED.is_dir():
+        pytest.skip("the real recordings of 2019 are not beside the workspace")
+    return sorted(p.stem[len("pose_") :] for p in SHARED.glob("pose_*.csv"))
+
+
+def simulate_run(duration=8.0, seed=1, noise=1.0):
+    """Stamps, poses (x, y, psi) and commands of a PRBS run of the Tiny Whoover."""
+    from ground import _core
+
+    model = _core.load_model(str(MODEL))
+    clock = 15.0
+    bits = np.array(_core.make_prbs(9, seed), float)
+    edges = np.arange(int(duration * clock)) / clock
+    inputs = np.column_stack([edges, bits[: len(edges)], np.ones(len(edges))])
+    times = np.arange(0, duration, 0.01)
+    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+    random = np.random.default_rng(seed)
+    eta = run["eta"] + noise * random.normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
+    eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
+    return times, eta, inputs
+
+
+def write_bag(path, start=1000.0, change=None, **options):
+    """A bag of a simulated run with the topics of the original system."""
+    import genpy
+    import rosbag
+    from geometry_msgs.msg import PointStamped
+
+    times, eta, inputs = simulate_run(**options)
+    if change:
+        times, eta, inputs = change(times, eta, inputs)
+    with rosbag.Bag(str(path), "w") as bag:
+        for topic, stamps, rows in (
+            ("pose", times, eta),
+            ("controls", inputs[:, 0], inputs[:, 1:]),
+        ):
+            for stamp, row in zip(stamps, rows):
+                message = PointStamped()
+                message.header.stamp = genpy.Time.from_sec(start + stamp)
+                message.point.x, message.point.y, message.point.z = row
+                bag.write(topic, message, message.header.stamp)
+    return path

@@ -1,0 +1,316 @@
+"""The identification tool as its users run it: command line, real files, bad input."""
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, SHARED, identify, simulate_run, write_bag
+
+TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
+
+
+@pytest.fixture
+def guess(tmp_path):
+    path = tmp_path / "guess.yaml"
+    path.write_text(
+        "schema: ground/model/1\nname: guess\nbody: {m: 0.0583, l: 0.0325, I_z: 2.0e-4, X_u: 0.03,"
+        " Y_v: 0.01, N_r: 1.0e-4, k: 0.1, input_max: 1}\neffects: []\n"
+    )
+    return path
+
+
+@pytest.fixture
+def bag(tmp_path):
+    return write_bag(tmp_path / "run.bag")
+
+
+def write_csv(path, stamps, rows):
+    with open(path, "w") as file:
+        file.write(
+            "%time,field.header.seq,field.header.stamp,field.header.frame_id,"
+            "field.point.x,field.point.y,field.point.z\n"
+        )
+        for i, (stamp, row) in enumerate(zip(stamps, rows)):
+            ns = 1555406701000000000 + int(round(1e9 * stamp))
+            file.write("%d,%d,%d,,%r,%r,%r\n" % (ns + 200000, i, ns, *map(float, row)))
+    return path
+
+
+def fails(result, *words, status=1):
+    """One clear sentence on stderr, no traceback."""
+    assert result.returncode == status, result.stderr
+    assert "Traceback" not in result.stderr
+    if status == 1:
+        assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr, result.stderr
+
+
+def test_import_then_info(tmp_path):
+    times, eta, inputs = simulate_run()
+    controls = write_csv(tmp_path / "controls.csv", inputs[:, 0], inputs[:, 1:])
+    pose = write_csv(tmp_path / "pose.csv", times, eta)
+    out = tmp_path / "run.bag"
+    assert identify("import", controls, pose, "-o", out).returncode == 0
+    result = identify("info", out, "--json")
+    assert result.returncode == 0, result.stderr
+    info = json.loads(result.stdout)[0]
+    assert info["poses"]["count"] == len(times)
+    assert info["poses"]["rate"] == pytest.approx(100, abs=0.1)
+    assert info["controls"]["count"] == len(inputs)
+    assert info["usable"]["duration"] == pytest.approx(inputs[-1, 0], abs=0.02)
+    before = out.read_bytes()
+    fails(identify("import", controls, pose, "-o", out), "exists", "--force")
+    assert out.read_bytes() == before
+    assert identify("import", controls, pose, "-o", out, "--force").returncode == 0
+
+
+def test_info_finds_what_is_odd(tmp_path):
+    def spoil(times, eta, inputs):
+        eta = eta.copy()
+        eta[300, 2] *= -1  # one flipped heading
+        keep = np.ones(len(times), bool)
+        keep[500:540] = False  # a gap of 0.41 s
+        times, eta = times[keep], eta[keep]
+        times = np.insert(times, 100, times[99])  # a true duplicate
+        return times, np.insert(eta, 100, eta[99], axis=0), inputs
+
+    def far(times, eta, inputs):
+        times, eta, inputs = spoil(times, eta, inputs)
+        return times, eta, inputs[2:]
+
+    path = write_bag(tmp_path / "odd.bag", change=far)
+    info = json.loads(identify("info", path, "--json").stdout)[0]
+    assert [round(g["length"], 2) for g in info["poses"]["gaps"]] == [0.41]
+    assert info["poses"]["duplicate_stamps"] == 1
+    assert info["repairs"]["duplicates dropped"] == 1
+    assert info["poses"]["heading_flips"] == 1
+    assert info["controls"]["after_poses"] == pytest.approx(2 / 15, abs=1e-3)
+    text = identify("info", path).stdout
+    assert "gaps" in text and "flipped" in text
+
+
+def test_fit_finds_the_parameters(tmp_path, bag, guess):
+    out = tmp_path / "fitted.yaml"
+    result = identify("fit", bag, "--model", guess, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    fit = json.loads(result.stdout)
+    for name, value in TRUTH.items():
+        found = fit["parameters"][name]
+        tolerance = 0.15 if name == "X_u" else 0.03
+        assert found["value"] == pytest.approx(value, rel=tolerance), name
+        low, high = found["ci95"]
+        assert low < found["value"] < high
+    assert fit["error"]["after"] < 0.1 * fit["error"]["before"]
+    text = out.read_text()
+    assert "run.bag" in text and "confidence_95" in text
+    # the written model is a model: it can be compared at once, and is not overwritten
+    fails(identify("fit", bag, "--model", guess, "-o", out), "exists")
+    assert out.read_text() == text
+    folder = tmp_path / "compare"
+    compared = identify("compare", bag, "--model", guess, "--model", out, "-o", folder, "--json")
+    assert compared.returncode == 0, compared.stderr
+    run = json.loads((folder / "compare.json").read_text())["runs"][0]
+    assert run["models"]["fitted"]["error"] == pytest.approx(fit["error"]["after"], rel=1e-3)
+    assert run["models"]["guess"]["error"] > 5 * run["models"]["fitted"]["error"]
+    assert min(run["models"]["fitted"]["fit_percent"].values()) > 90
+    assert (folder / "run.png").read_bytes().startswith(b"\x89PNG")
+    fails(identify("compare", bag, "--model", guess, "-o", folder), "exists")
+
+
+def test_fit_with_the_thesis_objective_over_its_span(tmp_path, bag, guess):
+    out = tmp_path / "fitted.yaml"
+    result = identify(
+        "fit", bag, "--model", guess, "-o", out, "--objective", "thesis", "--to", 4, "--window", 4
+    )
+    assert result.returncode == 0, result.stderr
+    from ground import _core
+
+    assert _core.load_model(str(out)).value("k") == pytest.approx(TRUTH["k"], rel=0.03)
+
+
+def test_fit_several_runs_each(tmp_path, guess):
+    bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s, duration=5) for s in (1, 2)]
+    result = identify("fit", *bags, "--model", guess, "-o", tmp_path / "f.yaml", "--each", "--json")
+    fit = json.loads(result.stdout)
+    assert [r["run"] for r in fit["runs"]] == ["run1", "run2"]
+    for run in fit["runs"]:
+        assert run["parameters"]["k"] == pytest.approx(TRUTH["k"], rel=0.05)
+
+
+def test_reads_our_own_topics(tmp_path, guess):
+    import genpy
+    import rosbag
+    from geometry_msgs.msg import PoseStamped
+    from ground_msgs.msg import Controls
+
+    times, eta, inputs = simulate_run()
+    path = tmp_path / "ours.bag"
+    with rosbag.Bag(str(path), "w") as bag:
+        for t, (x, y, psi) in zip(times, eta):
+            m = PoseStamped()
+            m.header.stamp = genpy.Time.from_sec(1000 + t)
+            m.pose.position.x, m.pose.position.y, m.pose.position.z = x, 0.04, y
+            m.pose.orientation.y, m.pose.orientation.w = np.sin(-psi / 2), np.cos(psi / 2)
+            bag.write("/lab/vrpn_client_node/hovercraft/pose", m, m.header.stamp)
+        for t, left, right, lift in inputs:
+            m = Controls(left=left, right=right, lift=lift)
+            m.header.stamp = genpy.Time.from_sec(1000 + t)
+            bag.write("/lab/controls", m, m.header.stamp)
+    result = identify("fit", path, "--model", guess, "-o", tmp_path / "f.yaml", "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["parameters"]["k"]["value"] == pytest.approx(0.062, rel=0.03)
+
+
+def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(tmp_path, guess):
+    import rosbag
+
+    whole, chunked, cut = (tmp_path / (n + ".bag") for n in ("whole", "chunked", "cut"))
+    write_bag(whole, duration=12)
+    with rosbag.Bag(str(whole)) as bag:
+        with rosbag.Bag(str(chunked), "w", chunk_threshold=20000) as small:
+            for topic, message, stamp in bag.read_messages():
+                small.write(topic, message, stamp)
+    data = chunked.read_bytes()
+    cut.write_bytes(data[: int(0.7 * len(data))])
+    result = identify("info", cut, "--json")
+    assert result.returncode == 0, result.stderr
+    assert "as far as it goes" in result.stderr
+    assert 500 < json.loads(result.stdout)[0]["poses"]["count"] < 1200
+
+
+def nan_pose(times, eta, inputs):
+    eta[50, 0] = np.nan
+    return times, eta, inputs
+
+
+def degrees(times, eta, inputs):
+    eta[:, 2] = np.degrees(np.unwrap(eta[:, 2]))
+    return times, eta, inputs
+
+
+def microseconds(times, eta, inputs):
+    return times, eta, inputs * [1, 1000, 1000, 1000] + [0, 1000, 1000, 1000]
+
+
+def too_short(times, eta, inputs):
+    return times[:40], eta[:40], inputs
+
+
+def apart(times, eta, inputs):
+    inputs = inputs.copy()
+    inputs[:, 0] += 100
+    return times, eta, inputs
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (nan_pose, ["1 of 800 poses are not finite"]),
+        (degrees, ["degrees"]),
+        (microseconds, ["normalised to 0..1"]),
+        (too_short, ["too short"]),
+        (apart, ["do not overlap"]),
+    ],
+)
+def test_bad_recordings_are_refused_with_a_reason(tmp_path, guess, change, words):
+    path = write_bag(tmp_path / "bad.bag", change=change)
+    out = tmp_path / "fitted.yaml"
+    fails(identify("fit", path, "--model", guess, "-o", out), "bad", *words)
+    assert not out.exists()
+
+
+def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
+    import rosbag
+    from std_msgs.msg import Float64
+
+    out = tmp_path / "fitted.yaml"
+    no_bag = tmp_path / "text.bag"
+    no_bag.write_text("not a bag")
+    empty = tmp_path / "empty.bag"
+    rosbag.Bag(str(empty), "w").close()
+    other = tmp_path / "other.bag"
+    with rosbag.Bag(str(other), "w") as file:
+        file.write("speed", Float64(1.0))
+    fails(identify("info", tmp_path / "none.bag"), "none.bag", "no such file")
+    fails(identify("info", no_bag), "text.bag", "not a bag")
+    fails(identify("info", empty), "empty.bag", "no poses")
+    fails(identify("info", other), "no poses", "speed (std_msgs/Float64)")
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(guess.read_text().replace("k: 0.1", "k: 0.1, kk: 2"))
+    fails(identify("fit", bag, "--model", bad, "-o", out), "bad.yaml, line 3", "unknown key 'kk'")
+    fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "K"), "no parameter 'K'")
+    fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "m", "k", "I_z"), "weigh")
+    fails(identify("fit", bag, "--model", guess, "-o", tmp_path / "no" / "f.yaml"), "no folder")
+    fails(identify("fit", bag, bag, "--model", guess, "-o", out), "twice")
+    fails(identify("fit", bag, "--model", guess, "-o", out, "--from", "100"), "usable span")
+    fails(identify("info", bag, "--axes", "x,y"), "--axes")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fit"],
+        ["guess"],
+        ["fit", "a.bag", "--model", "m", "-o", "o", "--window", "-1"],
+        ["info"],
+    ],
+)
+def test_bad_usage_is_status_2(arguments):
+    fails(identify(*arguments), "usage", status=2)
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda t: t.replace("field.point.z", "z", 1), ["line 1", "no column field.point.z"]),
+        (lambda t: t.replace(",0.0,", ",,", 1), ["line 2", "not a number"]),
+        (lambda t: t.replace(",0.0,", ",nan,", 1), ["line 2", "not finite"]),
+        (lambda t: t[: t.index("\n") + 1], ["only 0 rows"]),
+    ],
+)
+def test_bad_csv_is_refused_with_file_and_line(tmp_path, spoil, words):
+    times, eta, inputs = simulate_run()
+    controls = write_csv(tmp_path / "controls.csv", inputs[:, 0], 0 * inputs[:, 1:])
+    pose = write_csv(tmp_path / "pose.csv", times, eta)
+    controls.write_text(spoil(controls.read_text()))
+    out = tmp_path / "run.bag"
+    fails(identify("import", controls, pose, "-o", out), "controls.csv", *words)
+    assert not out.exists()
+
+
+def test_every_verb_has_help():
+    for verb in ("import", "info", "fit", "compare"):
+        result = identify(verb, "--help")
+        assert result.returncode == 0 and "usage" in result.stdout
+
+
+def test_real_recordings_import_and_fit(tmp_path, recordings):
+    bags = {}
+    for stamp in recordings:
+        bags[stamp] = tmp_path / (stamp + ".bag")
+        result = identify(
+            "import",
+            SHARED / ("controls_%s.csv" % stamp),
+            SHARED / ("pose_%s.csv" % stamp),
+            "-o",
+            bags[stamp],
+        )
+        assert result.returncode == 0, result.stderr
+    infos = json.loads(identify("info", *bags.values(), "--json").stdout)
+    for info in infos:
+        assert info["poses"]["polled"], "a poll at 100 Hz of frames at 120 Hz"
+        assert 0.2 < info["poses"]["bursts"] / info["poses"]["count"] < 0.36
+        assert info["repairs"]["duplicates dropped"] == 0, "no distinct frame may be dropped"
+    for stamp, bag in bags.items():
+        out = tmp_path / (stamp + ".yaml")
+        result = identify("fit", bag, "--model", MODEL, "-o", out, "--json")
+        assert result.returncode == 0, result.stderr
+        fit = json.loads(result.stdout)
+        assert fit["error"]["after"] < 0.9 * fit["error"]["before"]
+        if stamp.startswith("2019-04-16"):
+            # thrust and inertia as in the thesis's table 3.2, of the same craft
+            assert 0.04 < fit["parameters"]["k"]["value"] < 0.1
+            assert 4e-5 < fit["parameters"]["I_z"]["value"] < 1.6e-4
+            assert fit["error"]["after"] < 0.65

@@ -1,0 +1,52 @@
+"""What the tests of all controllers share."""
+import time
+import unittest
+
+import harness
+import rospy
+from ground_msgs.msg import Controls, ControllerStatus, SenderStatus
+from std_srvs.srv import Trigger
+
+S = ControllerStatus
+
+
+class ControllerCase(unittest.TestCase):
+    name = None
+
+    def setUp(self):
+        self.status = harness.Latest(self.name + "/status", S, keep=True)
+        self.controls = harness.Latest(self.name + "/controls", Controls, keep=True)
+        rospy.wait_for_service(self.name + "/start", 20)
+        self.start = rospy.ServiceProxy(self.name + "/start", Trigger)
+        self.stop = rospy.ServiceProxy(self.name + "/stop", Trigger)
+        self.sender = rospy.Publisher("sender/status", SenderStatus, queue_size=1, latch=True)
+        self.states = harness.StatePublisher()
+        self.arm(True)
+        harness.wait_for(lambda: self.status.message, 5, "a status")
+        harness.wait_for(lambda: self.controls.message, 5, "commands")
+        time.sleep(0.2)
+
+    def tearDown(self):
+        self.stop()
+        self.states.stop()
+
+    def arm(self, armed):
+        self.sender.publish(
+            SenderStatus(state=SenderStatus.ARMED if armed else SenderStatus.DISARMED)
+        )
+
+    def expect(self, state, timeout=3):
+        harness.wait_for(lambda: self.status.message.state == state, timeout, "status %d" % state)
+
+    def zero(self):
+        c = self.controls.message
+        return (c.left, c.right, c.lift) == (0, 0, 0)
+
+    def run_it(self):
+        self.assertTrue(self.start().success)
+        self.expect(S.RUNNING)
+
+    def expect_stop(self, reason):
+        self.expect(S.STOPPED)
+        self.assertIn(reason, self.status.message.reason)
+        harness.wait_for(self.zero, 0.2, "zero inputs")

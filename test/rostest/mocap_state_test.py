@@ -1,0 +1,146 @@
+#!/usr/bin/python3
+"""Mocap poses to state: validity, stamps, frames."""
+import math
+import os
+import sys
+import time
+import unittest
+
+import dynamic_reconfigure.client
+import rospy
+import rostest
+import tf2_ros
+from geometry_msgs.msg import PoseStamped
+from ground_msgs.msg import State
+from nav_msgs.msg import Odometry
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+POSE = "vrpn_client_node/hovercraft/pose"
+
+
+class MocapStateTest(unittest.TestCase):
+    def setUp(self):
+        self.state = harness.Latest("state", State, keep=True)
+        self.odometry = harness.Latest("odometry", Odometry, keep=True)
+        self.publisher = rospy.Publisher(POSE, PoseStamped, queue_size=10, tcp_nodelay=True)
+        harness.wait_for(lambda: self.publisher.get_num_connections(), 20, "a subscriber")
+        harness.wait_for(lambda: self.state.message, 5, "a state, be it invalid")
+
+    def play(self, duration, rate_of_turn=1.0, spoil=None):
+        """Poses of a craft that moves along x at 0.5 m/s and turns, with true stamps."""
+        start = rospy.Time.now()
+        for i in range(int(100 * duration)):
+            stamp = start + rospy.Duration(0.01 * i)
+            while rospy.Time.now() < stamp:
+                time.sleep(0.0005)
+            t = 0.01 * i
+            pose = harness.optitrack_pose(0.5 * t, 0.2, rate_of_turn * t, stamp)
+            for p in spoil(i, pose) if spoil else [pose]:
+                self.publisher.publish(p)
+        return start
+
+    def valid_now(self):
+        return self.state.message.valid
+
+    def test_without_poses_the_state_is_invalid_and_says_so(self):
+        self.play(0.3)
+        harness.wait_for(self.valid_now, 1, "a valid state")
+        stopped = time.monotonic()
+        harness.wait_for(lambda: not self.valid_now(), 1, "an invalid state")
+        self.assertLess(time.monotonic() - stopped, 0.25)
+        self.assertIn("no pose", self.state.message.status)
+        count = len(self.state.all)
+        harness.wait_for(lambda: len(self.state.all) >= count + 3, 1, "it goes on saying so")
+
+    def test_stamps_are_those_of_the_poses_and_velocities_in_the_body(self):
+        start = self.play(1.0)
+        harness.wait_for(self.valid_now, 1, "a valid state")
+        states = [m for _, m in self.state.all if m.valid]
+        self.assertGreater(len(states), 80)
+        for m in states[20:]:
+            t = (m.header.stamp - start).to_sec()
+            self.assertAlmostEqual(100 * t, round(100 * t), 3)
+            self.assertLess(m.age, 0.05)
+            self.assertAlmostEqual(m.eta[0], 0.5 * t, 2)
+            self.assertAlmostEqual(m.eta[2], t, 2)
+            self.assertAlmostEqual(m.nu[0], 0.5 * math.cos(t), 1)
+            self.assertAlmostEqual(m.nu[1], -0.5 * math.sin(t), 1)
+            self.assertAlmostEqual(m.nu[2], 1.0, 1)
+        self.assertEqual(self.state.message.header.frame_id, "world_ned")
+
+    def test_odometry_and_tf_agree_and_the_world_is_z_up(self):
+        buffer = tf2_ros.Buffer()
+        listener = tf2_ros.TransformListener(buffer)
+        self.play(0.6, rate_of_turn=2.0)
+        odometry = harness.wait_for(lambda: self.odometry.message, 1, "odometry")
+        self.assertEqual(odometry.header.frame_id, "world_ned")
+        self.assertEqual(odometry.child_frame_id, "hovercraft")
+        self.assertAlmostEqual(odometry.twist.twist.angular.z, 2.0, 1)
+        harness.wait_for(
+            lambda: buffer.can_transform("world", "hovercraft", rospy.Time(0)), 3, "tf"
+        )
+        down = buffer.lookup_transform("world", "world_ned", rospy.Time(0)).transform.rotation
+        self.assertAlmostEqual(abs(down.x), 1, 6)
+
+        def yaw_in_world(t):
+            q = t.transform.rotation
+            # direction of the craft's x axis in the z-up world
+            x = 1 - 2 * (q.y**2 + q.z**2)
+            y = 2 * (q.x * q.y + q.w * q.z)
+            return math.atan2(y, x)
+
+        psi = self.state.message.eta[2]
+        seen = yaw_in_world(buffer.lookup_transform("world", "hovercraft", rospy.Time(0)))
+        self.assertGreater(psi, 0.8)
+        # psi grows clockwise seen from above: the yaw about the world's upward z falls
+        self.assertAlmostEqual(seen, -psi, 1)
+        listener.unregister()
+
+    def test_a_gap_duplicates_and_a_spike_do_no_harm(self):
+        def spoil(i, pose):
+            if 40 <= i < 58:  # gap of 0.18 s
+                return []
+            if i == 80:
+                pose.pose.position.x += 0.5
+            return [pose, pose] if i % 20 == 0 else [pose]
+
+        self.play(1.2, spoil=spoil)
+        settled = [m for _, m in self.state.all if m.valid][15:]
+        self.assertGreater(len(settled), 70)
+        for m in settled:
+            self.assertLess(abs(math.hypot(m.nu[0], m.nu[1]) - 0.5), 0.15)
+            self.assertLess(abs(m.nu[2] - 1.0), 0.3)
+
+    def test_a_pose_that_is_not_finite_makes_the_state_invalid(self):
+        def spoil(i, pose):
+            if i >= 50:
+                pose.pose.position.x = math.nan
+            return [pose]
+
+        self.play(0.7, spoil=spoil)
+        self.assertFalse(self.valid_now())
+        for _, m in self.state.all:
+            self.assertTrue(all(map(math.isfinite, list(m.eta) + list(m.nu))))
+
+    def test_parameters_change_live_and_bad_ones_are_refused(self):
+        client = dynamic_reconfigure.client.Client("mocap_state", timeout=10)
+        answer = client.update_configuration({"median": 4})
+        self.assertEqual(answer["median"], 5)
+        answer = client.update_configuration({"estimator": "guess"})
+        self.assertEqual(answer["estimator"], "kalman")
+        answer = client.update_configuration(
+            {"heading_offset": 0.5, "estimator": "finite_differences"}
+        )
+        self.assertEqual(answer["estimator"], "finite_differences")
+        self.play(0.3, rate_of_turn=0.0)
+        harness.wait_for(self.valid_now, 1, "a valid state")
+        self.assertAlmostEqual(self.state.message.eta[2], -0.5, 6)
+        client.update_configuration({"heading_offset": 0.0, "estimator": "kalman"})
+        client.close()
+
+
+if __name__ == "__main__":
+    rospy.init_node("mocap_state_test")
+    rostest.rosrun("ground", "mocap_state_test", MocapStateTest)

@@ -1,0 +1,158 @@
+#!/usr/bin/python3
+"""Whom the sender talks to, what it makes of datagrams, and what may be changed while it runs."""
+import math
+import subprocess
+import sys
+
+import dynamic_reconfigure.client
+import rospy
+import rostest
+from ground_msgs.msg import SenderStatus, Telemetry
+
+from fake_craft import STATE, encode_state
+from sender_rig import DRIVE, NODELET, ZERO, SenderTest, spawn_controller, wait_for
+
+
+class SenderLink(SenderTest):
+    def test_telemetry_and_malformed_datagrams(self):
+        self.start()
+        heard = []
+        rospy.Subscriber("sender/telemetry", Telemetry, heard.append)
+        craft = self.craft(hello=False)
+        craft.send(b"hello")
+        craft.wait_packets(2)
+        self.wait_status(lambda s: s.peer == "127.0.0.1:%d" % craft.port, "peer")
+        self.assertEqual(self.status.received, 0)
+
+        self.arm_and_drive(craft)
+        malformed = [b"", b"hello", bytes(range(256)) * 8, STATE[:-1], STATE[:3], STATE * 9]
+        for datagram in malformed:
+            craft.send(datagram)
+        self.wait_status(lambda s: s.malformed == len(malformed) + 1, "malformed")
+        self.wait_driving(craft)
+        self.assertEqual(self.status.state, SenderStatus.ARMED)
+        self.assertEqual(self.status.received, 0)
+
+        wait_for(lambda: craft.send() or heard, "telemetry")
+        first = heard[0]
+        self.assertEqual((first.roll, first.pitch, first.yaw), (1.5, -2.25, 30.0))
+        raw = (1, 2, 300, 4, 5, 6, 7, 8, 9000)
+        self.assertEqual((*first.acc, *first.gyro, *first.mag), raw)
+        self.wait_status(lambda s: s.received >= len(heard), "received")
+
+    def test_a_second_sender_of_packets_cannot_take_over(self):
+        self.start()
+        craft = self.craft()
+        intruder = self.craft(hello=False)
+        for armed in (False, True):
+            if armed:
+                self.arm_and_drive(craft)
+            foreign = self.status.foreign
+            for _ in range(50):
+                intruder.send()
+                intruder.send(b"garbage")
+                intruder.send(encode_state((0, 0, 0), [0] * 9))
+            self.wait_status(lambda s: s.foreign == foreign + 150, "foreign")
+            craft.wait_packets(10)
+            self.assertEqual(craft.packets[-1][1:], DRIVE if armed else ZERO)
+            self.assertEqual(intruder.count(), 0)
+            self.assertEqual(self.status.peer, "127.0.0.1:%d" % craft.port)
+
+    def test_fixed_peer(self):
+        craft = self.craft(hello=False)
+        self.start(peer="127.0.0.1:%d" % craft.port)
+        craft.wait_packets(2)
+        intruder = self.craft(hello=False)
+        intruder.send()
+        self.wait_status(lambda s: s.foreign == 1, "foreign")
+        self.arm_and_drive(craft)
+        self.assertEqual(intruder.count(), 0)
+
+    def test_two_controllers(self):
+        self.start()
+        craft = self.craft()
+        self.arm_and_drive(craft)
+        spawn_controller(self, (1.0, 1.0, 0.5))
+        self.wait_status(lambda s: s.refused > 10, "refused")
+        self.assertEqual(self.status.state, SenderStatus.ARMED)
+        self.assertTrue(self.arm(False).success)
+        self.feed.set(command=ZERO)
+        self.assertIn("2 nodes publish", self.arm().message)
+        packets = {p[1:] for p in craft.packets}
+        self.assertEqual(packets, {ZERO, DRIVE})  # none of the second one's
+
+    def test_reconfigure(self):
+        self.start()
+        craft = self.craft()
+        self.arm_and_drive(craft)
+        client = dynamic_reconfigure.client.Client("sender", timeout=10)
+
+        changed = client.update_configuration({"keepalive_rate": 200.0, "command_timeout": 0.5})
+        self.assertEqual((changed["keepalive_rate"], changed["command_timeout"]), (200.0, 0.5))
+        with self.feed.lock:
+            self.feed.command = None
+            start = self.feed.last_command
+        craft.wait_packets(60)  # 0.3 s: no fault at the old 0.2 s
+        self.assertEqual(craft.packets[-1][1:], DRIVE)
+        packets = craft.since(start)
+        rate = (len(packets) - 1) / (packets[-1].time - packets[0].time)
+        print("keepalive at %.1f packets/s, 200 asked for" % rate)
+        self.assertGreater(rate, 150)
+        self.assertLess(rate, 220)
+        self.assert_fault("commands are stale")
+        self.feed.set(command=ZERO)
+
+        before = client.get_configuration(timeout=10)
+        for bad in (
+            {"keepalive_rate": 0.0},
+            {"keepalive_rate": 1e4},
+            {"command_timeout": -1.0},
+            {"state_timeout": math.nan},
+            {"keepalive_rate": 100.0, "state_timeout": 30.0},
+        ):
+            after = client.update_configuration(bad)
+            self.assertEqual({k: after[k] for k in bad}, {k: before[k] for k in bad})
+        self.assertEqual(rospy.get_param("sender/keepalive_rate"), 200.0)
+
+        client.update_configuration({"command_timeout": 0.1})
+        self.arm_and_drive(craft)
+        self.feed.set(command=None)
+        start = self.feed.last_command
+        self.assert_zero_within_limit(craft, start, "stale controls, command_timeout 0.1 s")
+        zero = next(p for p in craft.since(start) if p[1:] == ZERO)
+        self.assertLess(zero.time - start, 0.15)
+        client.close()
+
+    def test_auto_arm_once(self):
+        self.start(auto_arm=True)
+        craft = self.craft()
+        self.wait_status(lambda s: s.state == SenderStatus.ARMED, "ARMED")
+        self.feed.set(command=DRIVE)
+        self.wait_driving(craft)
+        self.feed.set(valid=False)
+        self.assert_fault("invalid")
+        craft.wait_packets(20)
+        self.assertEqual(self.status.state, SenderStatus.DISARMED)
+
+    def test_bad_parameters_and_a_taken_port(self):
+        self.start()
+        for name, value, complaint in (
+            ("port", self.port, "Address already in use"),
+            ("port", -1, "port must be between 0 and 65535"),
+            ("port", "fast", "port has the wrong type"),
+            ("peer", "127.0.0.1:x", "is not HOST or HOST:PORT"),
+            ("peer", "0.0.0.0", "is not the address of a craft"),
+            ("command_timeout", 9.0, "command_timeout = 9 is outside [0.02, 1]"),
+        ):
+            parameters = {"port": 0, name: value}
+            command = [NODELET, "standalone", "ground/Sender", "__name:=other"]
+            command += ["_%s:=%s" % p for p in parameters.items()]
+            other = subprocess.run(command, stderr=subprocess.PIPE, timeout=20)
+            rospy.delete_param("other")
+            self.assertNotEqual(other.returncode, 0)
+            self.assertIn(complaint, other.stderr.decode())
+
+
+if __name__ == "__main__":
+    rospy.init_node("sender_link", disable_signals=True)
+    rostest.rosrun("ground", "sender_link", SenderLink, sys.argv)

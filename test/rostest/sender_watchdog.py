@@ -1,0 +1,87 @@
+#!/usr/bin/python3
+"""Zeros go out in time when whatever drives the craft goes wrong."""
+import math
+import sys
+import time
+
+import rospy
+import rostest
+from rosgraph_msgs.msg import Clock
+
+from sender_rig import DRIVE, ZERO, SenderTest, kill, spawn_controller, wait_for
+
+
+class SenderWatchdog(SenderTest):
+    def setUp(self):
+        super().setUp()
+        self.start()
+        self.hovercraft = self.craft()
+
+    def test_stale_controls(self):
+        for _ in range(3):
+            self.arm_and_drive(self.hovercraft)
+            self.feed.set(command=None)
+            start = self.feed.last_command
+            self.assert_zero_within_limit(self.hovercraft, start, "stale controls")
+            self.assert_fault("commands are stale")
+
+    def test_stale_and_invalid_state(self):
+        for valid, what in ((None, "stale state"), (False, "invalid state")):
+            self.arm_and_drive(self.hovercraft)
+            self.feed.set(valid=valid)
+            self.assert_zero_within_limit(self.hovercraft, self.feed.last_state, what)
+            self.assert_fault("the state is " + what.split()[0])
+
+    def test_not_finite_command_is_refused(self):
+        self.arm_and_drive(self.hovercraft)
+        refused = self.status.refused
+        start = time.time()
+        self.feed.set(command=(math.nan, 0.25, 1.0))
+        self.assert_zero_within_limit(self.hovercraft, start, "commands of NaN only")
+        self.wait_status(lambda s: s.refused >= refused + 10, "refused")
+        # Until then the last finite command was repeated, and nothing else.
+        sent = {p[1:] for p in self.hovercraft.since(start)}
+        self.assertEqual(sent, {DRIVE, ZERO})
+        self.assert_fault("not finite")
+
+    def test_saturation(self):
+        self.arm_and_drive(self.hovercraft)
+        self.feed.set(command=(-3.0, 1.5, 2.0))
+        self.wait_driving(self.hovercraft, (0.0, 1.0, 1.0))
+
+    def test_messages_old_by_their_stamp(self):
+        if rospy.get_param("/use_sim_time", False):
+            self.skipTest("time stands still")
+        self.arm_and_drive(self.hovercraft)
+        self.feed.set(command_age=0.5)
+        start = self.feed.last_command
+        self.assert_zero_within_limit(self.hovercraft, start, "commands old by their stamp")
+        self.assert_fault("older by its stamp")
+        self.arm_and_drive(self.hovercraft)
+        self.feed.set(state_age=0.5)
+        start = self.feed.last_state
+        self.assert_zero_within_limit(self.hovercraft, start, "states old by their stamp")
+        self.assert_fault("the state is stale")
+
+    def test_killed_controller(self):
+        self.feed.leave_controls()
+        wait_for(
+            lambda: time.time() > self.feed.last_command + 0.3, "staleness of the old commands"
+        )
+        controller = spawn_controller(self, DRIVE)
+        wait_for(lambda: self.arm().success, "arming")
+        self.wait_driving(self.hovercraft)
+        start = kill(controller)
+        self.assert_zero_within_limit(self.hovercraft, start, "killed controller")
+        self.feed.take_controls()
+        self.assert_fault("commands are stale")
+
+
+if __name__ == "__main__":
+    rospy.init_node("sender_watchdog", disable_signals=True)
+    if rospy.get_param("/use_sim_time", False):
+        # One tick, and never another.
+        clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
+        clock.publish(Clock(clock=rospy.Time(1000)))
+        wait_for(lambda: not rospy.Time.now().is_zero(), "the clock")
+    rostest.rosrun("ground", "sender_watchdog", SenderWatchdog, sys.argv)

@@ -1,0 +1,574 @@
+// The state machine and the peer rules of the link, on a clock that the test turns.
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "ground/link/ground_link.h"
+
+namespace ground {
+namespace {
+
+using State = GroundLink::State;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+const UdpAddress kCraft = UdpAddress::parse("10.0.0.2:4000");
+const UdpAddress kReborn = UdpAddress::parse("10.0.0.2:4001");
+const UdpAddress kStranger = UdpAddress::parse("10.0.0.3:4000");
+const MotorCommand kZero{};
+const MotorCommand kDrive{0.5, 0.25, 1};
+
+class GroundLinkTest : public testing::Test {
+ protected:
+  struct Packet {
+    double time;
+    MotorCommand command;
+    UdpAddress to;
+  };
+
+  void make(const UdpAddress& peer = {}, const GroundLinkParams& params = {}) {
+    link_ = std::make_unique<GroundLink>(params, peer,
+                                         [this](const std::string& datagram, const UdpAddress& to) {
+                                           if (!broken_.empty()) return broken_;
+                                           Packet packet{now_, {}, to};
+                                           EXPECT_TRUE(decodeMotors(datagram, packet.command));
+                                           packets_.push_back(packet);
+                                           return std::string();
+                                         });
+  }
+  void SetUp() override { make(); }
+
+  GroundLink& link() { return *link_; }
+  void telemetry(const UdpAddress& from) {
+    link().datagram(now_, encodeTelemetry(CraftTelemetry()), from);
+  }
+  void garbage(const UdpAddress& from) { link().datagram(now_, "hello", from); }
+  void command(const MotorCommand& c, const std::string& source = "/a", double age = 0) {
+    link().command(now_, age, source, c);
+  }
+  void state(bool valid = true, double age = 0) { link().state(now_, age, valid, "lost"); }
+  std::string arm() { return link().arm(now_); }
+  /// Turns the clock in steps of a millisecond.
+  void wait(double duration) {
+    const double until = now_ + duration;
+    while (now_ < until - 1e-9) {
+      now_ += 0.001;
+      link().tick(now_);
+    }
+  }
+  /// Lets craft, state and a command come at 100 Hz for a while.
+  void feed(double duration, const MotorCommand& c) {
+    for (const double until = now_ + duration; now_ < until - 1e-9; wait(0.01)) {
+      state();
+      command(c);
+    }
+    state();
+    command(c);
+  }
+  void armed() {
+    telemetry(kCraft);
+    state();
+    command(kZero);
+    ASSERT_EQ(arm(), "");
+    ASSERT_EQ(link().current(), State::kArmed);
+  }
+  void fault() {
+    armed();
+    state(false);
+    ASSERT_EQ(link().current(), State::kFault);
+  }
+  bool lastIs(const MotorCommand& c) const {
+    const MotorCommand& last = packets_.back().command;
+    return last.left == c.left && last.right == c.right && last.lift == c.lift;
+  }
+  bool allZeroSince(std::size_t first) const {
+    for (std::size_t i = first; i < packets_.size(); ++i) {
+      const MotorCommand& c = packets_[i].command;
+      if (c.left != 0 || c.right != 0 || c.lift != 0) return false;
+    }
+    return true;
+  }
+
+  double now_ = 100;
+  std::string broken_;
+  std::vector<Packet> packets_;
+  std::unique_ptr<GroundLink> link_;
+};
+
+TEST_F(GroundLinkTest, SendsNothingBeforeACraftIsKnown) {
+  feed(1, kZero);
+  EXPECT_TRUE(packets_.empty());
+  EXPECT_EQ(arm(), "no craft has been heard of");
+}
+
+TEST_F(GroundLinkTest, DisarmedSendsZerosAtTheKeepaliveRate) {
+  telemetry(kCraft);
+  feed(1, kDrive);
+  EXPECT_NEAR(packets_.size(), 50, 2);
+  EXPECT_TRUE(allZeroSince(0));
+  EXPECT_EQ(packets_.back().to, kCraft);
+  EXPECT_EQ(link().counters().sent, packets_.size());
+}
+
+TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
+  telemetry(kCraft);
+  command(kZero);
+  EXPECT_EQ(arm(), "there is no state");
+  state(false);
+  EXPECT_EQ(arm(), "there is no valid state: lost");
+  state(true, 0.25);
+  EXPECT_EQ(arm(), "the state is stale");
+  state(true, kNan);
+  EXPECT_NE(arm(), "");
+  state();
+  wait(0.21);
+  EXPECT_EQ(arm(), "the state is stale");
+  state();
+  EXPECT_EQ(arm(), "there is no fresh command");
+  for (const MotorCommand& c :
+       {MotorCommand{0.01, 0, 0}, {0, 0.01, 0}, {0, 0, 0.01}, {-0.01, 0, 0}}) {
+    command(c);
+    EXPECT_EQ(arm(), "the command is not zero");
+  }
+  command(kZero);
+  command({kNan, 0, 0});
+  EXPECT_EQ(arm(), "there is no fresh command: a command of /a is not finite");
+  command(kZero);
+  command(kZero, "/a", 0.3);
+  EXPECT_EQ(arm(),
+            "there is no fresh command: a command of /a is older by its stamp than "
+            "command_timeout");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  command(kZero);
+  EXPECT_EQ(arm(), "");
+  EXPECT_EQ(link().current(), State::kArmed);
+  EXPECT_EQ(link().reason(), "armed with commands of /a");
+  EXPECT_EQ(arm(), "");  // once more does no harm
+  EXPECT_TRUE(allZeroSince(0));
+}
+
+TEST_F(GroundLinkTest, ArmsWithoutStateWhereNoneIsRequired) {
+  GroundLinkParams params;
+  params.require_state = false;
+  make({}, params);
+  telemetry(kCraft);
+  command(kZero);
+  EXPECT_EQ(arm(), "");
+  state(false);
+  for (int i = 0; i < 100; ++i) {
+    command(kDrive);
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, ArmedSendsEachCommandAtOnceAndRepeatsIt) {
+  armed();
+  packets_.clear();
+  command(kDrive);
+  ASSERT_EQ(packets_.size(), 1u);
+  EXPECT_TRUE(lastIs(kDrive));
+  wait(0.1);
+  EXPECT_NEAR(packets_.size(), 6, 1);
+  EXPECT_TRUE(lastIs(kDrive));
+  packets_.clear();
+  feed(1, kDrive);
+  EXPECT_NEAR(packets_.size(), 101, 1);  // nothing is repeated while commands are frequent
+}
+
+TEST_F(GroundLinkTest, SaturatesFiniteCommands) {
+  armed();
+  command({-5, 1.5, 1e9});
+  EXPECT_TRUE(lastIs({0, 1, 1}));
+  EXPECT_EQ(link().counters().refused, 0u);
+}
+
+TEST_F(GroundLinkTest, RefusesCommandsThatAreNotFinite) {
+  armed();
+  command(kDrive);
+  const std::size_t sent = packets_.size();
+  for (const MotorCommand& c :
+       {MotorCommand{kNan, 0, 0}, {0, kInf, 0}, {0, 0, -kInf}, {kNan, kNan, kNan}})
+    command(c);
+  EXPECT_EQ(packets_.size(), sent);
+  EXPECT_EQ(link().counters().refused, 4u);
+  EXPECT_EQ(link().current(), State::kArmed);
+  // Without a finite one it ends as if none came.
+  const double since = now_;
+  while (link().current() == State::kArmed && now_ < since + 1) {
+    state();
+    command({kNan, 0, 0});
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_NEAR(now_ - since, 0.2, 0.011);
+  EXPECT_EQ(link().reason(), "commands are stale: a command of /a is not finite");
+}
+
+TEST_F(GroundLinkTest, StaleCommandsAreAFault) {
+  armed();
+  command(kDrive);
+  const double since = now_;
+  while (link().current() == State::kArmed && now_ < since + 1) {
+    state();
+    wait(0.001);
+  }
+  EXPECT_NEAR(now_ - since, 0.2, 0.0021);
+  EXPECT_EQ(link().reason(), "commands are stale");
+  EXPECT_TRUE(lastIs(kZero));  // at once
+  EXPECT_NEAR(packets_.back().time, now_, 1e-9);
+}
+
+TEST_F(GroundLinkTest, CommandsOldByTheirStampDoNotKeepItArmed) {
+  armed();
+  command(kDrive);
+  const std::size_t sent = packets_.size();
+  command({1, 1, 1}, "/a", 0.21);
+  EXPECT_EQ(packets_.size(), sent);
+  EXPECT_EQ(link().counters().refused, 1u);
+  for (int i = 0; i < 25; ++i) {
+    state();
+    command(kDrive, "/a", 0.5);
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kFault);
+}
+
+TEST_F(GroundLinkTest, OneLateCommandDoesNotSpoilFreshOnes) {
+  armed();
+  feed(0.1, kDrive);
+  command({1, 1, 1}, "/a", 0.5);
+  wait(0.05);
+  EXPECT_EQ(link().current(), State::kArmed);
+  EXPECT_TRUE(lastIs(kDrive));
+}
+
+TEST_F(GroundLinkTest, AgeCountsTowardsTheTimeout) {
+  armed();
+  command(kDrive, "/a", 0.15);
+  state();
+  wait(0.04);
+  EXPECT_EQ(link().current(), State::kArmed);
+  wait(0.012);
+  EXPECT_EQ(link().current(), State::kFault);
+}
+
+TEST_F(GroundLinkTest, CommandAfterAMissedWatchDoesNotDriveOn) {
+  armed();
+  command(kDrive);
+  now_ += 0.3;  // nobody ticked
+  command(kDrive);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(lastIs(kZero));
+}
+
+TEST_F(GroundLinkTest, StaleStateIsAFault) {
+  armed();
+  const double since = now_;
+  while (link().current() == State::kArmed && now_ < since + 1) {
+    command(kDrive);
+    wait(0.001);
+  }
+  EXPECT_NEAR(now_ - since, 0.2, 0.0021);
+  EXPECT_EQ(link().reason(), "the state is stale");
+  EXPECT_TRUE(lastIs(kZero));
+}
+
+TEST_F(GroundLinkTest, StateOldByItsStampIsAFault) {
+  armed();
+  command(kDrive);
+  state(true, 0.3);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(lastIs(kZero));
+}
+
+TEST_F(GroundLinkTest, InvalidStateIsAFaultAtOnce) {
+  armed();
+  command(kDrive);
+  state(false);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(link().reason(), "the state is invalid: lost");
+  EXPECT_TRUE(lastIs(kZero));
+}
+
+TEST_F(GroundLinkTest, FaultIsLatchedAndLeftByHandOnly) {
+  fault();
+  packets_.clear();
+  feed(1, kDrive);
+  feed(1, kZero);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(allZeroSince(0));
+  EXPECT_GE(packets_.size(), 95u);
+  EXPECT_EQ(arm(), "in fault (the state is invalid: lost): disarm first");
+  link().disarm(now_, "by hand");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  feed(0.1, kZero);
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  EXPECT_EQ(arm(), "");
+}
+
+TEST_F(GroundLinkTest, DisarmingSendsZeroAtOnce) {
+  armed();
+  command(kDrive);
+  link().disarm(now_, "by hand");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  EXPECT_EQ(link().reason(), "by hand");
+  EXPECT_TRUE(lastIs(kZero));
+  const std::size_t first = packets_.size();
+  feed(1, kDrive);
+  EXPECT_TRUE(allZeroSince(first));
+}
+
+TEST_F(GroundLinkTest, StoppedForGood) {
+  armed();
+  command(kDrive);
+  const std::size_t first = packets_.size();
+  link().stop(now_, "the end");
+  feed(0.1, kZero);
+  EXPECT_EQ(arm(), "the end");
+  link().disarm(now_, "by hand");
+  EXPECT_EQ(arm(), "the end");
+  command(kDrive);
+  link().sendZero(now_);
+  EXPECT_GT(packets_.size(), first);
+  EXPECT_TRUE(allZeroSince(first));
+}
+
+TEST_F(GroundLinkTest, FailingToSendIsAFaultWhenItLasts) {
+  armed();
+  broken_ = "Network is unreachable";
+  feed(0.15, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+  broken_.clear();
+  feed(0.1, kDrive);
+  broken_ = "Network is unreachable";
+  feed(0.15, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);  // counted anew
+  feed(0.1, kDrive);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(link().reason(), "packets cannot be sent: Network is unreachable");
+  link().disarm(now_, "by hand");
+  feed(0.1, kZero);
+  EXPECT_EQ(arm(), "packets cannot be sent: Network is unreachable");
+  const auto sent = link().counters().sent;
+  EXPECT_EQ(sent, packets_.size());
+  broken_.clear();
+  feed(0.1, kZero);
+  EXPECT_EQ(arm(), "");
+}
+
+TEST_F(GroundLinkTest, OneControllerAtATime) {
+  armed();
+  command(kDrive);
+  command({1, 1, 1}, "/b");
+  EXPECT_TRUE(lastIs(kDrive));
+  EXPECT_EQ(link().counters().refused, 1u);
+  // The other one's commands do not keep it armed either.
+  for (int i = 0; i < 25; ++i) {
+    state();
+    command(kDrive, "/b");
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kFault);
+  link().disarm(now_, "by hand");
+  state();
+  command(kZero, "/b");
+  command(kZero, "/a");
+  EXPECT_EQ(arm(), "both /b and /a send commands: stop one of them");
+  wait(0.21);
+  state();
+  command(kZero, "/a");
+  EXPECT_EQ(arm(), "");
+}
+
+TEST_F(GroundLinkTest, ASilentSecondPublisherBarsArming) {
+  telemetry(kCraft);
+  feed(0.1, kZero);
+  link().setPublishers(2);
+  EXPECT_EQ(arm(), "2 nodes publish commands: stop all but one");
+  link().setPublishers(1);
+  EXPECT_EQ(arm(), "");
+  link().setPublishers(2);
+  feed(0.1, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, ParametersChangeLiveAndBadOnesAreRefused) {
+  armed();
+  GroundLinkParams params;
+  params.command_timeout = 0.05;
+  params.keepalive_rate = 200;
+  link().setParams(params);
+  command(kDrive);
+  packets_.clear();
+  wait(0.04);
+  EXPECT_NEAR(packets_.size(), 8, 2);
+  EXPECT_EQ(link().current(), State::kArmed);
+  wait(0.02);
+  EXPECT_EQ(link().current(), State::kFault);
+  for (double GroundLinkParams::*field :
+       {&GroundLinkParams::command_timeout, &GroundLinkParams::state_timeout,
+        &GroundLinkParams::keepalive_rate, &GroundLinkParams::peer_timeout,
+        &GroundLinkParams::send_timeout})
+    for (const double value : {0.0, -1.0, kNan, kInf}) {
+      GroundLinkParams bad;
+      bad.*field = value;
+      EXPECT_THROW(link().setParams(bad), std::invalid_argument);
+      EXPECT_THROW(make({}, bad), std::invalid_argument);
+    }
+}
+
+TEST_F(GroundLinkTest, RequiringStateWhileArmedWithoutOneIsAFault) {
+  GroundLinkParams params;
+  params.require_state = false;
+  make({}, params);
+  telemetry(kCraft);
+  command(kZero);
+  ASSERT_EQ(arm(), "");
+  params.require_state = true;
+  link().setParams(params);
+  link().tick(now_);
+  EXPECT_EQ(link().current(), State::kFault);
+}
+
+TEST_F(GroundLinkTest, RevisionTellsOfEveryChange) {
+  auto revision = link().revision();
+  const auto changed = [&] {
+    const bool result = link().revision() != revision;
+    revision = link().revision();
+    return result;
+  };
+  telemetry(kCraft);
+  EXPECT_TRUE(changed());
+  telemetry(kCraft);
+  feed(0.1, kZero);
+  EXPECT_FALSE(changed());
+  arm();
+  EXPECT_TRUE(changed());
+  state(false);
+  EXPECT_TRUE(changed());
+  link().disarm(now_, "by hand");
+  EXPECT_TRUE(changed());
+}
+
+TEST_F(GroundLinkTest, LearnsTheCraftFromItsFirstDatagramWhateverItIs) {
+  garbage(kCraft);
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().counters().malformed, 1u);
+  EXPECT_EQ(link().counters().received, 0u);
+  feed(0.1, kZero);
+  EXPECT_EQ(packets_.back().to, kCraft);
+  EXPECT_EQ(arm(), "");  // the real craft may never send telemetry
+}
+
+TEST_F(GroundLinkTest, TelemetryOutdoesAStrayFirstDatagram) {
+  garbage(kStranger);
+  telemetry(kCraft);
+  EXPECT_EQ(link().peer(), kCraft);
+  telemetry(kStranger);
+  garbage(kStranger);
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().counters().foreign, 2u);
+  EXPECT_EQ(link().counters().received, 1u);
+}
+
+TEST_F(GroundLinkTest, GarbageDoesNotReplaceACraftKnownByItsHello) {
+  garbage(kCraft);
+  wait(10);
+  garbage(kStranger);
+  garbage(kReborn);
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().counters().foreign, 2u);
+}
+
+TEST_F(GroundLinkTest, NobodyTakesOverWhileArmedOrAfter) {
+  garbage(kCraft);
+  state();
+  command(kZero);
+  ASSERT_EQ(arm(), "");
+  telemetry(kStranger);
+  EXPECT_EQ(link().peer(), kCraft);
+  link().disarm(now_, "by hand");
+  wait(10);
+  telemetry(kStranger);
+  telemetry(kReborn);  // a craft that never spoke cannot be known to have gone
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().counters().foreign, 3u);
+}
+
+TEST_F(GroundLinkTest, ARestartedCraftComesBackOnAnotherPort) {
+  for (const bool in_fault : {false, true}) {
+    make();
+    armed();
+    if (in_fault) {
+      state(false);
+    } else {
+      link().disarm(now_, "by hand");
+    }
+    wait(1.9);
+    telemetry(kReborn);
+    EXPECT_EQ(link().peer(), kCraft);
+    wait(0.2);
+    garbage(kReborn);
+    telemetry(kStranger);
+    EXPECT_EQ(link().peer(), kCraft);
+    telemetry(kReborn);
+    EXPECT_EQ(link().peer(), kReborn);
+    EXPECT_EQ(link().counters().foreign, 3u);
+    packets_.clear();
+    wait(0.1);
+    EXPECT_EQ(packets_.back().to, kReborn);
+    telemetry(kCraft);  // the old one is a stranger now
+    EXPECT_EQ(link().peer(), kReborn);
+  }
+}
+
+TEST_F(GroundLinkTest, ARestartWhileArmedIsNotFollowed) {
+  armed();
+  feed(3, kDrive);
+  telemetry(kReborn);
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, AFixedPeerIsTheOnlyOne) {
+  make(kCraft);
+  wait(0.1);
+  EXPECT_EQ(packets_.back().to, kCraft);  // it need not speak first
+  garbage(kStranger);
+  telemetry(kStranger);
+  wait(5);
+  telemetry(kReborn);
+  EXPECT_EQ(link().peer(), kCraft);
+  EXPECT_EQ(link().counters().foreign, 3u);
+  telemetry(kCraft);
+  EXPECT_EQ(link().counters().received, 1u);
+}
+
+TEST_F(GroundLinkTest, AFixedHostSpeaksFromItsOwnPort) {
+  make(UdpAddress::parse("10.0.0.2"));
+  wait(0.1);
+  EXPECT_TRUE(packets_.empty());
+  EXPECT_EQ(arm(), "no craft has been heard of");
+  telemetry(kStranger);
+  EXPECT_EQ(link().counters().foreign, 1u);
+  garbage(kReborn);
+  EXPECT_EQ(link().peer(), kReborn);
+  telemetry(kCraft);  // speaks the protocol: a better guess
+  EXPECT_EQ(link().peer(), kCraft);
+  wait(5);
+  telemetry(kStranger);
+  EXPECT_EQ(link().peer(), kCraft);
+  telemetry(kReborn);
+  EXPECT_EQ(link().peer(), kReborn);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -1,0 +1,200 @@
+// The datagrams of the craft, byte by byte, and the socket that carries them.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "ground/link/protocol.h"
+#include "ground/link/udp_socket.h"
+
+namespace ground {
+namespace {
+
+std::string bytes(std::initializer_list<int> values) {
+  return std::string(values.begin(), values.end());
+}
+
+MotorCommand decoded(const std::string& datagram) {
+  MotorCommand command;
+  std::string reason;
+  EXPECT_TRUE(decodeMotors(datagram, command, &reason)) << reason;
+  return command;
+}
+
+std::string refusal(const std::string& datagram) {
+  MotorCommand command{0.5, 0.5, 0.5};
+  std::string reason;
+  EXPECT_FALSE(decodeMotors(datagram, command, &reason));
+  EXPECT_EQ(command.left, 0.5);
+  EXPECT_EQ(command.right, 0.5);
+  EXPECT_EQ(command.lift, 0.5);
+  return reason;
+}
+
+// Wire format by the protobuf documentation: key (field << 3 | type), then a base-128 varint;
+// 1000 = e8 07, 1250 = e2 09, 1500 = dc 0b, 2000 = d0 0f.
+TEST(Motors, EncodesToKnownBytes) {
+  EXPECT_EQ(encodeMotors({0, 0, 0}),
+            bytes({0x08, 0xe8, 0x07, 0x10, 0xe8, 0x07, 0x18, 0xe8, 0x07, 0x20, 0xe8, 0x07}));
+  // DL and DR are the lift, field 3 is the right thruster, field 4 the left one.
+  EXPECT_EQ(encodeMotors({0.25, 0.5, 1}),
+            bytes({0x08, 0xd0, 0x0f, 0x10, 0xd0, 0x0f, 0x18, 0xdc, 0x0b, 0x20, 0xe2, 0x09}));
+}
+
+TEST(Motors, SaturatesAndRounds) {
+  EXPECT_EQ(encodeMotors({-3, 7, 1e300}), encodeMotors({0, 1, 1}));
+  EXPECT_EQ(encodeMotors({0.0004, 0.0006, 0.9996}), encodeMotors({0, 0.001, 1}));
+}
+
+TEST(Motors, RefusesToEncodeWhatIsNotFinite) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  EXPECT_THROW(encodeMotors({nan, 0, 0}), std::invalid_argument);
+  EXPECT_THROW(encodeMotors({0, inf, 0}), std::invalid_argument);
+  EXPECT_THROW(encodeMotors({0, 0, -inf}), std::invalid_argument);
+}
+
+TEST(Motors, RoundTrip) {
+  for (int i = 0; i <= 1000; ++i) {
+    const MotorCommand c = decoded(encodeMotors({i / 1000.0, 1 - i / 1000.0, 0.7}));
+    EXPECT_NEAR(c.left, i / 1000.0, 1e-12);
+    EXPECT_NEAR(c.right, 1 - i / 1000.0, 1e-12);
+    EXPECT_NEAR(c.lift, 0.7, 1e-12);
+  }
+}
+
+TEST(Motors, EveryTruncationIsRefused) {
+  const std::string whole = encodeMotors({0.25, 0.5, 1});
+  for (std::size_t n = 0; n < whole.size(); ++n) EXPECT_NE(refusal(whole.substr(0, n)), "");
+}
+
+TEST(Motors, RefusesGarbageAndSaysWhy) {
+  EXPECT_EQ(refusal("\xff\xff\xff\xff"), "it is cut or garbled");
+  EXPECT_EQ(refusal("hello"), "it is cut or garbled");
+  EXPECT_EQ(refusal(""), "a motor is missing");
+  EXPECT_EQ(refusal(encodeTelemetry({})), "it has fields of another message");
+  const std::string zero = encodeMotors({});
+  EXPECT_EQ(refusal(zero + bytes({0x28, 0x01})), "it has fields of another message");
+  EXPECT_EQ(refusal(zero + zero), "a motor stands twice");
+  for (int field = 0; field < 4; ++field) {
+    std::string low = zero, high = encodeMotors({1, 1, 1});
+    low[3 * field + 1] = '\xe7';   // 999
+    high[3 * field + 1] = '\xd1';  // 2001
+    EXPECT_EQ(refusal(low), "a motor is outside 1000..2000");
+    EXPECT_EQ(refusal(high), "a motor is outside 1000..2000");
+  }
+}
+
+CraftTelemetry someTelemetry() {
+  CraftTelemetry t;
+  t.roll = 1.5f;
+  t.pitch = -2.25f;
+  t.yaw = 179.875f;
+  t.acc = {-1, 2, std::numeric_limits<int>::min()};
+  t.gyro = {4, 0, -6};
+  t.mag = {std::numeric_limits<int>::max(), 8, 9};
+  return t;
+}
+
+TEST(DroneState, DecodesKnownBytes) {
+  // roll = 1.0 (fixed32), acc_x = 300, gyro_z = -2 (varint of ten bytes)
+  const std::string datagram = bytes({0x0d, 0x00, 0x00, 0x80, 0x3f, 0x20, 0xac, 0x02, 0x48, 0xfe,
+                                      0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01});
+  CraftTelemetry t;
+  ASSERT_TRUE(decodeTelemetry(datagram, t));
+  EXPECT_EQ(t.roll, 1.0f);
+  EXPECT_EQ(t.pitch, 0.0f);
+  EXPECT_EQ(t.acc[0], 300);
+  EXPECT_EQ(t.gyro[2], -2);
+}
+
+TEST(DroneState, RoundTrip) {
+  const CraftTelemetry t = someTelemetry();
+  CraftTelemetry read;
+  std::string reason;
+  ASSERT_TRUE(decodeTelemetry(encodeTelemetry(t), read, &reason)) << reason;
+  EXPECT_EQ(read.roll, t.roll);
+  EXPECT_EQ(read.pitch, t.pitch);
+  EXPECT_EQ(read.yaw, t.yaw);
+  EXPECT_EQ(read.acc, t.acc);
+  EXPECT_EQ(read.gyro, t.gyro);
+  EXPECT_EQ(read.mag, t.mag);
+}
+
+TEST(DroneState, RefusesGarbageAndSaysWhy) {
+  CraftTelemetry t;
+  t.roll = 42;
+  const auto refused = [&t](const std::string& datagram) {
+    std::string reason;
+    EXPECT_FALSE(decodeTelemetry(datagram, t, &reason));
+    EXPECT_EQ(t.roll, 42);
+    return reason;
+  };
+  EXPECT_EQ(refused(""), "it is empty");
+  EXPECT_EQ(refused("hello"), "it is cut or garbled");
+  EXPECT_EQ(refused(encodeMotors({})), "it has fields of another message");
+  EXPECT_EQ(refused(std::string(60000, '\x0d')), "it is too long");
+  CraftTelemetry bad;
+  bad.yaw = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(refused(encodeTelemetry(bad)), "an angle is not finite");
+}
+
+TEST(DroneState, TruncationInsideAFieldIsRefused) {
+  CraftTelemetry plain;  // floats of five bytes, then fields of two
+  const std::string whole = encodeTelemetry(plain);
+  ASSERT_EQ(whole.size(), 3 * 5 + 9 * 2u);
+  for (std::size_t n = 1; n < whole.size(); ++n) {
+    const bool between_fields = n <= 15 ? n % 5 == 0 : (n - 15) % 2 == 0;
+    CraftTelemetry t;
+    EXPECT_EQ(decodeTelemetry(whole.substr(0, n), t), between_fields) << n;
+  }
+}
+
+TEST(UdpAddress, ReadsHostAndPort) {
+  EXPECT_EQ(UdpAddress::parse("127.0.0.1:3333").text(), "127.0.0.1:3333");
+  EXPECT_EQ(UdpAddress::parse("10.1.2.3").port, 0);
+  EXPECT_EQ(UdpAddress::parse("10.1.2.3", 77).text(), "10.1.2.3:77");
+  EXPECT_EQ(UdpAddress::parse("localhost:1").text(), "127.0.0.1:1");
+  EXPECT_FALSE(UdpAddress().known());
+  for (const char* bad : {"127.0.0.1:", "127.0.0.1:0", "127.0.0.1:65536", "127.0.0.1:-1", ":5",
+                          "127.0.0.1:5x", "::1", "", "256.1.1.1"})
+    EXPECT_THROW(UdpAddress::parse(bad), std::invalid_argument) << bad;
+}
+
+TEST(UdpSocket, CarriesDatagramsAndTheirSender) {
+  UdpSocket a(UdpAddress::parse("127.0.0.1")), b(UdpAddress::parse("127.0.0.1"));
+  const UdpAddress to_a = UdpAddress::parse("127.0.0.1", a.port());
+  ASSERT_TRUE(b.send("abc", to_a));
+  ASSERT_TRUE(b.send("", to_a));
+  std::string data;
+  UdpAddress from;
+  ASSERT_TRUE(a.receive(5, data, from));
+  EXPECT_EQ(data, "abc");
+  EXPECT_EQ(from, UdpAddress::parse("127.0.0.1", b.port()));
+  ASSERT_TRUE(a.receive(5, data, from));
+  EXPECT_EQ(data, "");
+  EXPECT_FALSE(a.receive(0.001, data, from));
+}
+
+TEST(UdpSocket, SaysWhatFails) {
+  UdpSocket a(UdpAddress::parse("127.0.0.1"));
+  try {
+    UdpSocket b(UdpAddress::parse("127.0.0.1", a.port()));
+    FAIL() << "two sockets share a port";
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(std::string(error.what()),
+              "cannot bind UDP port " + std::to_string(a.port()) + ": Address already in use");
+  }
+  errno = 0;
+  EXPECT_FALSE(a.send("abc", UdpAddress::parse("255.255.255.255", 9)));  // broadcast is not allowed
+  EXPECT_NE(errno, 0);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
