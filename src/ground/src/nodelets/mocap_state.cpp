@@ -223,7 +223,7 @@ class MocapState : public nodelet::Nodelet {
         continue;
       }
       publish(estimators_[active_]->estimate(), false,
-              last_pose_ == SteadyClock::time_point() ? "no pose yet" : "no new pose for too long");
+              last_pose_ == SteadyClock::time_point() ? "no pose yet" : "no pose for too long");
       wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
   }
