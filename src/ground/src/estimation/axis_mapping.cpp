@@ -1,11 +1,17 @@
 #include "ground/estimation/axis_mapping.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
 
 namespace ground {
+namespace {
+
+constexpr double kUnitTolerance = 0.05;
+
+}  // namespace
 
 AxisMapping::AxisMapping(const std::string& axes, double heading_offset)
     : to_world_(Eigen::Matrix3d::Zero()), heading_offset_(heading_offset) {
@@ -26,20 +32,29 @@ AxisMapping::AxisMapping(const std::string& axes, double heading_offset)
       fail("are not three of x, y, z with signs");
     to_world_(row, letter[0] - 'x') = word[0] == '-' ? -1 : 1;
   }
-  if (row != 3) fail("are not three of x, y, z with signs");
+  if (row != 3 || std::count(axes.begin(), axes.end(), ',') != 2)
+    fail("are not three of x, y, z with signs");
   if (std::abs(to_world_.determinant() - 1) > 1e-9) fail("are not a right-handed frame");
   if (!std::isfinite(heading_offset)) throw std::invalid_argument("heading_offset is not finite");
 }
 
 std::optional<Vector3<double>> AxisMapping::toPlanar(const Eigen::Vector3d& position,
-                                                     const Eigen::Quaterniond& orientation) const {
+                                                     const Eigen::Quaterniond& orientation,
+                                                     const char** why) const {
+  const auto refuse = [why](const char* reason) {
+    if (why) *why = reason;
+    return std::nullopt;
+  };
   const double norm = orientation.norm();
-  if (!position.allFinite() || !std::isfinite(norm) || norm < 1e-6) return std::nullopt;
+  if (!position.allFinite() || !std::isfinite(norm)) return refuse("the pose is not finite");
+  if (std::abs(norm - 1) > kUnitTolerance)
+    return refuse("the pose's orientation is not a unit quaternion");
   const Eigen::Matrix3d body =
       to_world_ * orientation.normalized().toRotationMatrix() * to_world_.transpose();
   const Eigen::Vector3d p = to_world_ * position;
   // Heading has no meaning when the craft's x axis stands upright or the craft lies on its side.
-  if (std::hypot(body(0, 0), body(1, 0)) < 0.5 || body(2, 2) < 0.5) return std::nullopt;
+  if (std::hypot(body(0, 0), body(1, 0)) < 0.5 || body(2, 2) < 0.5)
+    return refuse("the craft lies on its side, or axes does not fit the mocap's set-up");
   return Vector3<double>(p.x(), p.y(),
                          wrapAngle(std::atan2(body(1, 0), body(0, 0)) - heading_offset_));
 }

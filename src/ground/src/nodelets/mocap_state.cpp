@@ -6,12 +6,15 @@
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
 
-#include <atomic>
+#include <array>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
-#include <limits>
+#include <memory>
 #include <mutex>
+#include <optional>
 #include <pluginlib/class_list_macros.hpp>
+#include <string>
 #include <thread>
 
 #include "ground/estimation/axis_mapping.h"
@@ -24,18 +27,23 @@ namespace ground {
 ///
 /// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), and those of MocapState.cfg, live.
 /// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, and on tf world ->
-/// world_ned (z down) -> hovercraft. Without poses it says so with invalid states at 10 Hz.
+/// world_ned (z down) -> hovercraft. Repeated and late poses, and up to three in a row that cannot
+/// be, are passed over in silence; without poses it says so with invalid states at 10 Hz.
 class MocapState : public nodelet::Nodelet {
  public:
   ~MocapState() override {
-    alive_ = false;
+    subscriber_.shutdown();
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      alive_ = false;
+    }
     wake_.notify_all();
     if (thread_.joinable()) thread_.join();
-    subscriber_.shutdown();
   }
 
  private:
   using Config = MocapStateConfig;
+  using SteadyClock = std::chrono::steady_clock;
 
   void onInit() override {
     try {
@@ -72,6 +80,7 @@ class MocapState : public nodelet::Nodelet {
     EstimatorParams p;
     p.position_noise = c.position_noise;
     p.heading_noise = c.heading_noise;
+    p.stamp_noise = c.stamp_noise;
     p.max_gap = c.max_gap;
     p.linear_jerk = c.linear_jerk;
     p.angular_jerk = c.angular_jerk;
@@ -88,27 +97,65 @@ class MocapState : public nodelet::Nodelet {
 
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    mapping_ = AxisMapping(axes_, c.heading_offset);
-    estimator_ = c.estimator == "kalman" ? makeKalmanEstimator(params(c))
-                                         : makeFiniteDifferenceEstimator(params(c));
-    timeout_ = std::chrono::duration<double>(c.timeout);
+    const bool turned = c.heading_offset != heading_offset_;
+    heading_offset_ = c.heading_offset;
+    mapping_ = AxisMapping(axes_, heading_offset_);
+    for (const auto& estimator : estimators_) {
+      estimator->setParams(params(c));
+      if (turned) estimator->reset();
+    }
+    // Both always run, so that a change between them does not interrupt the state.
+    active_ = c.estimator == "kalman" ? 0 : 1;
+    timeout_ =
+        std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(c.timeout));
+    max_age_ = c.max_age;
+    wake_.notify_all();
   }
 
   void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
-    const auto& p = pose->pose.position;
-    const auto& q = pose->pose.orientation;
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto planar = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z});
-    const double nan = std::numeric_limits<double>::quiet_NaN();
-    const StateEstimate& estimate = estimator_->update(
-        pose->header.stamp.toSec(), planar ? *planar : Vector3<double>(nan, nan, nan));
-    // Repeated and late poses are no sign of life either.
-    if (!estimate.used && estimate.valid) return;
-    last_pose_ = std::chrono::steady_clock::now();
-    stamp_ = pose->header.stamp;
-    publish(estimate, estimate.valid, estimate.status);
-    if (!estimate.used) return;
-    publishOdometry(estimate);
+    const StateEstimate& estimate = take(*pose);
+    if (!estimate.used && (estimate.ignored || estimate.valid)) {
+      if (!estimate.ignored)
+        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is left out: %s", estimate.status);
+      return;
+    }
+    if (!pose->header.stamp.isZero()) stamp_ = pose->header.stamp;
+    const bool was_stale = SteadyClock::now() - last_pose_ > timeout_;
+    last_pose_ = SteadyClock::now();
+    if (was_stale) wake_.notify_all();
+    const std::string late = estimate.valid ? wrongAge() : "";
+    publish(estimate, estimate.valid && late.empty(), late.empty() ? estimate.status : late);
+    if (estimate.used) publishOdometry(estimate);
+  }
+
+  /// Hands a pose to the estimators.
+  const StateEstimate& take(const geometry_msgs::PoseStamped& pose) {
+    const auto& p = pose.pose.position;
+    const auto& q = pose.pose.orientation;
+    const char* why = "the pose has no stamp";
+    std::optional<Vector3<double>> eta;
+    if (!pose.header.stamp.isZero())
+      eta = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}, &why);
+    for (const auto& estimator : estimators_) {
+      if (eta) {
+        estimator->update(pose.header.stamp.toSec(), *eta);
+      } else {
+        estimator->reject(why);
+      }
+    }
+    return estimators_[active_]->estimate();
+  }
+
+  /// Age of the newest pose [s]; zero as long as there is no time or no pose.
+  double age() const {
+    return ros::Time::isValid() && !stamp_.isZero() ? (ros::Time::now() - stamp_).toSec() : 0.0;
+  }
+
+  std::string wrongAge() const {
+    if (max_age_ == 0 || std::abs(age()) <= max_age_) return "";
+    return age() > 0 ? "the pose's stamp is too old: the clocks differ, or the network is slow"
+                     : "the pose's stamp is ahead of time: the clocks differ";
   }
 
   void publish(const StateEstimate& estimate, bool valid, const std::string& status) {
@@ -121,7 +168,7 @@ class MocapState : public nodelet::Nodelet {
       state->nu_dot[i] = estimate.nu_dot(i);
       for (int j = 0; j < 3; ++j) state->nu_covariance[3 * i + j] = estimate.nu_covariance(i, j);
     }
-    state->age = (ros::Time::now() - stamp_).toSec();
+    state->age = age();
     state->valid = valid;
     state->status = status;
     state_publisher_.publish(state);
@@ -147,10 +194,14 @@ class MocapState : public nodelet::Nodelet {
     odometry->twist.twist.linear.x = estimate.nu.x();
     odometry->twist.twist.linear.y = estimate.nu.y();
     odometry->twist.twist.angular.z = estimate.nu.z();
-    constexpr int kIndex[3] = {0, 1, 5};  // of u, v, r in the six-dimensional twist
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j)
-        odometry->twist.covariance[6 * kIndex[i] + kIndex[j]] = estimate.nu_covariance(i, j);
+    constexpr int kIndex[3] = {0, 1, 5};  // of x, y, psi and of u, v, r among six
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        const int index = 6 * kIndex[i] + kIndex[j];
+        odometry->pose.covariance[index] = estimate.eta_covariance(i, j);
+        odometry->twist.covariance[index] = estimate.nu_covariance(i, j);
+      }
+    }
     odometry_publisher_.publish(odometry);
 
     geometry_msgs::TransformStamped transform;
@@ -166,25 +217,31 @@ class MocapState : public nodelet::Nodelet {
   void watch() {
     std::unique_lock<std::mutex> lock(mutex_);
     while (alive_) {
-      const auto now = std::chrono::steady_clock::now();
-      const bool stale = now - last_pose_ > timeout_;
-      if (stale)
-        publish(estimator_->estimate(), false,
-                stamp_.isZero() ? "no pose yet" : "no pose for a while");
-      wake_.wait_for(lock, std::chrono::milliseconds(stale ? 100 : 5));
+      const auto deadline = last_pose_ + timeout_;
+      if (SteadyClock::now() < deadline) {
+        wake_.wait_until(lock, deadline);
+        continue;
+      }
+      publish(estimators_[active_]->estimate(), false,
+              last_pose_ == SteadyClock::time_point() ? "no pose yet" : "no pose for too long");
+      wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
   }
 
-  std::mutex mutex_;  ///< guards all that follows
+  std::mutex mutex_;  ///< guards all data that follows
   std::string axes_;
+  double heading_offset_ = 0;
   AxisMapping mapping_;
-  std::unique_ptr<VelocityEstimator> estimator_;
-  std::chrono::duration<double> timeout_{0.1};
-  std::chrono::steady_clock::time_point last_pose_;
-  ros::Time stamp_;
+  const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{
+      makeKalmanEstimator({}), makeFiniteDifferenceEstimator({})};
+  int active_ = 0;
+  SteadyClock::duration timeout_{};
+  double max_age_ = 0;  ///< [s]; 0: any
+  SteadyClock::time_point last_pose_;
+  ros::Time stamp_;  ///< of the newest pose
+  bool alive_ = true;
   bool was_valid_ = false;
   std::condition_variable wake_;
-  std::atomic<bool> alive_{true};
   std::thread thread_;
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> static_broadcaster_;
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;

@@ -21,9 +21,11 @@ class AxisMapping {
   explicit AxisMapping(const std::string& axes = kOptiTrack, double heading_offset = 0.0);
 
   /// x, y [m], psi [rad] in world_ned from a pose in the mocap's frame; nothing when the pose is
-  /// not finite, its quaternion has no direction or the craft lies on its side.
+  /// not finite, its quaternion is not a unit one or the craft lies on its side, and then `why`
+  /// says so.
   std::optional<Vector3<double>> toPlanar(const Eigen::Vector3d& position,
-                                          const Eigen::Quaterniond& orientation) const;
+                                          const Eigen::Quaterniond& orientation,
+                                          const char** why = nullptr) const;
   /// The pose in the mocap's frame of a craft at eta (world_ned), `height` [m] above the floor.
   void toMocap(const Vector3<double>& eta, double height, Eigen::Vector3d& position,
                Eigen::Quaterniond& orientation) const;

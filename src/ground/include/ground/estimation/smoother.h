@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "ground/estimation/velocity_estimator.h"
+#include "ground/estimation/motion_filter.h"
 
 namespace ground {
 
@@ -17,8 +17,10 @@ struct SmoothedMotion {
 
 /// Velocities without delay from a whole recording: forward Kalman filter and backward smoother
 /// (Rauch, Tung, Striebel 1965) with the model of the Kalman estimator. Poses outside the gate are
-/// left out. Stamps [s] must not descend; rows of eta are x, y [m], psi [rad], wrapped or not.
-/// Throws std::invalid_argument on sizes that differ, fewer than three poses or non-finite values.
+/// left out; after params.max_gap without pose and after a jump the motion starts anew. Stamps [s]
+/// must not descend; rows of eta are x, y [m], psi [rad], wrapped or not. Throws
+/// std::invalid_argument on sizes that differ, fewer than three poses or values that are not
+/// finite.
 SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
                       const EstimatorParams& params);
 
