@@ -19,12 +19,14 @@ def comparison(path, run, inputs, models, force=False):
     """
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     figure = plt.figure(figsize=(14, 8.5))
-    grid = figure.add_gridspec(4, 2, width_ratios=[2.1, 1], height_ratios=[3, 3, 3, 1.4])
+    grid = figure.add_gridspec(
+        4, 2, width_ratios=[2, 1], height_ratios=[3, 3, 3, 1.4], hspace=0.16, wspace=0.16
+    )
     first = None
     for channel in range(3):
         axis = figure.add_subplot(grid[channel, 0], sharex=first)
         first = first or axis
-        axis.plot(times, nu[:, channel], color=MEASURED, lw=1.6, label="measured")
+        axis.plot(times, nu[:, channel], color=MEASURED, lw=3, alpha=0.45, label="measured")
         for (label, _, pieces), color in zip(models, _colors(models)):
             for number, piece in enumerate(pieces):
                 axis.plot(
@@ -37,7 +39,13 @@ def comparison(path, run, inputs, models, force=False):
         axis.set_ylabel(LABELS[channel])
         axis.grid(alpha=0.3)
         axis.tick_params(labelbottom=False)
-    first.legend(loc="upper right", ncol=len(models) + 1, fontsize=9, framealpha=0.9)
+    first.legend(
+        loc="lower right",
+        bbox_to_anchor=(1, 1),
+        ncol=len(models) + 1,
+        fontsize=9,
+        frameon=False,
+    )
     axis = figure.add_subplot(grid[3, 0], sharex=first)
     shown = (inputs[:, 0] >= times[0] - 1) & (inputs[:, 0] <= times[-1])
     for column, label, color in ((1, "left", "#3b6fb6"), (2, "right", "#e08e0b")):
@@ -47,11 +55,11 @@ def comparison(path, run, inputs, models, force=False):
     axis.set_xlim(times[0], times[-1])
     axis.set_ylabel("input [-]")
     axis.set_xlabel("time since the start of the run [s]")
-    axis.legend(loc="upper right", ncol=2, fontsize=8, framealpha=0.9)
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, fontsize=8, frameon=False)
     axis.grid(alpha=0.3)
 
     axis = figure.add_subplot(grid[:2, 1])
-    axis.plot(eta[:, 1], eta[:, 0], color=MEASURED, lw=1.6, label="measured")
+    axis.plot(eta[:, 1], eta[:, 0], color=MEASURED, lw=3, alpha=0.45)
     for (label, _, pieces), color in zip(models, _colors(models)):
         for number, piece in enumerate(pieces):
             axis.plot(
@@ -79,7 +87,7 @@ def comparison(path, run, inputs, models, force=False):
         cellText=rows,
         colLabels=["model", "error", "(3.4), 4 s", "fit u [%]", "fit v [%]", "fit r [%]"],
         loc="center",
-        colWidths=[0.34, 0.13, 0.16, 0.14, 0.14, 0.14],
+        colWidths=[0.3, 0.13, 0.18, 0.17, 0.17, 0.17],
     )
     table.auto_set_font_size(False)
     table.set_fontsize(9)
@@ -89,7 +97,7 @@ def comparison(path, run, inputs, models, force=False):
     figure.suptitle(
         "%s: velocities in the body frame, model restarted every 1.5 s" % run.name, fontsize=12
     )
-    figure.tight_layout(rect=(0, 0, 1, 0.98))
+    figure.subplots_adjust(left=0.06, right=0.98, top=0.91, bottom=0.07)
     with files.new_file(path, force) as temporary:
         figure.savefig(temporary, dpi=100)
     plt.close(figure)
