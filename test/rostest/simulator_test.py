@@ -1,0 +1,140 @@
+#!/usr/bin/python3
+"""The simulator: its clock, the same run for the same seed, the craft's side of the protocol."""
+import math
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+import unittest
+
+import dynamic_reconfigure.client
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped
+from ground_msgs.msg import State
+from rosgraph_msgs.msg import Clock
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+from fake_craft import free_port  # noqa: E402
+
+POSE = "vrpn_client_node/hovercraft/pose"
+
+
+def motors(left, right, lift):
+    """A Motors datagram; every value needs two bytes."""
+    data = b""
+    for field, value in ((1, lift), (2, lift), (3, right), (4, left)):
+        n = 1000 + int(round(1000 * value))
+        data += bytes([field << 3, n & 0x7F | 0x80, n >> 7])
+    return data
+
+
+class SimulatorTest(unittest.TestCase):
+    def setUp(self):
+        self.ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.ground.bind(("127.0.0.1", free_port()))
+        self.ground.settimeout(5)
+        self.process = None
+
+    def tearDown(self):
+        self.end()
+        self.ground.close()
+
+    def start(self, **parameters):
+        parameters.setdefault("model", rospy.get_param("~model"))
+        parameters["sender"] = "127.0.0.1:%d" % self.ground.getsockname()[1]
+        arguments = ["_%s:=%s" % pair for pair in parameters.items()]
+        self.clock = harness.Latest("/clock", Clock, keep=True)
+        self.truth = harness.Latest("simulator/truth", State, keep=True)
+        self.poses = harness.Latest(POSE, PoseStamped, keep=True)
+        self.process = subprocess.Popen(
+            ["rosrun", "nodelet", "nodelet", "standalone", "ground/Simulator", "__name:=simulator"]
+            + arguments
+        )
+        _, self.craft = self.ground.recvfrom(2048)
+        harness.wait_for(lambda: self.poses.message, 10, "poses")
+
+    def end(self):
+        if self.process and self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(timeout=10)
+        # parameters of one simulator are not those of the next
+        if rospy.has_param("simulator"):
+            rospy.delete_param("simulator")
+
+    def drive(self, left, right, duration):
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self.ground.sendto(motors(left, right, 1.0), self.craft)
+            time.sleep(0.02)
+
+    def test_the_clock_runs_at_the_real_time_factor(self):
+        self.start(real_time_factor=4.0)
+        time.sleep(1.5)
+        (w0, c0), (w1, c1) = self.clock.all[10], self.clock.all[-1]
+        factor = (c1.clock - c0.clock).to_sec() / (w1 - w0)
+        self.assertAlmostEqual(factor, 4, delta=0.2)
+        stamps = [m.header.stamp.to_sec() for _, m in self.poses.all]
+        steps = [b - a for a, b in zip(stamps, stamps[1:])]
+        self.assertAlmostEqual(sorted(steps)[len(steps) // 2], 0.01, 6)
+        client = dynamic_reconfigure.client.Client("simulator", timeout=10)
+        client.update_configuration({"real_time_factor": 1.0})
+        self.assertEqual(
+            client.update_configuration({"real_time_factor": 0.0})["real_time_factor"], 1.0
+        )
+        client.close()
+        start = len(self.clock.all)
+        time.sleep(1.0)
+        (w0, c0), (w1, c1) = self.clock.all[start], self.clock.all[-1]
+        self.assertAlmostEqual((c1.clock - c0.clock).to_sec() / (w1 - w0), 1, delta=0.1)
+
+    def test_the_same_seed_gives_the_same_run(self):
+        runs = []
+        for seed in (7, 7, 8):
+            self.start(seed=seed, loss=0.2)
+            harness.wait_for(lambda: len(self.poses.all) > 150, 10, "poses")
+            self.end()
+            poses = {}
+            for _, m in self.poses.all:
+                p = m.pose.position
+                poses[m.header.stamp.to_nsec()] = (p.x, p.y, p.z, m.pose.orientation.y)
+            runs.append(poses)
+            self.poses._subscriber.unregister()
+        common = sorted(set(runs[0]) & set(runs[1]))
+        self.assertGreater(len(common), 100)
+        for stamp in common:
+            self.assertEqual(runs[0][stamp], runs[1][stamp])
+        inner = [s for s in runs[0] if common[0] <= s <= common[-1]]
+        self.assertEqual(sorted(inner), common, "the same frames are lost")
+        other = set(runs[0]) & set(runs[2])
+        self.assertTrue(any(runs[0][s] != runs[2][s] for s in other))
+
+    def test_obeys_its_sender_alone_and_stops_without_it(self):
+        self.start(position_noise=0.0, heading_noise=0.0)
+        self.drive(1, 0, 0.4)
+        moving = self.truth.message
+        self.assertGreater(moving.nu[2], 1.0, "left thrust turns clockwise: r grows")
+        self.assertGreater(moving.eta[2], 0.1)
+        # the same turn in OptiTrack's frame is a negative rotation about its y, which points up
+        self.assertLess(self.poses.message.pose.orientation.y, 0)
+        harness.wait_for(lambda: abs(self.truth.message.nu_dot[2]) < 4, 2, "the craft's watchdog")
+        stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        rate = self.truth.message.nu[2]
+        for _ in range(20):
+            stranger.sendto(motors(1, 0, 1), self.craft)
+            self.ground.sendto(b"garbage", self.craft)
+            time.sleep(0.01)
+        stranger.close()
+        self.assertLess(self.truth.message.nu[2], rate + 0.1)
+        data, _ = self.ground.recvfrom(2048)
+        yaw = struct.unpack("<f", data[11:15])[0]  # third of three floats behind a byte each
+        self.assertTrue(math.isfinite(yaw) and abs(yaw) <= 180)
+
+
+if __name__ == "__main__":
+    rospy.init_node("simulator_test")
+    rostest.rosrun("ground", "simulator_test", SimulatorTest)
