@@ -27,7 +27,7 @@ test: build
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)
 	@$(in_workspace) for rate in 100 240; do \
-	  roslaunch --log-level error ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
+	  roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
 
 build/CMakeCache.txt: $(installed)
 	@$(in_ros) cmake -S . -B build > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }

@@ -46,17 +46,12 @@ class Probe {
       const auto sent = Clock::now();
       publishPose((ros::Time::now() - start).toSec());
       due += period;
-      // The controller answers each state with one command; packets that repeat an old one differ
-      // from it, for the craft moves.
-      while (Clock::now() < due) {
-        const double left = std::chrono::duration<double>(due - Clock::now()).count();
-        if (!socket_.receive(left, datagram, from)) break;
-        ground::MotorCommand command;
-        if (!running_ || !ground::decodeMotors(datagram, command) || datagram == last_) continue;
-        last_ = datagram;
+      // While it runs, the controller answers each state with one command and the sender each
+      // command with one packet; its keepalive is slower than the poses and never comes to pass.
+      const double left = std::chrono::duration<double>(due - Clock::now()).count();
+      if (socket_.receive(left, datagram, from) && running_)
         latencies.push_back(std::chrono::duration<double>(Clock::now() - sent).count());
-        std::this_thread::sleep_until(due);
-      }
+      std::this_thread::sleep_until(due);
     }
     return latencies;
   }
@@ -90,7 +85,6 @@ class Probe {
   ground::UdpSocket socket_;
   ground::UdpAddress sender_;
   double rate_;
-  std::string last_;
 };
 
 }  // namespace

@@ -26,10 +26,12 @@ class MocapStateTest(unittest.TestCase):
         self.odometry = harness.Latest("odometry", Odometry, keep=True)
         self.publisher = rospy.Publisher(POSE, PoseStamped, queue_size=10, tcp_nodelay=True)
         harness.wait_for(lambda: self.publisher.get_num_connections(), 20, "a subscriber")
-        # The poses of the test before are over when the node says that none come.
+        # The poses of the test before are over when the node says that none come, and forgotten
+        # after its max_gap.
         harness.wait_for(
             lambda: self.state.message and "no pose" in self.state.message.status, 5, "silence"
         )
+        time.sleep(0.5)
         self.state.all.clear()
 
     def play(self, duration, rate_of_turn=1.0, spoil=None):
