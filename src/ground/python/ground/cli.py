@@ -167,8 +167,8 @@ def _info(arguments):
                 "%d at %.1f Hz, %d changes, inputs %g to %g"
                 % (controls["count"], controls["rate"], controls["changes"], *controls["levels"]),
             ),
-            ("commands start", "%.3f s after the poses" % controls["after_poses"]),
-            ("poses end", "%.3f s before the commands" % controls["poses_end_early"]),
+            ("commands start", _lag(controls["after_poses"], "the poses")),
+            ("poses end", _lag(-controls["poses_end_early"], "the commands")),
         ]
         if poses["rest"] is not None:
             rows.append(("rest at the start", "%.2f s" % poses["rest"]))
@@ -191,6 +191,10 @@ def _info(arguments):
         for name, value in rows + print_rows:
             _say(arguments, "  %-18s %s" % (name, value))
     return described
+
+
+def _lag(seconds, what):
+    return "%.3f s %s %s" % (abs(seconds), "after" if seconds >= 0 else "before", what)
 
 
 def _runs(arguments, found, model):
