@@ -8,6 +8,7 @@
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
+#include <random>
 #include <stdexcept>
 #include <thread>
 
@@ -52,6 +53,15 @@ struct Robust {
     const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
+  /// Half the derivative of the loss by the residual.
+  double score(double r) const {
+    return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
+  }
+  /// Half the second derivative of the loss, averaged over about `width` (no less than delta):
+  /// absolute values have all their curvature at zero, where few residuals are.
+  double curvature(double r, double width) const {
+    return std::isinf(delta) ? 1 : delta / width * std::pow(1 + r * r / (width * width), -1.5);
+  }
 
  private:
   double factor(double r) const {
@@ -61,8 +71,19 @@ struct Robust {
 
 /// Scaling between solver variables of order one and coordinates of the model.
 struct Free {
+  std::vector<double> base;  ///< coordinates of all parameters, the free ones at their start
   std::vector<int> index;
   std::vector<double> scale, lower, upper;  ///< bounds in coordinates
+
+  std::vector<double> coordinates(const double* scaled) const {
+    std::vector<double> all = base;
+    for (std::size_t i = 0; i < index.size(); ++i) all[index[i]] = scaled[i] * scale[i];
+    return all;
+  }
+  /// Sign of the way from the bound that a value sits on into the range; 0 inside the range.
+  int inward(std::size_t i, double scaled) const {
+    return scaled * scale[i] <= lower[i] ? 1 : scaled * scale[i] >= upper[i] ? -1 : 0;
+  }
 };
 
 class WindowCost : public ceres::CostFunction {
@@ -81,8 +102,7 @@ class WindowCost : public ceres::CostFunction {
                 double** jacobians) const override {
     const int count = static_cast<int>(free_.index.size());
     const int velocity_block = count > 0 ? 1 : 0;
-    std::vector<double> coordinates = model_.coordinates();
-    for (int i = 0; i < count; ++i) coordinates[free_.index[i]] = parameters[0][i] * free_.scale[i];
+    const std::vector<double> coordinates = free_.coordinates(parameters[0]);
     const Eigen::Map<const Vector3<double>> nu(parameters[velocity_block]);
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
@@ -113,6 +133,13 @@ class WindowCost : public ceres::CostFunction {
 };
 
 using Velocities = std::vector<Vector3<double>>;
+
+/// Losses to descend by, one after the other. Plain squares come first, they have the widest basin;
+/// absolute values are approached from them.
+std::vector<double> lossesOf(FitOptions::Objective objective) {
+  if (objective == FitOptions::Objective::kLeastSquares) return {kInfinity};
+  return {kInfinity, 1.0, 0.3, 0.1, 0.03, 0.01};
+}
 
 int threadCount(int wanted) {
   return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
@@ -149,6 +176,17 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   return summary;
 }
 
+/// Where a descent ended.
+struct Solution {
+  std::vector<double> scaled;
+  Velocities initial;
+  double delta = kInfinity;  ///< of the last loss
+  double cost = kInfinity;
+  int iterations = 0;
+  bool usable = false, converged = false;
+  std::string message;
+};
+
 Velocities measuredVelocities(const SimulationError& problem) {
   Velocities initial;
   for (const Window& w : problem.windows())
@@ -158,6 +196,7 @@ Velocities measuredVelocities(const SimulationError& problem) {
 
 Free makeFree(const Model& model, const std::vector<std::string>& names) {
   Free free;
+  free.base = model.coordinates();
   const auto infos = model.parameters();
   for (const std::string& name : names) {
     const int index = model.index(name);
@@ -184,64 +223,242 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
   return free;
 }
 
-double medianOf(std::vector<double> values) {
-  const auto middle = values.begin() + values.size() / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// Derivatives of the cost by the scaled free parameters.
+Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, const Free& free,
+                         const Robust& robust, const Solution& at) {
+  const auto n = static_cast<Eigen::Index>(free.index.size());
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
+  const std::vector<double> coordinates = free.coordinates(at.scaled.data());
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    Eigen::VectorXd r;
+    Eigen::MatrixXd J;
+    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), at.initial[w], r,
+                           &J))
+      continue;
+    for (double& x : r) x = robust.score(x);
+    sum += J.leftCols(n).transpose() * r;
+  }
+  return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
-/// Information and covariance of the free parameters, the initial velocities projected out; the
-/// middle of the sandwich sums over blocks of time, inside which residuals may be correlated.
+/// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
+/// other parameters still have to go; so those that have come to a bound are held there while the
+/// others go on, and are let go when the cost falls inwards (active set).
+void descend(const SimulationError& problem, const Model& model, const Free& free,
+             const Robust& robust, const FitOptions& options, Solution& solution) {
+  const std::size_t n = free.index.size();
+  std::vector<bool> held(n, false), let_go(n, false);
+  for (bool first = true;; first = false) {
+    Free moving;
+    moving.base = free.coordinates(solution.scaled.data());
+    std::vector<double> scaled;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (held[i]) continue;
+      moving.index.push_back(free.index[i]);
+      moving.scale.push_back(free.scale[i]);
+      moving.lower.push_back(free.lower[i]);
+      moving.upper.push_back(free.upper[i]);
+      scaled.push_back(solution.scaled[i]);
+    }
+    const auto summary = solve(problem, model, moving, robust, options.max_iterations,
+                               options.threads, scaled, solution.initial);
+    solution.cost = summary.final_cost;
+    solution.iterations += static_cast<int>(summary.iterations.size());
+    solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
+    solution.converged = summary.termination_type == ceres::CONVERGENCE;
+    solution.message = summary.message;
+    if (!solution.usable) return;
+    bool changed = false;
+    for (std::size_t i = 0, j = 0; i < n; ++i) {
+      if (held[i]) continue;
+      solution.scaled[i] = scaled[j++];
+      if (free.inward(i, solution.scaled[i]) != 0) changed = held[i] = true;
+    }
+    if (changed) continue;
+    if (first) return;  // no bound was met
+    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
+    for (std::size_t i = 0; i < n; ++i) {
+      if (!held[i] || let_go[i]) continue;
+      if (slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost)) {
+        held[i] = false;
+        changed = let_go[i] = true;  // once: no going round in circles
+      }
+    }
+    if (!changed) return;
+  }
+}
+
+/// Descends from `scaled` by one loss after the other.
+Solution descend(const SimulationError& problem, const Model& model, const Free& free,
+                 const std::vector<double>& losses, const FitOptions& options,
+                 std::vector<double> scaled, Velocities initial) {
+  Solution solution;
+  solution.scaled = std::move(scaled);
+  solution.initial = std::move(initial);
+  for (const double delta : losses) {
+    solution.delta = delta;
+    descend(problem, model, free, {delta}, options, solution);
+    if (!solution.usable) break;
+  }
+  return solution;
+}
+
+/// The model's own values, then as many others as asked for: positive ones up to ten times smaller
+/// or larger, the others as far off as they are typically large.
+std::vector<std::vector<double>> startsOf(const Free& free, int count) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::vector<std::vector<double>> starts;
+  for (int s = 0; s < count; ++s) {
+    std::vector<double> scaled(free.index.size());
+    for (std::size_t i = 0; i < scaled.size(); ++i) {
+      const double given = free.base[free.index[i]] / free.scale[i];
+      const double lower = free.lower[i] / free.scale[i], upper = free.upper[i] / free.scale[i];
+      const double way = s == 0 ? 0 : uniform(random);
+      scaled[i] = s == 0       ? given
+                  : lower >= 0 ? std::max(given, 0.1) * std::pow(10, way)
+                               : given + way;
+      scaled[i] = std::min(std::max(scaled[i], lower), upper);
+    }
+    starts.push_back(scaled);
+  }
+  return starts;
+}
+
+/// Standard deviation that the median of absolute residuals stands for.
+double deviationOf(std::vector<double> sizes) {
+  const auto middle = sizes.begin() + sizes.size() / 2;
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  return 1.4826 * *middle;
+}
+
+/// Normal equations of the free parameters and one window's initial velocity.
+struct Normal {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd b;
+
+  explicit Normal(int n) : A(Eigen::MatrixXd::Zero(n, n)), b(Eigen::VectorXd::Zero(n)) {}
+  Normal& operator+=(const Normal& other) {
+    A += other.A;
+    b += other.b;
+    return *this;
+  }
+  Normal& operator-=(const Normal& other) {
+    A -= other.A;
+    b -= other.b;
+    return *this;
+  }
+  /// Without the initial velocity, the last three unknowns: whatever it is, it follows along.
+  Normal reduced() const {
+    const Eigen::Index n = b.size() - 3;
+    const auto velocity = A.bottomRightCorner(3, 3).completeOrthogonalDecomposition();
+    Normal result(static_cast<int>(n));
+    result.A =
+        A.topLeftCorner(n, n) - A.topRightCorner(n, 3) * velocity.solve(A.bottomLeftCorner(3, n));
+    result.b = b.head(n) - A.topRightCorner(n, 3) * velocity.solve(b.tail(3));
+    return result;
+  }
+};
+
+/// How well the free parameters are known, in scaled coordinates.
 struct Uncertainty {
-  Eigen::MatrixXd information, covariance;  ///< in scaled coordinates
+  Eigen::MatrixXd information, covariance;
+  std::vector<bool> identified;  ///< false: the data say nothing, the variance is infinite
   int blocks = 0;
 };
 
+/// Jackknife over blocks of time, inside which residuals may be correlated: each block is left out
+/// once, and one Newton step says where the estimate, the initial velocities with it, would go.
+/// Unlike the sum of squared scores it is not fooled by residuals that the fit has made small
+/// (MacKinnon and White 1985, HC3).
 Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
                         const std::vector<double>& coordinates, const Velocities& initial,
                         const Robust& robust, double block) {
   const int n = static_cast<int>(free.index.size());
-  Uncertainty result;
-  result.information = Eigen::MatrixXd::Zero(n, n);
-  Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(n, n);
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
   const auto durationOf = [&problem](const Window& w) {
     const std::vector<double>& times = problem.runs()[w.run].times;
     return times[w.last] - times[w.first];
   };
   double total = 0;
-  for (const Window& w : problem.windows()) total += durationOf(w);
+  std::vector<Eigen::VectorXd> residuals(problem.windows().size());
+  std::vector<Eigen::MatrixXd> jacobians(problem.windows().size());
+  std::vector<double> sizes;
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w],
+                           residuals[w], &jacobians[w])) {
+      residuals[w].resize(0);
+      continue;
+    }
+    total += durationOf(problem.windows()[w]);
+    jacobians[w].leftCols(n) *= scale.asDiagonal();
+    for (double r : residuals[w]) sizes.push_back(std::abs(r));
+  }
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
   block = std::min(block, total / (4 * n));
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    Eigen::VectorXd r;
-    Eigen::MatrixXd J;
-    const int window = static_cast<int>(w);
-    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, &J)) continue;
-    for (Eigen::Index i = 0; i < r.size(); ++i) {
-      J.row(i) *= robust.derivative(r(i));
-      r(i) = robust(r(i));
-    }
-    const Eigen::MatrixXd velocity = J.rightCols(3);
-    Eigen::MatrixXd theta = J.leftCols(n) * scale.asDiagonal();
-    theta -= velocity * velocity.colPivHouseholderQr().solve(theta);
-    result.information += theta.transpose() * theta;
+  const double width = std::max(robust.delta, sizes.empty() ? 0 : 0.3 * deviationOf(sizes));
 
+  Normal whole(n);
+  std::vector<Normal> changes;  // of the whole when a block is left out
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     const Window& span = problem.windows()[w];
-    const int samples = span.last - span.first + 1;
-    const int blocks = std::max(1, static_cast<int>(std::lround(durationOf(span) / block)));
-    for (int b = 0; b < blocks; ++b) {
-      const int begin = samples * b / blocks, end = samples * (b + 1) / blocks;
-      const Eigen::VectorXd score = theta.middleRows(3 * begin, 3 * (end - begin)).transpose() *
-                                    r.segment(3 * begin, 3 * (end - begin));
-      meat += score * score.transpose();
-      ++result.blocks;
+    const int samples = static_cast<int>(residuals[w].size()) / 3;
+    if (samples == 0) continue;
+    const int count =
+        std::min(samples, std::max(1, static_cast<int>(std::lround(durationOf(span) / block))));
+    Normal window(n + 3);
+    std::vector<Normal> parts(count, window);
+    for (int b = 0; b < count; ++b) {
+      const int begin = 3 * (samples * b / count), end = 3 * (samples * (b + 1) / count);
+      for (int i = begin; i < end; ++i) {
+        const Eigen::VectorXd row = jacobians[w].row(i);
+        const double r = residuals[w](i);
+        parts[b].A += robust.curvature(r, width) * row * row.transpose();
+        parts[b].b += robust.score(r) * row;
+      }
+      window += parts[b];
+    }
+    const Normal reduced = window.reduced();
+    whole += reduced;
+    for (const Normal& part : parts) {
+      Normal rest = window;
+      rest -= part;
+      changes.push_back(count > 1 ? rest.reduced() : Normal(n));
+      changes.back() -= reduced;
     }
   }
-  const Eigen::MatrixXd inverse =
-      result.information.completeOrthogonalDecomposition().pseudoInverse();
-  const double correction = result.blocks / std::max(1.0, double(result.blocks - n));
-  result.covariance = correction * inverse * meat * inverse;
+
+  Uncertainty result;
+  result.information = whole.A;
+  result.blocks = static_cast<int>(changes.size());
+  result.identified.assign(n, true);
+  constexpr double kNothing = 1e-14, kNoDirection = 1e-10, kTakesPart = 1e-6;
+  const double largest = whole.A.diagonal().maxCoeff();
+  Eigen::VectorXd unit(n);
+  for (int i = 0; i < n; ++i) {
+    result.identified[i] = whole.A(i, i) > kNothing * largest;
+    unit(i) = result.identified[i] ? 1 / std::sqrt(whole.A(i, i)) : 0;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * whole.A *
+                                                             unit.asDiagonal());
+  int first = 0;  // directions before it are not seen
+  while (first < n && !(eigen.eigenvalues()(first) > kNoDirection * eigen.eigenvalues()(n - 1)))
+    for (int i = 0, j = first++; i < n; ++i)
+      if (std::pow(eigen.eigenvectors()(i, j), 2) > kTakesPart) result.identified[i] = false;
+  const Eigen::MatrixXd seen = unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
+  result.covariance = Eigen::MatrixXd::Zero(n, n);
+  if (first == n || result.blocks < 2) {
+    result.identified.assign(n, false);
+    return result;
+  }
+  Eigen::MatrixXd steps(n, result.blocks);
+  for (int b = 0; b < result.blocks; ++b) {
+    const Eigen::MatrixXd A = seen.transpose() * (whole.A + changes[b].A) * seen;
+    const Eigen::VectorXd s = seen.transpose() * (whole.b + changes[b].b);
+    steps.col(b) = seen * A.completeOrthogonalDecomposition().solve(s);
+  }
+  const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
+  result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();
   return result;
 }
 
@@ -341,12 +558,17 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
   return residuals.allFinite() && jacobian->allFinite();
 }
 
-WindowSimulation SimulationError::simulate(const Model& model) const {
+WindowSimulation SimulationError::simulate(const Model& model,
+                                           FitOptions::Objective objective) const {
   Velocities initial = measuredVelocities(*this);
+  Free nothing;
+  nothing.base = model.coordinates();
   std::vector<double> none;
-  const auto summary = solve(*this, model, Free(), Robust(), 50, 0, none, initial);
-  if (!summary.IsSolutionUsable())
-    throw std::runtime_error("the model cannot be simulated over these runs: " + summary.message);
+  for (const double delta : lossesOf(objective)) {
+    const auto summary = solve(*this, model, nothing, {delta}, 50, 0, none, initial);
+    if (!summary.IsSolutionUsable())
+      throw std::runtime_error("the model cannot be simulated over these runs: " + summary.message);
+  }
   const Dynamics<double> dynamics(model);
   WindowSimulation result;
   for (std::size_t w = 0; w < windows_.size(); ++w) {
@@ -378,60 +600,62 @@ double SimulationError::objective(const WindowSimulation& simulation) const {
 
 FitResult SimulationError::fit(const Model& model, const FitOptions& options) const {
   if (options.free.empty()) throw std::invalid_argument("no parameter is free");
+  if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
   const Free free = makeFree(model, options.free);
   const int n = static_cast<int>(free.index.size());
   FitResult result;
   result.model = model;
-  result.objective_before = objective(simulate(model));
+  result.objective_before = objective(simulate(model, options.objective));
 
-  std::vector<double> scaled(n);
-  for (int i = 0; i < n; ++i) scaled[i] = model.coordinates()[free.index[i]] / free.scale[i];
-  Velocities initial = measuredVelocities(*this);
-  const auto coordinatesNow = [&] {
-    std::vector<double> coordinates = model.coordinates();
-    for (int i = 0; i < n; ++i) coordinates[free.index[i]] = scaled[i] * free.scale[i];
-    return coordinates;
-  };
-  // Plain squares come first, they have the widest basin; then the loss that was asked for.
-  std::vector<double> deltas = {kInfinity};
-  const bool thesis = options.objective == FitOptions::Objective::kThesis;
-  if (thesis) deltas.insert(deltas.end(), {1.0, 0.3, 0.1, 0.03, 0.01});
-  Robust robust;
-  for (std::size_t stage = 0; stage < deltas.size() + (thesis ? 0 : 1); ++stage) {
-    if (stage < deltas.size()) {
-      robust.delta = deltas[stage];
-    } else {
-      std::vector<double> sizes;
-      for (std::size_t w = 0; w < windows_.size(); ++w) {
-        Eigen::VectorXd r;
-        if (!residuals(model, coordinatesNow(), free.index, static_cast<int>(w), initial[w], r,
-                       nullptr))
-          continue;
-        for (double x : r) sizes.push_back(std::abs(x));
-      }
-      // Twice the standard deviation that the median of absolute residuals stands for.
-      robust.delta = sizes.empty() ? kInfinity : 2 * 1.4826 * medianOf(sizes);
-      if (!(robust.delta > 1e-9)) break;  // an exact fit has no outliers
+  Solution best;
+  std::vector<double> costs;
+  std::string failure;
+  for (const std::vector<double>& from : startsOf(free, options.starts)) {
+    const Solution found = descend(*this, model, free, lossesOf(options.objective), options, from,
+                                   measuredVelocities(*this));
+    if (!found.usable) {
+      // The start values of the model itself have to work: they are what the user gave.
+      if (costs.empty())
+        throw std::runtime_error("the fit failed at its start values: " + found.message);
+      continue;
     }
-    const auto summary =
-        solve(*this, model, free, robust, options.max_iterations, options.threads, scaled, initial);
-    if (!summary.IsSolutionUsable())
-      throw std::runtime_error("the fit failed at its start values: " + summary.message);
-    result.iterations += static_cast<int>(summary.iterations.size());
-    result.converged = summary.termination_type == ceres::CONVERGENCE;
-    result.message = summary.message;
+    if (costs.empty() || found.cost < best.cost) best = found;
+    costs.push_back(found.cost);
   }
+  result.starts = static_cast<int>(costs.size());
+  result.starts_at_best = static_cast<int>(std::count_if(costs.begin(), costs.end(), [&](double c) {
+    return c <= best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
+  }));
+  if (options.objective == FitOptions::Objective::kLeastSquares) {
+    std::vector<double> sizes;
+    for (std::size_t w = 0; w < windows_.size(); ++w) {
+      Eigen::VectorXd r;
+      if (residuals(model, free.coordinates(best.scaled.data()), free.index, static_cast<int>(w),
+                    best.initial[w], r, nullptr))
+        for (double x : r) sizes.push_back(std::abs(x));
+    }
+    const double delta = sizes.empty() ? kInfinity : 2 * deviationOf(sizes);
+    // An exact fit has no outliers.
+    if (delta > 1e-9 && std::isfinite(delta)) {
+      const Solution robust =
+          descend(*this, model, free, {delta}, options, best.scaled, best.initial);
+      if (robust.usable) best = robust;
+    }
+  }
+  result.iterations = best.iterations;
+  result.converged = best.converged;
+  result.message = best.message;
 
-  const std::vector<double> coordinates = coordinatesNow();
+  const std::vector<double> coordinates = free.coordinates(best.scaled.data());
   const auto infos = model.parameters();
   std::vector<double> values = model.values();
   for (int i = 0; i < n; ++i)
     values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
   result.model.setValues(values);
-  result.objective_after = objective(simulate(result.model));
+  result.objective_after = objective(simulate(result.model, options.objective));
 
   const Uncertainty u =
-      uncertainty(*this, model, free, coordinates, initial, robust, options.block);
+      uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);
   const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   result.correlation = Eigen::MatrixXd::Identity(n, n);
   for (int i = 0; i < n; ++i)
@@ -446,14 +670,14 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i) {
     const ParameterInfo& info = infos[free.index[i]];
     const double at = coordinates[free.index[i]];
-    const double half = quantile * deviation(i) * free.scale[i];
+    const double half = u.identified[i] ? quantile * deviation(i) * free.scale[i] : kInfinity;
     double low = info.fromCoordinate(std::max(at - half, free.lower[i]));
     double high = info.fromCoordinate(std::min(at + half, free.upper[i]));
     if (low > high) std::swap(low, high);
     const double margin = 1e-4 * free.scale[i];
-    result.parameters.push_back({info.name, info.unit, model.values()[free.index[i]],
-                                 values[free.index[i]], low, high,
-                                 at - free.lower[i] < margin || free.upper[i] - at < margin});
+    result.parameters.push_back(
+        {info.name, info.unit, model.values()[free.index[i]], values[free.index[i]], low, high,
+         at - free.lower[i] < margin || free.upper[i] - at < margin, bool(u.identified[i])});
   }
   return result;
 }

@@ -81,6 +81,7 @@ py::dict toDict(const FitResult& result) {
     d["value"] = p.value;
     d["ci95"] = py::make_tuple(p.lower, p.upper);
     d["at_bound"] = p.at_bound;
+    d["identified"] = p.identified;
     parameters.append(d);
   }
   py::dict d;
@@ -90,6 +91,8 @@ py::dict toDict(const FitResult& result) {
   d["condition"] = result.condition;
   d["objective_before"] = result.objective_before;
   d["objective_after"] = result.objective_after;
+  d["starts"] = result.starts;
+  d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;
   d["converged"] = result.converged;
   d["message"] = result.message;
@@ -218,11 +221,11 @@ PYBIND11_MODULE(_core, module) {
       .def("sigma", &SimulationError::sigma, py::arg("run"))
       .def(
           "simulate",
-          [](const SimulationError& problem, const Model& model) {
+          [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {
             WindowSimulation simulation;
             {
               const py::gil_scoped_release release;
-              simulation = problem.simulate(model);
+              simulation = problem.simulate(model, objective);
             }
             py::dict d;
             d["objective"] = problem.objective(simulation);
@@ -230,13 +233,15 @@ PYBIND11_MODULE(_core, module) {
             d["nu"] = simulation.nu;
             return d;
           },
-          py::arg("model"), "Every window with the initial velocities that suit the model best.")
+          py::arg("model"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
+          "Every window with the initial velocities that suit the model best by the objective.")
       .def(
           "fit",
           [](const SimulationError& problem, const Model& model,
-             const std::vector<std::string>& free, FitOptions::Objective objective) {
+             const std::vector<std::string>& free, FitOptions::Objective objective, int starts) {
             FitOptions options;
             options.free = free;
+            options.starts = starts;
             options.objective = objective;
             FitResult result;
             {
@@ -246,5 +251,5 @@ PYBIND11_MODULE(_core, module) {
             return toDict(result);
           },
           py::arg("model"), py::arg("free"),
-          py::arg("objective") = FitOptions::Objective::kLeastSquares);
+          py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1);
 }

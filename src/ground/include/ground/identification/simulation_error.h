@@ -44,6 +44,7 @@ struct FitOptions {
   };
   std::vector<std::string> free;  ///< names of the free parameters
   Objective objective = Objective::kLeastSquares;
+  int starts = 1;  ///< from the model's values, and from so many less one others
   int max_iterations = 200;
   int threads = 0;     ///< 0: all cores
   double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
@@ -53,6 +54,7 @@ struct FittedParameter {
   std::string name, unit;
   double start, value, lower, upper;  ///< lower, upper: 95% interval
   bool at_bound;
+  bool identified;  ///< false: the data say nothing of it, the interval is its whole range
 };
 
 struct FitResult {
@@ -60,8 +62,12 @@ struct FitResult {
   std::vector<FittedParameter> parameters;
   Eigen::MatrixXd correlation;  ///< of the estimates
   double condition = 0;         ///< of the scaled information matrix
-  double objective_before = 0;  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r
+  /// Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r with the initial velocities that suit the
+  /// objective best.
+  double objective_before = 0;
   double objective_after = 0;
+  int starts = 0;          ///< that could be simulated
+  int starts_at_best = 0;  ///< that came to the same end as the best
   int iterations = 0;
   bool converged = false;
   std::string message;
@@ -80,8 +86,10 @@ class SimulationError {
   /// be simulated at its start values.
   FitResult fit(const Model& model, const FitOptions& options) const;
 
-  /// Simulates every window with the initial velocities that suit the model best.
-  WindowSimulation simulate(const Model& model) const;
+  /// Simulates every window with the initial velocities that suit the model best by the
+  /// objective. Throws std::runtime_error when the model cannot be simulated.
+  WindowSimulation simulate(const Model& model, FitOptions::Objective objective =
+                                                    FitOptions::Objective::kLeastSquares) const;
 
   /// The thesis's objective (3.4) over all windows, from a simulation of them: the mean over
   /// samples of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
