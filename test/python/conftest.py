@@ -60,9 +60,11 @@ def write_bag(path, start=1000.0, change=None, **options):
             ("pose", times, eta),
             ("controls", inputs[:, 0], inputs[:, 1:]),
         ):
+            received = genpy.Time.from_sec(start)  # a recorder's clock does not run back
             for stamp, row in zip(stamps, rows):
                 message = PointStamped()
                 message.header.stamp = genpy.Time.from_sec(start + stamp)
                 message.point.x, message.point.y, message.point.z = row
-                bag.write(topic, message, message.header.stamp)
+                received = max(received + genpy.Duration(0, 1), message.header.stamp)
+                bag.write(topic, message, received)
     return path

@@ -137,6 +137,41 @@ def test_fit_several_runs_each(tmp_path, guess):
         assert run["parameters"]["k"] == pytest.approx(TRUTH["k"], rel=0.05)
 
 
+def test_fit_from_several_starts(tmp_path, bag, guess):
+    result = identify(
+        "fit", bag, "--model", guess, "-o", tmp_path / "f.yaml", "--starts", 4, "--json"
+    )
+    assert result.returncode == 0, result.stderr
+    fit = json.loads(result.stdout)
+    assert fit["starts"]["tried"] == 4 and fit["starts"]["at_best"] >= 2
+    assert fit["parameters"]["k"]["value"] == pytest.approx(TRUTH["k"], rel=0.03)
+    assert fit["thesis_objective"]["after"] < 0.5 * fit["thesis_objective"]["before"]
+
+
+def no_thrust(times, eta, inputs):
+    return times, eta, inputs * [1, 0, 0, 1]
+
+
+def test_fit_says_what_the_data_do_not_tell(tmp_path, guess):
+    path = write_bag(tmp_path / "drift.bag", change=no_thrust)
+    out = tmp_path / "fitted.yaml"
+    result = identify("fit", path, "--model", guess, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+
+    def refuse(word):
+        raise AssertionError("%s is no JSON" % word)
+
+    k = json.loads(result.stdout, parse_constant=refuse)["parameters"]["k"]
+    assert not k["identified"]
+    assert k["value"] == 0.1, "nothing can have moved it"
+    assert k["ci95"][1] is None
+    text = identify("fit", path, "--model", guess, "-o", tmp_path / "again.yaml").stdout
+    line = next(line for line in text.splitlines() if line.startswith("k "))
+    assert "do not tell" in line
+    # the file with its unlimited interval is a model like any other
+    assert identify("fit", path, "--model", out, "-o", tmp_path / "third.yaml").returncode == 0
+
+
 def test_reads_our_own_topics(tmp_path, guess):
     import genpy
     import rosbag
@@ -188,6 +223,22 @@ def degrees(times, eta, inputs):
     return times, eta, inputs
 
 
+def wrapped_degrees(times, eta, inputs):
+    eta[:, 2] = np.degrees(eta[:, 2])
+    assert np.abs(np.diff(eta[:, 2])).max() > 300
+    return times, eta, inputs
+
+
+def clock_set_back(times, eta, inputs):
+    times = times.copy()
+    times[300:] -= 1.0
+    return times, eta, inputs
+
+
+def no_stamps(times, eta, inputs):
+    return 0 * times, eta, inputs
+
+
 def microseconds(times, eta, inputs):
     return times, eta, inputs * [1, 1000, 1000, 1000] + [0, 1000, 1000, 1000]
 
@@ -207,6 +258,9 @@ def apart(times, eta, inputs):
     [
         (nan_pose, ["1 of 800 poses are not finite"]),
         (degrees, ["degrees"]),
+        (wrapped_degrees, ["degrees"]),
+        (clock_set_back, ["jump back by 0.99 s", "301"]),
+        (no_stamps, ["all poses have the same stamp"]),
         (microseconds, ["normalised to 0..1"]),
         (too_short, ["too short"]),
         (apart, ["do not overlap"]),
@@ -238,6 +292,9 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     bad = tmp_path / "bad.yaml"
     bad.write_text(guess.read_text().replace("k: 0.1", "k: 0.1, kk: 2"))
     fails(identify("fit", bag, "--model", bad, "-o", out), "bad.yaml, line 3", "unknown key 'kk'")
+    wild = tmp_path / "wild.yaml"
+    wild.write_text(guess.read_text().replace("2.0e-4", "1e-300").replace("1.0e-4", "1e300"))
+    fails(identify("fit", bag, "--model", wild, "-o", out), "not finite in run")
     fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "K"), "no parameter 'K'")
     fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "m", "k", "I_z"), "weigh")
     fails(identify("fit", bag, "--model", guess, "-o", tmp_path / "no" / "f.yaml"), "no folder")
@@ -254,6 +311,8 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
         ["fit"],
         ["guess"],
         ["fit", "a.bag", "--model", "m", "-o", "o", "--window", "-1"],
+        ["fit", "a.bag", "--model", "m", "-o", "o", "--starts", "0"],
+        ["fit", "a.bag", "--model", "m", "-o", "o", "--from", "nan"],
         ["info"],
     ],
 )
@@ -277,6 +336,16 @@ def test_bad_csv_is_refused_with_file_and_line(tmp_path, spoil, words):
     controls.write_text(spoil(controls.read_text()))
     out = tmp_path / "run.bag"
     fails(identify("import", controls, pose, "-o", out), "controls.csv", *words)
+    assert not out.exists()
+
+
+def test_csv_with_stamps_in_disorder_is_refused(tmp_path):
+    times, eta, inputs = simulate_run()
+    controls = write_csv(tmp_path / "controls.csv", inputs[:, 0], inputs[:, 1:])
+    times[100], times[101] = times[101], times[100]
+    pose = write_csv(tmp_path / "pose.csv", times, eta)
+    out = tmp_path / "run.bag"
+    fails(identify("import", controls, pose, "-o", out), "pose.csv, line 103", "0.010000 s before")
     assert not out.exists()
 
 
@@ -314,3 +383,9 @@ def test_real_recordings_import_and_fit(tmp_path, recordings):
             assert 0.04 < fit["parameters"]["k"]["value"] < 0.1
             assert 4e-5 < fit["parameters"]["I_z"]["value"] < 1.6e-4
             assert fit["error"]["after"] < 0.65
+            assert all(p["identified"] for p in fit["parameters"].values())
+            # the end does not depend on the start, also where a damping is at its bound
+            far = identify(
+                "fit", bag, "--model", MODEL, "-o", out, "--force", "--starts", 3, "--json"
+            )
+            assert json.loads(far.stdout)["starts"]["at_best"] == 3, far.stderr

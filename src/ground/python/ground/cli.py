@@ -27,7 +27,7 @@ def main(argv=None):
         print("identify %s: interrupted" % arguments.verb, file=sys.stderr)
         return 1
     if arguments.json:
-        json.dump(result, sys.stdout, indent=1)
+        json.dump(files.plain(result), sys.stdout, indent=1, allow_nan=False)
         print()
     return 0
 
@@ -53,9 +53,9 @@ def _parser():
 
     def spans(sub):
         sub.add_argument(
-            "--from", dest="start", type=float, default=0.0, help="start in the usable span [s]"
+            "--from", dest="start", type=_seconds, default=0.0, help="start in the usable span [s]"
         )
-        sub.add_argument("--to", dest="end", type=float, help="end in the usable span [s]")
+        sub.add_argument("--to", dest="end", type=_seconds, help="end in the usable span [s]")
 
     sub = verb(
         "import", _import, "CSV written by rostopic echo -p, to a bag that the other verbs read"
@@ -92,6 +92,13 @@ def _parser():
         default=comparison.WINDOW,
         help="length of windows [s] (%(default)s)",
     )
+    sub.add_argument(
+        "--starts",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="descend from the model's values and N - 1 others, keep the best (%(default)s)",
+    )
     sub.add_argument("--each", action="store_true", help="also fit every run by itself")
     sub.add_argument("--force", action="store_true", help="overwrite the model file")
 
@@ -110,6 +117,20 @@ def _positive(text):
     value = float(text)
     if not value > 0 or not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
+
+
+def _count(text):
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
+
+
+def _seconds(text):
+    value = float(text)
+    if not np.isfinite(value) or value < 0:
+        raise argparse.ArgumentTypeError("%s is not a time since the start [s]" % text)
     return value
 
 
@@ -206,7 +227,8 @@ def _runs(arguments, found, model):
 def _solve(runs, model, arguments):
     objective = getattr(_core.Objective, arguments.objective.replace("-", "_"))
     try:
-        return comparison.problem(runs, arguments.window)[0].fit(model, arguments.free, objective)
+        problem = comparison.problem(runs, arguments.window)[0]
+        return problem.fit(model, arguments.free, objective, arguments.starts)
     except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
 
@@ -217,7 +239,11 @@ def _fit(arguments):
     runs = _runs(arguments, _read(arguments), model)
     result = _solve(runs, model, arguments)
     fitted = result["model"]
-    before, after = comparison.error(runs, model), comparison.error(runs, fitted)
+    try:
+        before, after = comparison.error(runs, model), comparison.error(runs, fitted)
+        thesis = [comparison.mean_thesis_objective(runs, m) for m in (model, fitted)]
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
 
     fitted.provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(
         timespec="seconds"
@@ -235,12 +261,26 @@ def _fit(arguments):
     _say(arguments, "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval"))
     for p in result["parameters"]:
         note = "  at its bound" if p["at_bound"] else ""
+        note += "" if p["identified"] else "  these data do not tell"
         _say(
             arguments,
             "%-18s %12.4g %12.4g   [%.4g, %.4g] %s%s"
             % (p["name"], p["start"], p["value"], p["ci95"][0], p["ci95"][1], p["unit"], note),
         )
     _say(arguments, "error over windows of 1.5 s: %.4f before, %.4f after" % (before, after))
+    if None not in thesis:
+        _say(arguments, "(3.4) over the first 4 s: %.4f before, %.4f after" % tuple(thesis))
+    if arguments.objective == "thesis":
+        _say(
+            arguments,
+            "(3.4) as fitted: %.4f before, %.4f after"
+            % (result["objective_before"], result["objective_after"]),
+        )
+    if arguments.starts > 1:
+        _say(
+            arguments,
+            "%d of %d starts came to this end" % (result["starts_at_best"], arguments.starts),
+        )
     if not result["converged"]:
         print("identify fit: not converged: %s" % result["message"], file=sys.stderr)
     for first, second, value in _entangled(result):
@@ -256,6 +296,9 @@ def _fit(arguments):
             p["name"]: {k: v for k, v in p.items() if k != "name"} for p in result["parameters"]
         },
         "error": {"before": before, "after": after},
+        "thesis_objective": {"before": thesis[0], "after": thesis[1]},
+        "objective": {"before": result["objective_before"], "after": result["objective_after"]},
+        "starts": {"tried": arguments.starts, "at_best": result["starts_at_best"]},
         "condition": result["condition"],
         "converged": result["converged"],
         "runs": each,

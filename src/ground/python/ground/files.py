@@ -1,6 +1,7 @@
 """Writing so that nothing is half there and nothing is overwritten."""
 import contextlib
 import json
+import math
 import os
 import tempfile
 
@@ -39,8 +40,17 @@ def new_file(path, force=False):
             os.unlink(temporary)
 
 
+def plain(value):
+    """The same with None for numbers that JSON has no word for: infinite ones and NaN."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def write_json(path, value, force=False):
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
-            json.dump(value, file, indent=1)
+            json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")

@@ -13,6 +13,7 @@ from ground import _core, files
 from ground.errors import IdentifyError
 
 CSV_STAMP = "field.header.stamp"
+JUMP_BACK = 0.5  # no message is late by more [s]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
@@ -166,12 +167,30 @@ def _checked(path, poses, controls, source, warnings):
                 "%s: %d of %d %s are not finite, the first is number %d"
                 % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
             )
+        times = rows[:, 0]
+        if times.max() == times.min():
+            raise IdentifyError(
+                "%s: all %s have the same stamp, %.3f s: their headers were not filled in"
+                % (path, what, times[0])
+            )
+        back = np.diff(times)
+        if back.min() < -JUMP_BACK:
+            raise IdentifyError(
+                "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
+                "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
+            )
     low, high = controls[:, 1:].min(), controls[:, 1:].max()
     if low < -1e-9 or high > 1 + 1e-9:
         raise IdentifyError(
             "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
         )
     turns = np.abs(np.diff(poses[:, 3]))
+    wraps = turns[np.abs(turns - 360) < 60]
+    if len(wraps) and np.abs(poses[:, 3]).max() < 361:
+        raise IdentifyError(
+            "%s: headings jump by %.0f from pose to pose: they seem to be in degrees, but radians "
+            "are needed" % (path, wraps[0])
+        )
     if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
         raise IdentifyError(
             "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
@@ -212,6 +231,11 @@ def read_csv(path):
                         "%s, line %d: a value is not finite or not positive as a stamp"
                         % (path, reader.line_num)
                     )
+                if stamps and stamp < stamps[-1]:
+                    raise IdentifyError(
+                        "%s, line %d: the stamp is %.6f s before that of the row above"
+                        % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
+                    )
                 stamps.append(stamp)
                 points.append(point)
     except (OSError, UnicodeDecodeError) as error:
@@ -231,7 +255,7 @@ def import_csv(controls_path, pose_path, bag_path, force=False):
     for topic, path in (("pose", pose_path), ("controls", controls_path)):
         stamps, points = series[topic]
         rows = np.column_stack([np.array(stamps) * 1e-9, points])
-        other = np.tile([[0.0, 0, 0, 0]], (2, 1))
+        other = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
         pair = (rows, other) if topic == "pose" else (other, rows)
         _checked(path, pair[0], pair[1], "", [])
     spans = [(s[0], s[-1]) for s, _ in series.values()]

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <thread>
 
@@ -241,6 +242,25 @@ Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, con
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
+/// Which window cannot be simulated, or nothing. The solver would say it on stderr, in its words.
+std::string notFinite(const SimulationError& problem, const Model& model, const Free& free,
+                      const std::vector<double>& scaled, const Velocities& initial) {
+  const std::vector<double> coordinates = free.coordinates(scaled.data());
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    Eigen::VectorXd r;
+    Eigen::MatrixXd J;
+    if (problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w], r, &J))
+      continue;
+    const Window& window = problem.windows()[w];
+    const RunData& run = problem.runs()[window.run];
+    std::ostringstream out;
+    out << "the model's motion is not finite in " << run.name << " from " << run.times[window.first]
+        << " to " << run.times[window.last] << " s";
+    return out.str();
+  }
+  return "";
+}
+
 /// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
 /// other parameters still have to go; so those that have come to a bound are held there while the
 /// others go on, and are let go when the cost falls inwards (active set).
@@ -295,6 +315,8 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
+  solution.message = notFinite(problem, model, free, solution.scaled, solution.initial);
+  if (!solution.message.empty()) return solution;
   for (const double delta : losses) {
     solution.delta = delta;
     descend(problem, model, free, {delta}, options, solution);
@@ -560,10 +582,16 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
 
 WindowSimulation SimulationError::simulate(const Model& model,
                                            FitOptions::Objective objective) const {
-  Velocities initial = measuredVelocities(*this);
+  return simulateFrom(model, objective, measuredVelocities(*this));
+}
+
+WindowSimulation SimulationError::simulateFrom(const Model& model, FitOptions::Objective objective,
+                                               std::vector<Vector3<double>> initial) const {
   Free nothing;
   nothing.base = model.coordinates();
   std::vector<double> none;
+  const std::string wrong = notFinite(*this, model, nothing, none, initial);
+  if (!wrong.empty()) throw std::runtime_error(wrong);
   for (const double delta : lossesOf(objective)) {
     const auto summary = solve(*this, model, nothing, {delta}, 50, 0, none, initial);
     if (!summary.IsSolutionUsable())
@@ -652,7 +680,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i)
     values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
   result.model.setValues(values);
-  result.objective_after = objective(simulate(result.model, options.objective));
+  // From where the fit ended: other initial velocities may suit the model in another way.
+  result.objective_after = objective(simulateFrom(result.model, options.objective, best.initial));
 
   const Uncertainty u =
       uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);

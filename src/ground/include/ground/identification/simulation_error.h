@@ -108,6 +108,10 @@ class SimulationError {
                  Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
 
  private:
+  /// simulate(), the initial velocities sought from the given ones.
+  WindowSimulation simulateFrom(const Model& model, FitOptions::Objective objective,
+                                std::vector<Vector3<double>> initial) const;
+
   std::vector<RunData> runs_;
   std::vector<Window> windows_;
   std::vector<Vector3<double>> sigma_;
