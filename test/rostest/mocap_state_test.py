@@ -182,6 +182,16 @@ class MocapStateTest(unittest.TestCase):
         )
         self.assertFalse(any(m.valid for _, m in self.state.all))
 
+    def test_senseless_stamps_do_no_harm(self):
+        for stamp in (rospy.Time(4294967295, 999999999), rospy.Time(0, 1)):
+            for i in range(5):
+                self.publisher.publish(harness.optitrack_pose(0.01 * i, 0, 0, stamp))
+                time.sleep(0.02)
+        self.assertFalse(any(m.valid for _, m in self.state.all))
+        time.sleep(0.6)
+        self.play(0.3)
+        harness.wait_for(self.valid_now, 1, "a valid state")
+
     def test_live_changes_do_not_interrupt_the_state(self):
         client = dynamic_reconfigure.client.Client("mocap_state", timeout=10)
         changes = [

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 namespace {
@@ -81,7 +82,7 @@ void Controller::onState(const ground_msgs::State::ConstPtr& message) {
   measured_at_ = steadyNow();
   watch();
   if (!running() || nextChange(0) != kByState) return;
-  const double since = (message->header.stamp - last_update_).toSec();
+  const double since = secondsBetween(last_update_, message->header.stamp);
   // A tenth of tolerance, so that jitter does not skip every other state.
   if (last_update_.isZero() || since >= 0.9 / params_.rate) control(message->header.stamp);
 }
@@ -113,7 +114,7 @@ std::string Controller::stateProblem() const {
   if (!measured_->valid) return "the state is invalid: " + measured_->status;
   if (steadyNow() - measured_at_ > params_.state_timeout) return "the state is stale";
   // A state may also come on time and be old.
-  const double age = (ros::Time::now() - measured_->header.stamp).toSec();
+  const double age = secondsBetween(measured_->header.stamp, ros::Time::now());
   if (age > params_.state_timeout) return "the state is stale";
   for (int i = 0; i < 3; ++i)
     if (!std::isfinite(measured_->eta[i]) || !std::isfinite(measured_->nu[i]))
@@ -138,16 +139,16 @@ double Controller::watch() {
   if ((state_ == Status::LIFTING || running()) && !problem.empty()) enter(Status::STOPPED, problem);
   if ((state_ == Status::LIFTING && time < lifting_since_) || (running() && time < running_since_))
     enter(Status::STOPPED, "time jumped back");
-  if (state_ == Status::LIFTING && (time - lifting_since_).toSec() >= params_.lift_time)
+  if (state_ == Status::LIFTING && secondsBetween(lifting_since_, time) >= params_.lift_time)
     begin(time);
 
   double wait = kWatch;
   if (running()) {
-    const double elapsed = (time - running_since_).toSec();
+    const double elapsed = secondsBetween(running_since_, time);
     if (finished(elapsed)) {
       enter(Status::DONE, "came to its end");
     } else if (nextChange(0) != kByState) {
-      const double last = (last_update_ - running_since_).toSec();
+      const double last = secondsBetween(running_since_, last_update_);
       const double due = last_update_.isZero() ? 0.0 : nextChange(last);
       if (elapsed >= due || now >= next_keepalive_) control(time);
       const double left = nextChange(elapsed) - elapsed;
@@ -185,7 +186,7 @@ void Controller::control(const ros::Time& stamp) {
   std::copy(measured_->eta.begin(), measured_->eta.end(), state.eta.data());
   std::copy(measured_->nu.begin(), measured_->nu.end(), state.nu.data());
   // The state may be older than the start by the mocap's latency.
-  const double elapsed = std::max(0.0, (stamp - running_since_).toSec());
+  const double elapsed = std::max(0.0, secondsBetween(running_since_, stamp));
   const Vector2<double> inputs = update(elapsed, stamp, state);
   last_update_ = stamp;
   if (!inputs.allFinite()) {
@@ -227,7 +228,7 @@ void Controller::publishStatus() {
   message->state = state_;
   message->controller = name_;
   message->reason = reason_;
-  if (running()) message->elapsed = (message->header.stamp - running_since_).toSec();
+  if (running()) message->elapsed = secondsBetween(running_since_, message->header.stamp);
   status_.publish(message);
   next_status_ = steadyNow() + kStatusPeriod;
 }

@@ -20,6 +20,7 @@
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -149,7 +150,8 @@ class MocapState : public nodelet::Nodelet {
 
   /// Age of the newest pose [s]; zero as long as there is no time or no pose.
   double age() const {
-    return ros::Time::isValid() && !stamp_.isZero() ? (ros::Time::now() - stamp_).toSec() : 0.0;
+    return ros::Time::isValid() && !stamp_.isZero() ? secondsBetween(stamp_, ros::Time::now())
+                                                    : 0.0;
   }
 
   std::string wrongAge() const {

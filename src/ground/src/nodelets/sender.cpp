@@ -20,6 +20,7 @@
 
 #include "ground/link/ground_link.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -129,10 +130,9 @@ class Sender : public nodelet::Nodelet {
         .count();
   }
 
-  /// How old a message is by its stamp [s]; one from the future is not old. In double, because
-  /// ros::Duration throws where a senseless stamp is too far away.
+  /// How old a message is by its stamp [s]; one from the future is not old.
   static double age(const std_msgs::Header& header) {
-    return std::max(0.0, ros::Time::now().toSec() - header.stamp.toSec());
+    return std::max(0.0, secondsBetween(header.stamp, ros::Time::now()));
   }
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {

@@ -59,8 +59,11 @@ class Simulator : public nodelet::Nodelet {
     room.watchdog = optionalParameter<double>(nh, "watchdog", 0.25);
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
         optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
-    if (!(room.start > 0) || !(room.watchdog > 0) || !room.initial.eta.allFinite())
-      throw std::runtime_error("start_time and watchdog must be positive, x, y, psi finite");
+    constexpr double kLatest = 4e9;  // that a ROS stamp holds, with some years to run [s]
+    if (!(room.start > 0) || !(room.start < kLatest) || !(room.watchdog > 0) ||
+        !room.initial.eta.allFinite())
+      throw std::runtime_error(
+          "start_time (below 4e9 s) and watchdog must be positive, x, y, psi finite");
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
     publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);

@@ -9,6 +9,7 @@
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -77,7 +78,7 @@ class TrajectoryTracking : public Controller {
 
   Vector2<double> update(double, const ros::Time& stamp, const RigidState<double>& state) override {
     if (reference_start_.isZero()) reference_start_ = stamp;
-    const double t = std::max(0.0, (stamp - reference_start_).toSec());
+    const double t = std::max(0.0, secondsBetween(reference_start_, stamp));
     const ReferencePoint point = reference_->at(t);
     auto message = boost::make_shared<ground_msgs::Reference>();
     message->header.stamp = stamp;

@@ -13,6 +13,7 @@
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -66,7 +67,7 @@ class Visualizer : public nodelet::Nodelet {
       const double keep = std::max(config_.history, config_.horizon) + 0.5;
       while (age(*state, *states_.front()) > keep) states_.pop_front();
     }
-    const double since = (state->header.stamp - last_update_).toSec();
+    const double since = secondsBetween(last_update_, state->header.stamp);
     if (!last_update_.isZero() && state->valid == shown_ && since < 1 / config_.rate) return;
     last_update_ = state->header.stamp;
     shown_ = state->valid;
@@ -92,7 +93,7 @@ class Visualizer : public nodelet::Nodelet {
   /// before zero is an error to ROS.
   template <class A, class B>
   static double age(const A& now, const B& then) {
-    return (now.header.stamp - then.header.stamp).toSec();
+    return secondsBetween(then.header.stamp, now.header.stamp);
   }
 
   void publishMeasured() {
@@ -101,7 +102,7 @@ class Visualizer : public nodelet::Nodelet {
     path->header.frame_id = "world_ned";
     ros::Time last;
     for (const auto& s : states_) {
-      const bool close = (s->header.stamp - last).toSec() < 0.02;
+      const bool close = secondsBetween(last, s->header.stamp) < 0.02;
       if (age(*states_.back(), *s) > config_.history || close) continue;
       last = s->header.stamp;
       path->poses.push_back(pose(last, s->eta[0], s->eta[1], s->eta[2]));
