@@ -213,6 +213,24 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(tmp_path, guess):
     assert 500 < json.loads(result.stdout)[0]["poses"]["count"] < 1200
 
 
+def test_a_fast_spin_is_not_given_turns_in_a_gap():
+    from ground import quality
+    from ground.recording import Recording
+
+    times = np.arange(0, 6, 0.01)
+    for phase in np.arange(0, 2 * np.pi, 0.5):
+        rate = -13 + 4 * np.sin(7.5 * times + phase)
+        psi = -13 * times - 4 / 7.5 * np.cos(7.5 * times + phase)
+        psi += np.random.default_rng(1).normal(0, 5e-3, len(psi))
+        eta = np.column_stack([0 * times, 0 * times, np.angle(np.exp(1j * psi))])
+        seen = (times < 3.0) | (times > 3.27)
+        recording = Recording(
+            "spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere"
+        )
+        nu = quality.velocities(quality.clean(recording))["nu"]
+        assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
+
+
 def nan_pose(times, eta, inputs):
     eta[50, 0] = np.nan
     return times, eta, inputs

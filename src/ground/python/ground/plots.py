@@ -92,8 +92,11 @@ def comparison(path, run, inputs, models, force=False):
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     table.scale(1, 1.7)
+    longest = max(len(label) for label, _, _ in models)
     for row, color in enumerate(_colors(models), start=1):
         table[(row, 0)].get_text().set_color(color)
+        if longest > 16:  # what the column holds at full size
+            table[(row, 0)].set_fontsize(max(5, 9 * 16 / longest))
     figure.suptitle(
         "%s: velocities in the body frame, model restarted every 1.5 s" % run.name, fontsize=12
     )

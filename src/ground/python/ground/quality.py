@@ -9,6 +9,7 @@ from ground.errors import IdentifyError
 
 BURST = 0.001  # poses closer than this came in one poll [s]
 GAP = 0.05  # a longer pause is a gap [s]
+MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
 FLIP_RATE = 40.0  # no craft turns faster [rad/s]
 
 
@@ -67,6 +68,8 @@ def velocities(poses):
     """Smoothed poses and body velocities at the poses' times; see _core.smooth."""
     params = _core.EstimatorParams()
     params.gate = 8.0
+    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
+    params.max_gap = MAX_GAP
     if poses.polled:
         # A stamp off by some milliseconds is a pose off by as much as the craft moves meanwhile.
         params.position_noise, params.heading_noise = 4e-3, 3e-2

@@ -182,7 +182,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("heading_noise", &EstimatorParams::heading_noise)
       .def_readwrite("linear_jerk", &EstimatorParams::linear_jerk)
       .def_readwrite("angular_jerk", &EstimatorParams::angular_jerk)
-      .def_readwrite("gate", &EstimatorParams::gate);
+      .def_readwrite("gate", &EstimatorParams::gate)
+      .def_readwrite("max_gap", &EstimatorParams::max_gap);
   module.def(
       "smooth",
       [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
