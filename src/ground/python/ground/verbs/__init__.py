@@ -1,0 +1,7 @@
+"""The verbs of the command line, one module each.
+
+A module has NAME, SUMMARY, configure(parser) and run(arguments); run returns what --json prints.
+"""
+from ground.verbs import compare, fit, import_csv, info
+
+ALL = [import_csv, info, fit, compare]

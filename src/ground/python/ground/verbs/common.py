@@ -1,0 +1,81 @@
+"""What the verbs of the command line share."""
+import argparse
+import os
+import sys
+
+import numpy as np
+
+from ground import _core, quality
+from ground import recording as recordings
+from ground.errors import IdentifyError
+
+
+def reads_bags(parser):
+    parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run")
+    parser.add_argument(
+        "--axes", default="x, z, -y", help="world_ned x, y, z in the mocap's axes (%(default)s)"
+    )
+
+
+def takes_spans(parser):
+    parser.add_argument(
+        "--from", dest="start", type=seconds, default=0.0, help="start in the usable span [s]"
+    )
+    parser.add_argument("--to", dest="end", type=seconds, help="end in the usable span [s]")
+
+
+def positive(text):
+    value = float(text)
+    if not value > 0 or not np.isfinite(value):
+        raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
+
+
+def count(text):
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
+
+
+def seconds(text):
+    value = float(text)
+    if not np.isfinite(value) or value < 0:
+        raise argparse.ArgumentTypeError("%s is not a time since the start [s]" % text)
+    return value
+
+
+def say(arguments, text=""):
+    if not arguments.json:
+        print(text)
+
+
+def read(arguments):
+    found = []
+    for path in arguments.bags:
+        try:
+            found.append(recordings.read_bag(path, arguments.axes))
+        except ValueError as error:
+            raise IdentifyError("--axes: %s" % error)
+        for warning in found[-1].warnings:
+            print("%s: %s" % (path, warning), file=sys.stderr)
+    names = [r.name for r in found]
+    for recording, path in zip(found, arguments.bags):
+        if names.count(recording.name) > 1:
+            recording.name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
+    if len({r.name for r in found}) < len(found):
+        raise IdentifyError("the same bag is given twice")
+    return found
+
+
+def load(path):
+    try:
+        return _core.load_model(path)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+
+
+def runs(arguments, found, model):
+    if not model.input_max > 0:
+        raise IdentifyError("the model's input_max is not positive")
+    return [quality.make_run(r, model, arguments.start, arguments.end) for r in found]

@@ -1,0 +1,28 @@
+"""identify import: CSV exports to a bag."""
+from ground import recording as recordings
+from ground.verbs import common
+
+NAME = "import"
+SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
+
+
+def configure(parser):
+    parser.add_argument(
+        "controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z"
+    )
+    parser.add_argument(
+        "pose", metavar="POSE.csv", help="x, y [m], psi [rad] as field.point.x, y, z"
+    )
+    parser.add_argument("-o", "--output", metavar="RUN.bag", required=True)
+    parser.add_argument("--force", action="store_true", help="overwrite the bag")
+
+
+def run(arguments):
+    counts = recordings.import_csv(
+        arguments.controls, arguments.pose, arguments.output, arguments.force
+    )
+    common.say(
+        arguments,
+        "%s: %d poses, %d commands" % (arguments.output, counts["pose"], counts["controls"]),
+    )
+    return {"bag": arguments.output, "messages": counts}
