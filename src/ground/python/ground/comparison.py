@@ -1,7 +1,7 @@
 """Model against measurement: the error numbers of DESIGN 8 and the thesis."""
 import numpy as np
 
-from ground import _core, quality
+from ground import _core, repair
 from ground.errors import IdentifyError
 
 WINDOW = 1.5  # of the error [s]
@@ -13,7 +13,7 @@ def problem(runs, length):
     """Windows of `length` seconds over all runs; raises IdentifyError when none fits."""
     windows = []
     for index, run in enumerate(runs):
-        found = _core.cut_windows(run, index, run.times[0], run.times[-1], length, quality.MAX_GAP)
+        found = _core.cut_windows(run, index, run.times[0], run.times[-1], length, repair.MAX_GAP)
         if not found:
             raise IdentifyError(
                 "%s: too short for a window of %.1f s without a gap" % (run.name, length)

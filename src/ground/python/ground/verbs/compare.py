@@ -1,8 +1,6 @@
 """identify compare: models against recordings."""
 import os
 
-import numpy as np
-
 from ground import comparison, files, quality
 from ground.errors import IdentifyError
 from ground.verbs import common
@@ -45,17 +43,16 @@ def run(arguments):
     width = max(len(label) for label, _ in models)
     for recording in found:
         drawn, numbers_of = [], {}
+        prepared = quality.Run(recording)
         for label, model in models:
-            run = common.runs(arguments, [recording], model)[0]
+            run = common.data(arguments, prepared, model)
             try:
                 numbers, pieces = comparison.compare_run(run, model)
             except (ValueError, RuntimeError) as error:
                 raise IdentifyError("%s with %s: %s" % (recording.name, label, error))
             drawn.append((label, numbers, pieces))
             numbers_of[label] = numbers
-        start = quality.usable_span(recording, quality.clean(recording))[0]
-        inputs = np.column_stack([recording.control_times - start, recording.controls])
-        plots.comparison(pictures[recording.name], run, inputs, drawn, arguments.force)
+        plots.comparison(pictures[recording.name], run, prepared.inputs(), drawn, arguments.force)
         result["runs"].append(
             {"name": recording.name, "models": numbers_of, "picture": pictures[recording.name]}
         )
