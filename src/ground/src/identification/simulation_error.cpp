@@ -232,7 +232,7 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = iterations;
   options.num_threads = threadCount(threads);
-  options.function_tolerance = 1e-12;
+  options.function_tolerance = 1e-10;
   options.parameter_tolerance = 1e-10;
   options.gradient_tolerance = 1e-12;
   options.logging_type = ceres::SILENT;
@@ -310,21 +310,26 @@ Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, con
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
-/// Which window cannot be simulated, or nothing. The solver would say it on stderr, in its words.
-std::string notFinite(const SimulationError& problem, const Model& model, const Free& free,
-                      const std::vector<double>& scaled, const Initials& initial) {
+std::string notFinite(const SimulationError& problem, int window) {
+  const Window& w = problem.windows()[window];
+  const RunData& run = problem.runs()[w.run];
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from " << run.times[w.first]
+      << " to " << run.times[w.last] << " s";
+  return out.str();
+}
+
+/// Says which window cannot be simulated, or nothing. The solver would say it on stderr, in its
+/// words.
+std::string checkFinite(const SimulationError& problem, const Model& model, const Free& free,
+                        const std::vector<double>& scaled, const Initials& initial) {
   const std::vector<double> coordinates = free.coordinates(scaled.data());
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
-    if (problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w], r, &J))
-      continue;
-    const Window& window = problem.windows()[w];
-    const RunData& run = problem.runs()[window.run];
-    std::ostringstream out;
-    out << "the model's motion is not finite in " << run.name << " from " << run.times[window.first]
-        << " to " << run.times[window.last] << " s";
-    return out.str();
+    const int window = static_cast<int>(w);
+    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, &J))
+      return notFinite(problem, window);
   }
   return "";
 }
@@ -383,7 +388,7 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
-  solution.message = notFinite(problem, model, free, solution.scaled, solution.initial);
+  solution.message = checkFinite(problem, model, free, solution.scaled, solution.initial);
   if (!solution.message.empty()) return solution;
   for (const double delta : losses) {
     solution.delta = delta;
@@ -665,8 +670,6 @@ WindowSimulation SimulationError::simulateFrom(const Model& model, FitOptions::O
                                                std::vector<Eigen::VectorXd> initial) const {
   Free nothing;
   nothing.base = model.coordinates();
-  const std::string wrong = notFinite(*this, model, nothing, {}, initial);
-  if (!wrong.empty()) throw std::runtime_error(wrong);
   WindowSimulation result;
   result.eta.resize(windows_.size());
   result.nu.resize(windows_.size());
@@ -684,6 +687,9 @@ WindowSimulation SimulationError::simulateFrom(const Model& model, FitOptions::O
                              result.nu[w].row(i) = m.nu;
                            });
   });
+  for (std::size_t w = 0; w < windows_.size(); ++w)
+    if (!result.eta[w].allFinite() || !result.nu[w].allFinite())
+      throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
   return result;
 }
 

@@ -11,6 +11,20 @@ std::vector<T> constants(const std::vector<double>& values) {
   return std::vector<T>(values.begin(), values.end());
 }
 
+bool same(double a, double b) { return a == b; }
+bool same(const Jet& a, const Jet& b) { return a.a == b.a && a.v == b.v; }
+
+/// Whether a mass matrix, its derivatives included, is other than that of a body whose centre of
+/// mass is its origin and that is equally heavy both ways.
+template <typename T>
+bool couples(const Matrix3<T>& mass) {
+  const T zero(0.0);
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (i != j && !same(mass(i, j), zero)) return true;
+  return !same(mass(0, 0), mass(1, 1));
+}
+
 }  // namespace
 
 template <typename T>
@@ -42,11 +56,14 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     if (has & Effect::kMeasure) measure_.push_back(active);
     uses_pose_ = uses_pose_ || (has & Effect::kPose);
     has_air_ = has_air_ || (has & Effect::kAir);
-    has_inertia_ = has_inertia_ || (has & Effect::kInertia);
     state_count_ += effect.info().states;
     p += effect.info().parameters.size();
   }
   mass_inverse_ = mass_.inverse();
+  couples_ = couples(mass_);
+  over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
+  damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
+  lever_ = body_.l / body_.I_z;
 }
 
 template <typename T>
@@ -58,35 +75,39 @@ StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, double lift, const
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::nominalWrench(const Vector2<T>& thrust, const Vector3<T>& nu,
-                                      const Vector3<T>& nu_air) const {
+Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& thrust, const Vector3<T>& nu,
+                                       const Vector3<T>& nu_air, const Vector3<T>* effects) const {
   const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-  Vector2<T> p(mass_(0, 0) * u, mass_(1, 1) * v);  // linear momentum, body
-  if (has_inertia_) p = mass_.template topRows<2>() * nu;
+  if (!couples_) {
+    Vector3<T> rate(over_mass_.x() * (thrust(0) + thrust(1)) + r * v - damping_.x() * nu_air.x(),
+                    -r * u - damping_.y() * nu_air.y(),
+                    lever_ * (thrust(0) - thrust(1)) - damping_.z() * r);
+    if (effects) rate += over_mass_.cwiseProduct(*effects);
+    return rate;
+  }
+  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
   // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
-  return {thrust(0) + thrust(1) + r * p.y() - body_.X_u * nu_air.x(),
-          -r * p.x() - body_.Y_v * nu_air.y(),
-          body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r};
+  Vector3<T> wrench(thrust(0) + thrust(1) + r * p.y() - body_.X_u * nu_air.x(),
+                    -r * p.x() - body_.Y_v * nu_air.y(),
+                    body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
+  if (effects) wrench += *effects;
+  return mass_inverse_ * wrench;
 }
 
 template <typename T>
 Vector3<T> Dynamics<T>::acceleration(const T& t, const RigidState<T>& state,
                                      const Vector2<T>& input, double lift) const {
   const Vector3<T>& nu = state.nu;
-  Vector3<T> wrench;
-  if (thrust_.empty() && wrench_.empty() && !has_air_) {
-    wrench = nominalWrench(body_.k * input, nu, nu);
-  } else {
-    Point<T> point{t, state.eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
-    if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
-    Vector2<T> thrust = point.thrust;
-    for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
-    point.thrust = thrust;
-    wrench = nominalWrench(thrust, nu, point.nu_air);
-    for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
-  }
-  if (has_inertia_) return mass_inverse_ * wrench;
-  return mass_inverse_.diagonal().cwiseProduct(wrench);
+  Vector2<T> thrust = body_.k * input;
+  if (thrust_.empty() && wrench_.empty() && !has_air_)
+    return accelerationBy(thrust, nu, nu, nullptr);
+  Point<T> point{t, state.eta, nu, nu, input, thrust, lift, &body_, &mass_};
+  if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
+  for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
+  point.thrust = thrust;
+  Vector3<T> wrench = Vector3<T>::Zero();
+  for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
+  return accelerationBy(thrust, nu, point.nu_air, &wrench);
 }
 
 template <typename T>

@@ -54,18 +54,22 @@ class Dynamics {
 
   Vector3<T> acceleration(const T& t, const RigidState<T>& state, const Vector2<T>& input,
                           double lift) const;
-  Vector3<T> nominalWrench(const Vector2<T>& thrust, const Vector3<T>& nu,
-                           const Vector3<T>& nu_air) const;
+  /// By thrust, damping in the air, and the effects' wrench where there is one.
+  Vector3<T> accelerationBy(const Vector2<T>& thrust, const Vector3<T>& nu,
+                            const Vector3<T>& nu_air, const Vector3<T>* effects) const;
 
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, thrust_, wrench_, measure_;
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
+  Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z
+  T lever_{};                       ///< l/I_z
   Vector2<T> air_;
   T delay_{};
   int state_count_ = 0;
-  bool uses_pose_ = false, has_air_ = false, has_inertia_ = false;
+  bool uses_pose_ = false, has_air_ = false;
+  bool couples_ = false;  ///< the mass matrix is not diag(m, m, I_z)
 };
 
 extern template class Dynamics<double>;
