@@ -326,9 +326,8 @@ std::string checkFinite(const SimulationError& problem, const Model& model, cons
   const std::vector<double> coordinates = free.coordinates(scaled.data());
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     Eigen::VectorXd r;
-    Eigen::MatrixXd J;
     const int window = static_cast<int>(w);
-    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, &J))
+    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
       return notFinite(problem, window);
   }
   return "";
@@ -663,33 +662,34 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
 
 WindowSimulation SimulationError::simulate(const Model& model,
                                            FitOptions::Objective objective) const {
-  return simulateFrom(model, objective, measuredInitials(*this));
-}
-
-WindowSimulation SimulationError::simulateFrom(const Model& model, FitOptions::Objective objective,
-                                               std::vector<Eigen::VectorXd> initial) const {
   Free nothing;
   nothing.base = model.coordinates();
-  WindowSimulation result;
-  result.eta.resize(windows_.size());
-  result.nu.resize(windows_.size());
+  Initials initial = measuredInitials(*this);
   inParallel(windows_.size(), 0, [&](std::size_t w) {
     for (const double delta : lossesOf(objective))
       solveInitial(*this, model, nothing, {delta}, static_cast<int>(w), initial[w]);
+  });
+  return simulateFrom(model, initial);
+}
+
+WindowSimulation SimulationError::simulateFrom(const Model& model,
+                                               const std::vector<Eigen::VectorXd>& initial) const {
+  WindowSimulation result;
+  const Dynamics<double> dynamics(model);
+  for (std::size_t w = 0; w < windows_.size(); ++w) {
     const Window& window = windows_[w];
     const int samples = window.last - window.first + 1;
-    result.eta[w].resize(samples, 3);
-    result.nu[w].resize(samples, 3);
-    const Dynamics<double> dynamics(model);
+    Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
     simulateWindow<double>(dynamics, runs_[window.run], window, initial[w], true,
                            [&](int i, const Measurement<double>& m) {
-                             result.eta[w].row(i) = m.eta;
-                             result.nu[w].row(i) = m.nu;
+                             eta.row(i) = m.eta;
+                             nu.row(i) = m.nu;
                            });
-  });
-  for (std::size_t w = 0; w < windows_.size(); ++w)
-    if (!result.eta[w].allFinite() || !result.nu[w].allFinite())
+    if (!eta.allFinite() || !nu.allFinite())
       throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+    result.eta.push_back(std::move(eta));
+    result.nu.push_back(std::move(nu));
+  }
   return result;
 }
 
@@ -713,8 +713,6 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   const int n = static_cast<int>(free.index.size());
   FitResult result;
   result.model = model;
-  result.objective_before = objective(simulate(model, options.objective));
-
   Solution best;
   std::vector<double> costs;
   std::string failure;
@@ -747,7 +745,11 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     if (delta > 1e-9 && std::isfinite(delta)) {
       const Solution robust =
           descend(*this, model, free, {delta}, options, best.scaled, best.initial);
-      if (robust.usable) best = robust;
+      if (robust.usable) {
+        const int before = best.iterations;
+        best = robust;
+        best.iterations += before;
+      }
     }
   }
   result.iterations = best.iterations;
@@ -760,8 +762,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i)
     values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
   result.model.setValues(values);
-  // From where the fit ended: other initial velocities may suit the model in another way.
-  result.objective_after = objective(simulateFrom(result.model, options.objective, best.initial));
+  result.objective = objective(simulateFrom(result.model, best.initial));
 
   const Uncertainty u =
       uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);

@@ -69,68 +69,73 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, double lift, const T& h,
                                    T* states) const {
-  StepInputs<T> inputs{{command, command, command}, lift};
+  StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty()};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& thrust, const Vector3<T>& nu,
-                                       const Vector3<T>& nu_air, const Vector3<T>* effects) const {
+Vector2<T> Dynamics<T>::drive(const Vector2<T>& thrust) const {
+  return {over_mass_.x() * (thrust(0) + thrust(1)), lever_ * (thrust(0) - thrust(1))};
+}
+
+template <typename T>
+Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
+                                       const Vector3<T>& nu_air) const {
   const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-  if (!couples_) {
-    Vector3<T> rate(over_mass_.x() * (thrust(0) + thrust(1)) + r * v - damping_.x() * nu_air.x(),
-                    -r * u - damping_.y() * nu_air.y(),
-                    lever_ * (thrust(0) - thrust(1)) - damping_.z() * r);
-    if (effects) rate += over_mass_.cwiseProduct(*effects);
-    return rate;
-  }
-  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
-  // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
-  Vector3<T> wrench(thrust(0) + thrust(1) + r * p.y() - body_.X_u * nu_air.x(),
-                    -r * p.x() - body_.Y_v * nu_air.y(),
-                    body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
-  if (effects) wrench += *effects;
-  return mass_inverse_ * wrench;
+  return {drive(0) + r * v - damping_.x() * nu_air.x(), -r * u - damping_.y() * nu_air.y(),
+          drive(1) - damping_.z() * r};
 }
 
 template <typename T>
 Vector3<T> Dynamics<T>::acceleration(const T& t, const RigidState<T>& state,
                                      const Vector2<T>& input, double lift) const {
   const Vector3<T>& nu = state.nu;
-  Vector2<T> thrust = body_.k * input;
-  if (thrust_.empty() && wrench_.empty() && !has_air_)
-    return accelerationBy(thrust, nu, nu, nullptr);
-  Point<T> point{t, state.eta, nu, nu, input, thrust, lift, &body_, &mass_};
+  Point<T> point{t, state.eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
   if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
+  Vector2<T> thrust = point.thrust;
   for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
   point.thrust = thrust;
   Vector3<T> wrench = Vector3<T>::Zero();
   for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
-  return accelerationBy(thrust, nu, point.nu_air, &wrench);
+  if (!couples_)
+    return accelerationBy(drive(thrust), nu, point.nu_air) + over_mass_.cwiseProduct(wrench);
+
+  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
+  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
+  // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
+  wrench += Vector3<T>(thrust(0) + thrust(1) + r * p.y() - body_.X_u * point.nu_air.x(),
+                       -r * p.x() - body_.Y_v * point.nu_air.y(),
+                       body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
+  return mass_inverse_ * wrench;
+}
+
+template <typename T>
+Vector3<T> Dynamics<T>::drift(const RigidState<T>& state) const {
+  Vector3<T> rate;
+  rate.template head<2>() = bodyToWorld<T>(state.eta.z(), Vector2<T>(state.nu.x(), state.nu.y()));
+  rate.z() = state.nu.z();
+  return rate;
 }
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
                                       const Vector2<T>& input, double lift) const {
-  RigidState<T> rate;
-  rate.eta.template head<2>() =
-      bodyToWorld<T>(state.eta.z(), Vector2<T>(state.nu.x(), state.nu.y()));
-  rate.eta.z() = state.nu.z();
-  rate.nu = acceleration(t, state, input, lift);
-  return rate;
+  return {drift(state), acceleration(t, state, input, lift)};
 }
 
 template <typename T>
 template <bool kPose, typename H>
 RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
                                 const H& h) const {
-  const auto rates = [&](const T& at, const RigidState<T>& from, const Vector2<T>& input) {
-    if constexpr (kPose) {
-      return derivative(at, from, input, inputs.lift);
-    } else {
-      return RigidState<T>{from.eta, acceleration(at, from, input, inputs.lift)};
-    }
+  const bool nominal = inputs.held && isNominal();
+  const Vector2<T> constant = nominal ? drive(body_.k * inputs.thrusters[0]) : Vector2<T>();
+  const auto rates = [&](const H& after, const RigidState<T>& from, const Vector2<T>& input) {
+    RigidState<T> rate;
+    if constexpr (kPose) rate.eta = drift(from);
+    rate.nu = nominal ? accelerationBy(constant, from.nu, from.nu)
+                      : acceleration(t + after, from, input, inputs.lift);
+    return rate;
   };
   const auto moved = [&](const RigidState<T>& rate, const H& dt) {
     RigidState<T> to = state;
@@ -142,10 +147,10 @@ RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const St
   };
   const auto& u = inputs.thrusters;
   const H half = h * 0.5;
-  const auto k1 = rates(t, state, u[0]);
-  const auto k2 = rates(t + half, moved(k1, half), u[1]);
-  const auto k3 = rates(t + half, moved(k2, half), u[1]);
-  const auto k4 = rates(t + h, moved(k3, h), u[2]);
+  const auto k1 = rates(H(0.0), state, u[0]);
+  const auto k2 = rates(half, moved(k1, half), u[1]);
+  const auto k3 = rates(half, moved(k2, half), u[1]);
+  const auto k4 = rates(h, moved(k3, h), u[2]);
   const H sixth = h / 6.0;
   const auto mean = [](const T& a, const T& b, const T& c, const T& d) {
     return a + 2.0 * (b + c) + d;

@@ -83,7 +83,7 @@ template <typename T>
 template <bool kPose, typename H>
 void Simulation<T>::step(int steps, const H& h) {
   const Vector2<T> held = command();
-  StepInputs<T> acting{{held, held, held}, lift()};
+  StepInputs<T> acting{{held, held, held}, lift(), true};
   for (int i = 0; i < steps; ++i) {
     if (dynamics_.hasActuators())
       acting = dynamics_.actuate(held, lift(), T(h), actuator_states_.data());

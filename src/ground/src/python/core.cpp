@@ -91,8 +91,7 @@ py::dict toDict(const FitResult& result) {
   d["parameters"] = parameters;
   d["correlation"] = result.correlation;
   d["condition"] = result.condition;
-  d["objective_before"] = result.objective_before;
-  d["objective_after"] = result.objective_after;
+  d["objective"] = result.objective;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;

@@ -65,12 +65,9 @@ struct FitResult {
   std::vector<FittedParameter> parameters;
   Eigen::MatrixXd correlation;  ///< of the estimates
   double condition = 0;         ///< of the scaled information matrix
-  /// Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r with the initial velocities that suit the
-  /// objective best.
-  double objective_before = 0;
-  double objective_after = 0;
-  int starts = 0;          ///< that could be simulated
-  int starts_at_best = 0;  ///< that came to the same end as the best
+  double objective = 0;         ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
+  int starts = 0;               ///< that could be simulated
+  int starts_at_best = 0;       ///< that came to the same end as the best
   int iterations = 0;
   bool converged = false;
   std::string message;
@@ -122,9 +119,8 @@ class SimulationError {
                  Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
 
  private:
-  /// simulate(), the initial states sought from the given ones.
-  WindowSimulation simulateFrom(const Model& model, FitOptions::Objective objective,
-                                std::vector<Eigen::VectorXd> initial) const;
+  WindowSimulation simulateFrom(const Model& model,
+                                const std::vector<Eigen::VectorXd>& initial) const;
 
   std::vector<RunData> runs_;
   std::vector<Window> windows_;

@@ -52,11 +52,18 @@ class Dynamics {
     int state;  ///< offset of its states
   };
 
+  /// Nothing but thrust and linear damping moves the craft.
+  bool isNominal() const {
+    return actuators_.empty() && thrust_.empty() && wrench_.empty() && !has_air_ && !couples_;
+  }
+  Vector3<T> drift(const RigidState<T>& state) const;  ///< of the pose, world_ned
   Vector3<T> acceleration(const T& t, const RigidState<T>& state, const Vector2<T>& input,
                           double lift) const;
-  /// By thrust, damping in the air, and the effects' wrench where there is one.
-  Vector3<T> accelerationBy(const Vector2<T>& thrust, const Vector3<T>& nu,
-                            const Vector3<T>& nu_air, const Vector3<T>* effects) const;
+  /// Surge and yaw acceleration by the thrusters alone.
+  Vector2<T> drive(const Vector2<T>& thrust) const;
+  /// With damping in the air and Coriolis, for a mass matrix diag(m, m, I_z).
+  Vector3<T> accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
+                            const Vector3<T>& nu_air) const;
 
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;

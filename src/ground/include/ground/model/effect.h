@@ -47,6 +47,7 @@ template <typename T>
 struct StepInputs {
   std::array<Vector2<T>, 3> thrusters;  ///< left, right
   double lift = 0.0;                    ///< held over the step
+  bool held = false;                    ///< the thrusters' inputs are, too
 };
 
 /// All that a wrench may depend on, at one instant.

@@ -105,7 +105,7 @@ def run(arguments):
             "before": comparison.mean_thesis_objective(runs, model),
             "after": comparison.mean_thesis_objective(runs, fitted),
         },
-        "objective": {"before": result["objective_before"], "after": result["objective_after"]},
+        "objective": result["objective"],
         "starts": {"tried": arguments.starts, "at_best": result["starts_at_best"]},
         "condition": result["condition"],
         "weak": identifiability.weak_directions(result),
