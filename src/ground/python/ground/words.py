@@ -1,0 +1,74 @@
+"""What a comparison found, in sentences."""
+from ground import failure
+
+CLEAR = 0.1  # share of the variance below which a variable is not worth naming
+CHANCE = 0.05  # probability of such a share by chance, above which it is not named
+ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
+
+
+def number(value):
+    return "-" if value is None else "%.3f" % value
+
+
+def summary(numbers, where, missing):
+    """Two or three sentences: axes that differ, the missing wrench, the error."""
+    found = []
+    thrust = missing["thrust"]
+    if thrust and thrust["body_axes_differ"]:
+        found.append(body_axes(thrust))
+    found.append(missing_wrench(missing["channels"]))
+    found.append(error(numbers["error_by_channel"], where))
+    return found
+
+
+def body_axes(thrust):
+    measured, own = thrust["measured"], thrust["model"]
+    return (
+        "the body axes differ: measured thrust acts at %.0f deg (+-%.0f) from the model's body x "
+        "axis, %.3g N per unit input; the model has it at %.0f deg, %.3g N"
+        % (
+            measured["angle_deg"],
+            2 * measured["angle_standard_error_deg"],
+            measured["force_per_unit_input"],
+            own["angle_deg"],
+            own["force_per_unit_input"],
+        )
+    )
+
+
+def missing_wrench(channels):
+    """The channel that misses most of what the thrusters can give, and what it follows."""
+    name = max(channels, key=lambda c: channels[c]["rms"] / channels[c]["full_scale"])
+    channel = channels[name]
+    if channel["rms"] < 2 * channel["sigma"] or channel["rms"] < 1e-3 * channel["full_scale"]:
+        return "no wrench is missing beyond its uncertainty"
+    text = "missing most is %s, rms %.3g %s (%.0f%% of full thrust)" % (
+        failure.CHANNEL_NAMES[name],
+        channel["rms"],
+        channel["unit"],
+        100 * channel["rms"] / channel["full_scale"],
+    )
+    if channel["mean"] ** 2 > 0.5 * channel["rms"] ** 2:
+        return text + "; most of it is constant, %.3g %s" % (channel["mean"], channel["unit"])
+    best, share = failure.best_variable(channel["against"])
+    label = channel["against"][best]["label"]
+    if share["share"] < CLEAR or share["p"] > CHANCE:
+        return text + "; nothing measured explains more than %.0f%% of its variance" % (
+            100 * max(share["share"], CLEAR)
+        )
+    return text + "; %s explains %.0f%% of its variance" % (label, 100 * share["share"])
+
+
+def error(by_channel, where):
+    name = max(by_channel, key=by_channel.get)
+    text = "%s has %.0f%% of the error" % (
+        ERRORS[name],
+        100 * by_channel[name] / max(1e-300, sum(by_channel.values())),
+    )
+    best, share = failure.best_variable(where, "share_of_sum")
+    if share["share"] < CLEAR or share["p"] > CHANCE:
+        return text + "; no single variable tells where the error is large"
+    return text + "; %s tells best where it is large (%.0f%%)" % (
+        where[best]["label"],
+        100 * share["share"],
+    )
