@@ -10,6 +10,10 @@ RATE = 25.0  # at which wrench and error are looked at; both are smoother than t
 BINS = 10
 SHIFTS = 60
 BLOCKS = 20  # of a run, left out in turn for standard errors
+IMPOSSIBLE = 3.0  # times full thrust: no error of a model is so large
+OUTLYING = 8.0  # robust standard deviations: nor is it so rare
+EVENT_MARGIN = 0.3  # to both sides of a disturbance [s]
+RIDGE = 3e-3  # of the regression on bins
 MAP_CELLS = 5  # along each side
 AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
 
@@ -120,15 +124,20 @@ def share_explained(design, values):
     }
 
 
-def regress(design, values):
-    """Least squares coefficients and their standard errors by jackknife over blocks of time."""
+def regress(design, values, ridge=0.0):
+    """Least squares coefficients, their standard errors and the coefficients without each block.
+
+    Standard errors by jackknife over blocks of time. `ridge`, as a share of the mean square of the
+    columns, holds combinations at zero of which the data say nothing.
+    """
     blocks = np.array_split(np.arange(len(values)), BLOCKS)
     normal = np.array([design[b].T @ design[b] for b in blocks])
     right = np.array([design[b].T @ values[b] for b in blocks])
-    ridge = 1e-6 * np.trace(normal.sum(axis=0)) / design.shape[1] * np.eye(design.shape[1])
+    weight = ridge * np.trace(normal.sum(axis=0)) / design.shape[1]
+    prior = weight * np.eye(design.shape[1])
 
     def solve(a, b):
-        return np.linalg.lstsq(a + ridge, b, rcond=None)[0]
+        return np.linalg.lstsq(a + prior, b, rcond=None)[0]
 
     whole = solve(normal.sum(axis=0), right.sum(axis=0))
     others = np.array(
@@ -166,6 +175,42 @@ def of_error(evaluation, found):
     return result
 
 
+def full_scale(model):
+    """What full thrust gives: X, Y [N], N [N m]."""
+    force = 2 * model.value("k") * model.input_max
+    return np.array([force, force, force * model.value("l")])
+
+
+def undisturbed(model, run, poses):
+    """Filter and run without what no input explains, and the disturbances [(start, end) s].
+
+    Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
+    few of them would set the noise levels and hide all else.
+    """
+    whole = _core.WrenchFilter(model, run, poses, quality.MAX_GAP)
+    noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
+    size = np.abs(whole.smooth(noise)["wrench"])
+    usual = 1.4826 * np.median(size, axis=0)
+    disturbed = (size > np.maximum(IMPOSSIBLE * full_scale(model), OUTLYING * usual)).any(axis=1)
+    times = np.array(run.times)
+    events = []
+    for time in times[disturbed]:
+        if events and time - EVENT_MARGIN <= events[-1][1]:
+            events[-1][1] = time + EVENT_MARGIN
+        else:
+            events.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
+    keep = np.ones(len(times), bool)
+    for start, end in events:
+        keep &= (times < start) | (times > end)
+    if not events or keep.mean() < 0.5:
+        return whole, run, []
+    rest = _core.RunData(
+        run.name, times[keep], np.array(run.eta)[keep], np.array(run.nu)[keep], run.inputs
+    )
+    events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
+    return _core.WrenchFilter(model, rest, poses[keep], quality.MAX_GAP), rest, events
+
+
 @dataclass
 class Missing:
     """The wrench that a model lacks along a run."""
@@ -178,16 +223,16 @@ class Missing:
     numbers: Dict
 
 
-def of_wrench(wrench_filter, run, model, found):
-    """Infers the missing wrench and says what it follows.
+def of_wrench(wrench_filter, run, model, events):
+    """Infers the missing wrench along an undisturbed run and says what it follows.
 
     The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
     smoother makes of it, so that sizes are those of the wrench and not of its smoothed image.
     """
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    commands = residuals.held(run, times)
-    total = commands[:, 0] + commands[:, 1]
+    found = variables(run, model.input_max)
+    total = residuals.held(run, times)[:, :2].sum(axis=1)
     columns = [v.indicators() for v in found.values()] + [total[:, None]]
     acting = np.hstack(columns)
     channels = np.repeat([0, 1, 2], acting.shape[1])
@@ -195,41 +240,44 @@ def of_wrench(wrench_filter, run, model, found):
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
     every = slice(None, None, stride_of(times))
     responses = smoothed["responses"][every].reshape(-1, 3, acting.shape[1])
-    full = 2 * model.value("k") * model.input_max
-    scales = np.array([full, full, full * model.value("l")])
     result = {
+        "disturbances": [{"start": float(a), "end": float(b)} for a, b in events],
         "noise": residuals.noise_levels(noise, "N/sqrt(s)", "N m/sqrt(s)"),
         "channels": {},
         "thrust": thrust_direction(
             wrench[every], responses[:, :, -1], wrench_filter.model_thrust, total, nu[every], every
         ),
     }
-    for i, channel in enumerate(CHANNELS):
+    for i, (channel, scale) in enumerate(zip(CHANNELS, full_scale(model))):
         values = wrench[every, i]
-        entry = {
+        result["channels"][channel] = {
             "unit": CHANNEL_UNITS[channel],
             "mean": float(values.mean()),
             "rms": float(np.sqrt((values**2).mean())),
             "std": float(values.std()),
             "sigma": float(np.median(sigma[:, i])),
-            "full_scale": float(scales[i]),
-            "against": {},
+            "full_scale": float(scale),
+            "against": _against(values, responses[:, i], found),
         }
-        at = 0
-        for name, variable in found.items():
-            design = responses[:, i, at : at + len(variable.centres)]
-            at += len(variable.centres)
-            coefficients, errors, _ = regress(design, values)
-            entry["against"][name] = {
-                "label": variable.label,
-                "unit": variable.unit,
-                "centres": variable.centres,
-                "mean": coefficients.tolist(),
-                "standard_error": errors.tolist(),
-                "share": share_explained(design, values),
-            }
-        result["channels"][channel] = entry
     return Missing(times, wrench, sigma, eta[:, 2], eta[:, :2], result)
+
+
+def _against(values, responses, found):
+    """Means of a channel of the wrench in the bins of each variable, and its share of variance."""
+    result, at = {}, 0
+    for name, variable in found.items():
+        design = responses[:, at : at + len(variable.centres)]
+        at += len(variable.centres)
+        means, errors, _ = regress(design, values, RIDGE)
+        result[name] = {
+            "label": variable.label,
+            "unit": variable.unit,
+            "centres": variable.centres,
+            "mean": means.tolist(),
+            "standard_error": errors.tolist(),
+            "share": share_explained(design, values),
+        }
+    return result
 
 
 def thrust_direction(wrench, response, model_thrust, total, nu, every):

@@ -45,7 +45,7 @@ def comparison(path, studies, force=False):
     _draw_commands(axis, studies[0])
     axis.set_ylabel("input [-]")
     axis.set_xlabel(TIME)
-    _legend_above(axis, 2)
+    axis.legend(loc="upper right", ncol=2, fontsize=8)
 
     axis = figure.add_subplot(grid[:2, 1])
     axis.plot(eta[:, 1], eta[:, 0], color=MEASURED, lw=3, alpha=0.45)
@@ -252,7 +252,10 @@ def wrench(path, study, force=False):
         )
         axis.tick_params(labelbottom=False)
         _draw_dependences(figure, bottom, row, entry, factor, label, color)
-    first.set_title("missing wrench over time, with two standard deviations", fontsize=10)
+    title = "missing wrench over time, with two standard deviations"
+    if missing.numbers["disturbances"]:
+        title += "; grey: left out, no input explains the motion (contact, hand, wrong poses)"
+    first.set_title(title, fontsize=10)
     axis = figure.add_subplot(top[3, 0], sharex=first)
     _draw_commands(axis, study)
     axis.set_ylabel("input [-]")
@@ -278,6 +281,8 @@ def _draw_series(axis, missing, column, factor, color):
     values, sigma = np.insert(values, breaks, np.nan), np.insert(sigma, breaks, np.nan)
     axis.fill_between(times, values - 2 * sigma, values + 2 * sigma, color=color, alpha=0.25, lw=0)
     axis.plot(times, values, color=color, lw=0.9)
+    for event in missing.numbers["disturbances"]:
+        axis.axvspan(event["start"], event["end"], color="#888888", alpha=0.35, lw=0)
     axis.axhline(0, color=MEASURED, lw=0.6)
     reach = 1.15 * np.nanquantile(np.abs(values) + 2 * sigma, 0.995)
     if reach > 0:
@@ -325,9 +330,9 @@ def _draw_thrust(axis, thrust, color):
         axis.text(0, 0, "the thrust command\nnever changes", ha="center")
         return
     axis.add_patch(plt.Circle((0, 0), 0.32, fill=False, color="#999999"))
-    for dx, dy, text in ((0, 1.25, "x ahead"), (1.1, 0, "y star-\nboard")):
+    for dx, dy, text in ((0, 1.25, "x ahead"), (1.15, 0, "y starboard")):
         axis.annotate("", (dx, dy), (0, 0), arrowprops={"arrowstyle": "->", "color": "#999999"})
-        axis.text(dx, dy, text, color="#777777", fontsize=8, ha="center", va="bottom")
+        axis.text(dx, dy + 0.06, text, color="#777777", fontsize=8, ha="center", va="bottom")
     largest = max(thrust[k]["force_per_unit_input"] for k in ("model", "measured"))
     lines = (("model", color, 7), ("measured", MEASURED, 3))
     for count, (kind, shade, width) in enumerate(lines):
@@ -360,8 +365,9 @@ def _draw_force_map(axis, missing):
     quiver = axis.quiver(centres[:, 1], centres[:, 0], mean[:, 1], mean[:, 0], color=MODELS[0])
     size = float("%.1g" % np.hypot(*mean.T).max())
     if size > 0:
-        axis.quiverkey(quiver, 0.8, -0.12, size, "%g N" % size, labelpos="E")
-    axis.set_aspect("equal", adjustable="datalim")
+        axis.quiverkey(quiver, 0.9, -0.2, size, "%g N" % size, labelpos="W")
+    axis.set_aspect("equal")
+    axis.margins(0.15)
     axis.set_xlabel("y [m] (world_ned)", fontsize=9)
     axis.set_ylabel("x [m] (world_ned)", fontsize=9)
     axis.tick_params(labelsize=8)
@@ -386,9 +392,8 @@ def _draw_bins(axis, entry, values, errors, color, label):
 def _draw_map(figure, axis, entry, values, last):
     centres = np.array(entry["centres"])
     points = axis.scatter(
-        centres[:, 1], centres[:, 0], c=values, marker="s", s=150, cmap="viridis", vmin=0
+        centres[:, 1], centres[:, 0], c=values, marker="s", s=180, cmap="viridis", vmin=0
     )
-    axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.15)
     axis.tick_params(labelsize=7)
     axis.yaxis.tick_right()
@@ -408,7 +413,9 @@ def _small(axis, entry, last, first):
     axis.tick_params(labelsize=8, labelbottom=last, labelleft=first)
     if last:
         axis.set_xlabel(
-            "%s [%s]" % (entry["label"].replace("total thrust ", ""), entry["unit"]), fontsize=9
+            "%s [%s]"
+            % (entry["label"].split("thrust ")[-1].split("difference ")[-1], entry["unit"]),
+            fontsize=9,
         )
 
 

@@ -2,6 +2,7 @@
 from ground import failure
 
 CLEAR = 0.1  # share of the variance below which a variable is not worth naming
+NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
 CHANCE = 0.05  # probability of such a share by chance, above which it is not named
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
@@ -16,6 +17,8 @@ def summary(numbers, where, missing):
     thrust = missing["thrust"]
     if thrust and thrust["body_axes_differ"]:
         found.append(body_axes(thrust))
+    if missing["disturbances"]:
+        found.append(disturbances(missing["disturbances"]))
     found.append(missing_wrench(missing["channels"]))
     found.append(error(numbers["error_by_channel"], where))
     return found
@@ -36,27 +39,35 @@ def body_axes(thrust):
     )
 
 
+def disturbances(events):
+    spans = ", ".join("%.1f to %.1f" % (e["start"], e["end"]) for e in events)
+    return (
+        "left out of what follows, for no input explains the motion (contact, hand, wrong poses): "
+        "%s s" % spans
+    )
+
+
 def missing_wrench(channels):
     """The channel that misses most of what the thrusters can give, and what it follows."""
     name = max(channels, key=lambda c: channels[c]["rms"] / channels[c]["full_scale"])
     channel = channels[name]
-    if channel["rms"] < 2 * channel["sigma"] or channel["rms"] < 1e-3 * channel["full_scale"]:
+    if channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"]):
         return "no wrench is missing beyond its uncertainty"
-    text = "missing most is %s, rms %.3g %s (%.0f%% of full thrust)" % (
+    text = "missing most is %s, rms %.3g %s (%.0f%% of full thrust), mean %.3g %s" % (
         failure.CHANNEL_NAMES[name],
         channel["rms"],
         channel["unit"],
         100 * channel["rms"] / channel["full_scale"],
+        channel["mean"],
+        channel["unit"],
     )
-    if channel["mean"] ** 2 > 0.5 * channel["rms"] ** 2:
-        return text + "; most of it is constant, %.3g %s" % (channel["mean"], channel["unit"])
     best, share = failure.best_variable(channel["against"])
-    label = channel["against"][best]["label"]
     if share["share"] < CLEAR or share["p"] > CHANCE:
-        return text + "; nothing measured explains more than %.0f%% of its variance" % (
-            100 * max(share["share"], CLEAR)
-        )
-    return text + "; %s explains %.0f%% of its variance" % (label, 100 * share["share"])
+        return text + "; nothing measured explains how it varies"
+    return text + "; %s explains %.0f%% of its variance" % (
+        channel["against"][best]["label"],
+        100 * share["share"],
+    )
 
 
 def error(by_channel, where):

@@ -3,7 +3,7 @@ import os
 
 import numpy as np
 
-from ground import _core, comparison, failure, files, quality, residuals, words
+from ground import comparison, failure, files, quality, residuals, words
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -119,12 +119,12 @@ def _study(arguments, recording, label, model):
     run = common.runs(arguments, [recording], model)[0]
     try:
         evaluation = comparison.evaluate(run, model)
-        wrench_filter = _core.WrenchFilter(
-            model, run, _measured_poses(recording, run), quality.MAX_GAP
+        where = failure.of_error(evaluation, failure.variables(run, model.input_max))
+        wrench_filter, rest, events = failure.undisturbed(
+            model, run, _measured_poses(recording, run)
         )
-        correlation = residuals.analyse(wrench_filter, run)
-        variables = failure.variables(run, model.input_max)
-        missing = failure.of_wrench(wrench_filter, run, model, variables)
+        correlation = residuals.analyse(wrench_filter, rest)
+        missing = failure.of_wrench(wrench_filter, rest, model, events)
     except (ValueError, RuntimeError) as error:
         raise IdentifyError("%s with %s: %s" % (recording.name, label, error))
     study = {
@@ -133,7 +133,7 @@ def _study(arguments, recording, label, model):
         "model": model,
         "evaluation": evaluation,
         "numbers": comparison.numbers([evaluation]),
-        "where": failure.of_error(evaluation, variables),
+        "where": where,
         "residuals": correlation,
         "missing": missing,
     }
