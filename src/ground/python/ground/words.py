@@ -4,6 +4,7 @@ from ground import failure
 CLEAR = 0.1  # share of the variance below which a variable is not worth naming
 NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
 CHANCE = 0.05  # probability of such a share by chance, above which it is not named
+PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
@@ -11,8 +12,8 @@ def number(value):
     return "-" if value is None else "%.3f" % value
 
 
-def summary(numbers, where, missing):
-    """Two or three sentences: axes that differ, the missing wrench, the error."""
+def summary(numbers, where, correlation, missing):
+    """A few sentences: axes that differ, the missing wrench, residuals, the error."""
     found = []
     thrust = missing["thrust"]
     if thrust and thrust["body_axes_differ"]:
@@ -20,6 +21,9 @@ def summary(numbers, where, missing):
     if missing["disturbances"]:
         found.append(disturbances(missing["disturbances"]))
     found.append(missing_wrench(missing["channels"]))
+    followed = followed_input(correlation["channels"])
+    if followed:
+        found.append(followed)
     found.append(error(numbers["error_by_channel"], where))
     return found
 
@@ -68,6 +72,26 @@ def missing_wrench(channels):
         channel["against"][best]["label"],
         100 * share["share"],
     )
+
+
+def followed_input(channels):
+    """The command that the residuals follow most, and how much later; None when none."""
+    strongest, text = 0.0, None
+    for channel, entry in channels.items():
+        for kind, name in (("input_sum", "u_L+u_R"), ("input_difference", "u_L-u_R")):
+            if entry[kind] is None or entry[kind]["accepted"]:
+                continue
+            after = [i for i, lag in enumerate(entry[kind]["lag_seconds"]) if lag > -1e-9]
+            at = max(after, key=lambda i: abs(entry[kind]["value"][i]))
+            value = entry[kind]["value"][at]
+            if abs(value) > max(strongest, entry[kind]["band99"][at]):
+                strongest = abs(value)
+                text = (
+                    "one-step residuals of the motion %s still follow %s, most %.0f ms after it "
+                    "(correlation %.2f)"
+                    % (PLACES[channel], name, 1e3 * entry[kind]["lag_seconds"][at], value)
+                )
+    return text
 
 
 def error(by_channel, where):

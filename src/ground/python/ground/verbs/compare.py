@@ -137,7 +137,7 @@ def _study(arguments, recording, label, model):
         "residuals": correlation,
         "missing": missing,
     }
-    study["summary"] = words.summary(study["numbers"], study["where"], missing.numbers)
+    study["summary"] = words.summary(study["numbers"], where, correlation, missing.numbers)
     return study
 
 
