@@ -183,7 +183,7 @@ def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
     heading = one["residuals"]["channels"]["heading"]
     assert not heading["autocorrelation"]["accepted"]
     assert not heading["input_difference"]["accepted"]
-    assert "residuals" in one["words"] and "still follow u_L-u_R" in one["words"]
+    assert "residuals" in one["words"] and "still follow u_L" in one["words"]
 
 
 def test_error_is_put_where_it_is(tmp_path):
@@ -196,7 +196,7 @@ def test_error_is_put_where_it_is(tmp_path):
     )
     where = one["where"]["x"]
     centres, error = np.array(where["centres"]), np.array(where["error"]["u"])
-    assert error[centres > 0.5].mean() > 2 * error[centres < 0.1].mean()
+    assert error[centres > 0.3].mean() > 4 * error[centres < 0.1].mean()
     shares = {n: e["share_of_sum"]["share"] for n, e in one["where"].items()}
     assert max(shares[n] for n in ("x", "y", "position")) > shares["heading"]
 
