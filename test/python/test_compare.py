@@ -335,3 +335,27 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
             assert abs(thrust["off_deg"]) < 20, run["name"]
     pooled = report["pooled"]["fitted"]
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
+
+
+def test_shares_are_not_given_to_chance():
+    """Two series that drift, each by itself, explain nothing of each other; a cause does."""
+    from ground import failure
+
+    named = 0
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        drift = np.zeros((1500, 2))
+        for i in range(1, len(drift)):
+            drift[i] = 0.95 * drift[i - 1] + random.normal(size=2)
+        bins = np.clip(
+            np.digitize(drift[:, 1], np.quantile(drift[:, 1], [0.2, 0.4, 0.6, 0.8])), 0, 4
+        )
+        design = (bins[:, None] == np.arange(5)).astype(float)
+        share = failure.share_explained(design, drift[:, 0])
+        named += failure.is_named(share)
+        assert share["raw"] >= share["share"] >= 0
+        cause = failure.share_explained(design, design @ [0, 1, 2, 3, 4.0] * 3 + drift[:, 0])
+        variance = np.var(design @ [0, 1, 2, 3, 4.0] * 3)
+        expected = variance / (variance + np.var(drift[:, 0]))
+        assert cause["share"] == pytest.approx(expected, abs=0.2)
+    assert named <= 3

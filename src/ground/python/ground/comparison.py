@@ -195,7 +195,7 @@ def _by_channel(values):
 
 def _horizon_numbers(rows):
     errors = np.vstack([r["errors"] for r in rows])
-    seconds = float(np.mean([r["seconds"] for r in rows]))
+    seconds = float(np.median([r["seconds"] for r in rows]))
     found = {"seconds": seconds, "starts": len(errors)}
     for column, name in enumerate(("u_sigma", "v_sigma", "r_sigma", "position_mm", "heading_deg")):
         values = errors[:, column]

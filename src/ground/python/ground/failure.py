@@ -8,7 +8,9 @@ from ground import _core, quality, residuals
 
 RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
 BINS = 10
-SHIFTS = 60
+SHIFTS = 300
+CLEAR = 0.1  # share of the variance below which a variable is not worth naming
+CHANCE = 0.01  # probability of such a share by chance above which it is not named
 BLOCKS = 20  # of a run, left out in turn for standard errors
 IMPOSSIBLE = 3.0  # times full thrust: no error of a model is so large
 OUTLYING = 8.0  # robust standard deviations: nor is it so rare
@@ -320,6 +322,11 @@ def thrust_direction(wrench, response, model_thrust, total, nu, every):
         "off_deg": off,
         "body_axes_differ": bool(abs(off) > AXES_OFF and angle_error < AXES_OFF / 2),
     }
+
+
+def is_named(share):
+    """Whether a share is large enough, and too large for chance, to be spoken of."""
+    return share["share"] >= CLEAR and share["p"] <= CHANCE
 
 
 def best_variable(against, what="share"):

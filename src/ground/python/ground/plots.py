@@ -5,7 +5,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import files  # noqa: E402
+from ground import failure, files, quality  # noqa: E402
 from ground.words import number  # noqa: E402
 
 MEASURED = "#222222"
@@ -243,8 +243,8 @@ def wrench(path, study, force=False):
         axis.text(
             0.01,
             0.96,
-            "rms %.3g %s, %.0f%% of what full thrust gives"
-            % (factor * entry["rms"], unit, 100 * entry["rms"] / entry["full_scale"]),
+            "rms %.3g %s; full thrust gives %.3g"
+            % (factor * entry["rms"], unit, factor * entry["full_scale"]),
             transform=axis.transAxes,
             va="top",
             fontsize=9,
@@ -276,7 +276,7 @@ def wrench(path, study, force=False):
 def _draw_series(axis, missing, column, factor, color):
     values, sigma = factor * missing.wrench[:, column], factor * missing.sigma[:, column]
     # nothing is known inside gaps: no line across
-    breaks = np.flatnonzero(np.diff(missing.times) > 0.1) + 1
+    breaks = np.flatnonzero(np.diff(missing.times) > quality.MAX_GAP) + 1
     times = np.insert(missing.times, breaks, np.nan)
     values, sigma = np.insert(values, breaks, np.nan), np.insert(sigma, breaks, np.nan)
     axis.fill_between(times, values - 2 * sigma, values + 2 * sigma, color=color, alpha=0.25, lw=0)
@@ -298,7 +298,8 @@ def _draw_dependences(figure, grid, row, entry, factor, label, color):
         axis = figure.add_subplot(grid[row, column])
         one = against[name]
         share = one["share"]
-        axis.set_facecolor(plt.cm.Oranges(0.6 * share["share"] if share["p"] <= 0.05 else 0.0))
+        named = failure.is_named(share)
+        axis.set_facecolor(plt.cm.Oranges(0.6 * share["share"] if named else 0.0))
         axis.axhline(0, color=MEASURED, lw=0.6)
         errors = factor * np.array(one["standard_error"])
         _draw_bins(axis, one, means[column], errors, color, None)
@@ -309,7 +310,7 @@ def _draw_dependences(figure, grid, row, entry, factor, label, color):
             ha="right",
             va="top",
             fontsize=10,
-            fontweight="bold" if share["share"] > 0.1 and share["p"] <= 0.05 else "normal",
+            fontweight="bold" if named else "normal",
             transform=axis.transAxes,
         )
         if reach > 0:

@@ -1,9 +1,7 @@
 """What a comparison found, in sentences."""
 from ground import failure
 
-CLEAR = 0.1  # share of the variance below which a variable is not worth naming
 NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
-CHANCE = 0.05  # probability of such a share by chance, above which it is not named
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
@@ -57,16 +55,17 @@ def missing_wrench(channels):
     channel = channels[name]
     if channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"]):
         return "no wrench is missing beyond its uncertainty"
-    text = "missing most is %s, rms %.3g %s (%.0f%% of full thrust), mean %.3g %s" % (
+    ratio = channel["rms"] / channel["full_scale"]
+    text = "missing most is %s, rms %.3g %s (%s full thrust), mean %.3g %s" % (
         failure.CHANNEL_NAMES[name],
         channel["rms"],
         channel["unit"],
-        100 * channel["rms"] / channel["full_scale"],
+        "%.0f%% of" % (100 * ratio) if ratio < 10 else "far above",
         channel["mean"],
         channel["unit"],
     )
     best, share = failure.best_variable(channel["against"])
-    if share["share"] < CLEAR or share["p"] > CHANCE:
+    if not failure.is_named(share):
         return text + "; nothing measured explains how it varies"
     return text + "; %s explains %.0f%% of its variance" % (
         channel["against"][best]["label"],
@@ -86,10 +85,11 @@ def followed_input(channels):
             value = entry[kind]["value"][at]
             if abs(value) > max(strongest, entry[kind]["band99"][at]):
                 strongest = abs(value)
+                late = 1e3 * entry[kind]["lag_seconds"][at]
+                when = "at once" if late < 1 else "%.0f ms after it" % late
                 text = (
-                    "one-step residuals of the motion %s still follow %s, most %.0f ms after it "
-                    "(correlation %.2f)"
-                    % (PLACES[channel], name, 1e3 * entry[kind]["lag_seconds"][at], value)
+                    "one-step residuals of the motion %s still follow %s, most %s (correlation %.2f)"
+                    % (PLACES[channel], name, when, value)
                 )
     return text
 
@@ -101,7 +101,7 @@ def error(by_channel, where):
         100 * by_channel[name] / max(1e-300, sum(by_channel.values())),
     )
     best, share = failure.best_variable(where, "share_of_sum")
-    if share["share"] < CLEAR or share["p"] > CHANCE:
+    if not failure.is_named(share):
         return text + "; no single variable tells where the error is large"
     return text + "; %s tells best where it is large (%.0f%%)" % (
         where[best]["label"],

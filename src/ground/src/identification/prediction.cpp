@@ -40,7 +40,7 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
   const Dynamics<Jet> differentiable(model);
   WindowSimulation result;
   for (std::size_t w = 0; w < windows.size(); ++w) {
-    const auto [index, first, last] = windows[w];
+    const int first = windows[w].first, last = windows[w].last;
     if (first < 0 || last < first || last >= static_cast<int>(run.times.size()))
       throw std::invalid_argument("a window lies outside its run");
     const Measurement<double> start{run.eta.row(first), initial_nu.row(w)};

@@ -1,4 +1,28 @@
-"""identify compare: models against recordings, and where they fail."""
+"""identify compare: models against recordings, and where they fail.
+
+compare.json, schema ground/compare/1 (SI units; null for what is not a number or does not exist):
+
+models    by label: file, effects, fitted_to (names of bags, from its provenance)
+runs      name, bag, picture (motion), pictures (where, residuals), models: by label
+  role              fit or held_out, by the bag's file name in the model's provenance
+  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
+  prediction_error  the same with initial velocities from the first 0.4 s, of the rest
+  thesis_objective  (3.4) over the first 4 s
+  fit_percent, rms  per channel, of the windows
+  horizons          seconds (first: one sample), starts, median and rms of the errors of u, v, r
+                    [sigma], position [mm] and heading [deg], each started at the measured state
+  where             per variable: centres of its bins, samples, mean |e|/s per channel, and share of
+                    its variance explained (raw; share: beyond chance; p: of so much by chance)
+  residuals         of what; noise levels; per channel autocorrelation, input_sum, input_difference:
+                    lags, value, band99, how many are outside, accepted; white
+  wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
+                    sigma (median standard deviation of the estimate), full_scale (what full thrust
+                    gives), against: per variable mean and standard_error in its bins, and share;
+                    thrust: direction in the model's body axes and size of the force that follows
+                    the command, by model and as measured; body_axes_differ. Over time in the CSV.
+  files, summary    picture and series of the wrench; the sentences of the terminal
+pooled    by label: the numbers over all, fit and held_out runs
+"""
 import os
 
 import numpy as np
@@ -64,7 +88,7 @@ def run(arguments):
                 "name": recording.name,
                 "bag": bag,
                 "picture": output["comparison"],
-                "pictures": {k: output[k] for k in ("comparison", "where", "residuals")},
+                "pictures": {k: output[k] for k in ("where", "residuals")},
                 "models": {s["label"]: _plain(s) for s in studies},
             }
         )
