@@ -139,6 +139,8 @@ def test_thrust_across_the_body_axis_is_seen_at_once(tmp_path):
     assert thrust["measured"]["force_per_unit_input"] == pytest.approx(0.062, rel=0.1)
     assert "body axes differ: measured thrust acts at -" in one["words"]
     assert "from the model's body x axis" in one["words"]
+    offset = float(one["words"].split("heading_offset of ")[1].split()[0])
+    assert offset == pytest.approx(np.pi / 2, abs=0.15), "as it was made"
 
 
 def test_turned_thrust_follows_the_total_thrust(tmp_path):

@@ -109,6 +109,20 @@ def _draw_table(axis, studies):
     table.scale(1, 1.7)
     for column in range(len(columns)):
         table[(0, column)].set_height(table[(0, column)].get_height() * 1.5)
+    off = [s for s in studies if _axes_differ(s)]
+    for count, study in enumerate(off):
+        angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
+        axis.text(
+            0.5,
+            0.1 - 0.14 * count,
+            "BODY AXES DIFFER: thrust acts at %.0f deg\nfrom the body x axis of %s"
+            % (angle, study["label"]),
+            transform=axis.transAxes,
+            ha="center",
+            color="#c00000",
+            fontsize=9,
+            fontweight="bold",
+        )
     longest = max(len(s["label"]) for s in studies)
     for row, color in enumerate(_colors(studies), start=1):
         table[(row, 0)].get_text().set_color(color)
@@ -418,6 +432,11 @@ def _small(axis, entry, last, first):
             % (entry["label"].split("thrust ")[-1].split("difference ")[-1], entry["unit"]),
             fontsize=9,
         )
+
+
+def _axes_differ(study):
+    thrust = study["missing"].numbers["thrust"]
+    return thrust is not None and thrust["body_axes_differ"]
 
 
 def _percent(share):

@@ -1,4 +1,6 @@
 """What a comparison found, in sentences."""
+import math
+
 from ground import failure
 
 NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
@@ -28,15 +30,18 @@ def summary(numbers, where, correlation, missing):
 
 def body_axes(thrust):
     measured, own = thrust["measured"], thrust["model"]
+    turn = -math.radians(thrust["off_deg"])
     return (
         "the body axes differ: measured thrust acts at %.0f deg (+-%.0f) from the model's body x "
-        "axis, %.3g N per unit input; the model has it at %.0f deg, %.3g N"
+        "axis, %.3g N per unit input; the model has it at %.0f deg, %.3g N; a "
+        "heading_offset of %.2f rad on top of the model's would make them agree"
         % (
             measured["angle_deg"],
             2 * measured["angle_standard_error_deg"],
             measured["force_per_unit_input"],
             own["angle_deg"],
             own["force_per_unit_input"],
+            turn,
         )
     )
 
