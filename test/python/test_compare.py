@@ -185,6 +185,8 @@ def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
     heading = one["residuals"]["channels"]["heading"]
     assert not heading["autocorrelation"]["accepted"]
     assert not heading["input_difference"]["accepted"]
+    measured = one["wrench"]["thrust"]["measured"]
+    assert measured["force_per_unit_input"] == pytest.approx(0.062, rel=0.1), "late, but not less"
     assert "residuals" in one["words"] and "still follow u_L" in one["words"]
 
 
@@ -212,7 +214,7 @@ def test_a_push_is_left_out_and_said(tmp_path):
         return times, eta, inputs
 
     bag = write_bag(tmp_path / "run.bag", duration=15, change=pushed)
-    report = compare(tmp_path / "out", [bag], MODEL)
+    report = compare(tmp_path / "out", [bag], MODEL, options=["--all"])
     one = report["runs"][0]["models"]["tiny_whoover"]
     (event,) = one["wrench"]["disturbances"]
     assert event["start"] < 9 < event["end"] and event["end"] - event["start"] < 2.5
@@ -332,7 +334,7 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
         assert one["role"] == ("held_out" if first_day else "fit")
         if first_day:
             assert thrust["off_deg"] == pytest.approx(-90, abs=20), run["name"]
-            assert 0.03 < thrust["measured"]["force_per_unit_input"] < 0.09
+            assert 0.04 < thrust["measured"]["force_per_unit_input"] < 0.12
         else:
             assert abs(thrust["off_deg"]) < 20, run["name"]
     pooled = report["pooled"]["fitted"]

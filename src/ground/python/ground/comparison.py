@@ -4,7 +4,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from ground import _core, quality
+from ground import _core, repair
 from ground.errors import IdentifyError
 
 WINDOW = 1.5  # of the error [s]
@@ -20,7 +20,7 @@ def problem(runs, length):
     """Windows of `length` seconds over all runs; raises IdentifyError when none fits."""
     windows = []
     for index, run in enumerate(runs):
-        found = _core.cut_windows(run, index, run.times[0], run.times[-1], length, quality.MAX_GAP)
+        found = _core.cut_windows(run, index, run.times[0], run.times[-1], length, repair.MAX_GAP)
         if not found:
             raise IdentifyError(
                 "%s: too short for a window of %.1f s without a gap" % (run.name, length)
@@ -130,7 +130,7 @@ def _predict(run, model, windows, sigma):
 def _predict_horizons(run, model, sigma):
     """Errors one sample and HORIZONS after many starts at the measured state."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    breaks = np.flatnonzero(np.diff(times) > quality.MAX_GAP)
+    breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
     ends = np.append(breaks, len(times) - 1)[np.searchsorted(breaks, np.arange(len(times)))]
     windows, free_from = [], times[0]
     for first, (time, end) in enumerate(zip(times, ends)):
@@ -154,7 +154,7 @@ def _predict_horizons(run, model, sigma):
             errors.append(
                 np.append(
                     np.abs(nu_end[steps] - nu[at]) / sigma,
-                    [1e3 * np.hypot(off[0], off[1]), np.degrees(np.abs(quality.wrap(off[2])))],
+                    [1e3 * np.hypot(off[0], off[1]), np.degrees(np.abs(repair.wrap(off[2])))],
                 )
             )
         rows.append({"seconds": horizon, "errors": np.array(errors).reshape(-1, 5)})

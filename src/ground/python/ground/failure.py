@@ -4,7 +4,7 @@ from typing import Dict, List
 
 import numpy as np
 
-from ground import _core, quality, residuals
+from ground import _core, repair, residuals
 
 RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
 BINS = 10
@@ -15,6 +15,7 @@ BLOCKS = 20  # of a run, left out in turn for standard errors
 IMPOSSIBLE = 3.0  # times full thrust: no error of a model is so large
 OUTLYING = 8.0  # robust standard deviations: nor is it so rare
 EVENT_MARGIN = 0.3  # to both sides of a disturbance [s]
+COMMAND_LAGS = (0.0, 0.05, 0.1, 0.2, 0.3)  # at which thrust may follow its command [s]
 RIDGE = 3e-3  # of the regression on bins
 MAP_CELLS = 5  # along each side
 AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
@@ -43,7 +44,7 @@ def variables(run, input_max=1.0):
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     commands = residuals.held(run, times) / input_max
     left, right = commands[:, 0], commands[:, 1]
-    heading = np.degrees(quality.wrap(eta[:, 2]))
+    heading = np.degrees(repair.wrap(eta[:, 2]))
     found = [
         _binned("time", "time since start", "s", times),
         _binned("u_L", "input u_L", "-", left),
@@ -189,7 +190,7 @@ def undisturbed(model, run, poses):
     Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
     few of them would set the noise levels and hide all else.
     """
-    whole = _core.WrenchFilter(model, run, poses, quality.MAX_GAP)
+    whole = _core.WrenchFilter(model, run, poses, repair.MAX_GAP)
     noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
     size = np.abs(whole.smooth(noise)["wrench"])
     usual = 1.4826 * np.median(size, axis=0)
@@ -210,7 +211,7 @@ def undisturbed(model, run, poses):
         run.name, times[keep], np.array(run.eta)[keep], np.array(run.nu)[keep], run.inputs
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
-    return _core.WrenchFilter(model, rest, poses[keep], quality.MAX_GAP), rest, events
+    return _core.WrenchFilter(model, rest, poses[keep], repair.MAX_GAP), rest, events
 
 
 @dataclass
@@ -234,8 +235,10 @@ def of_wrench(wrench_filter, run, model, events):
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     found = variables(run, model.input_max)
-    total = residuals.held(run, times)[:, :2].sum(axis=1)
-    columns = [v.indicators() for v in found.values()] + [total[:, None]]
+    totals = np.column_stack(
+        [residuals.held(run, times - lag)[:, :2].sum(axis=1) for lag in COMMAND_LAGS]
+    )
+    columns = [v.indicators() for v in found.values()] + [totals]
     acting = np.hstack(columns)
     channels = np.repeat([0, 1, 2], acting.shape[1])
     smoothed = wrench_filter.smooth(noise, np.hstack([acting] * 3), channels.tolist())
@@ -247,7 +250,11 @@ def of_wrench(wrench_filter, run, model, events):
         "noise": residuals.noise_levels(noise, "N/sqrt(s)", "N m/sqrt(s)"),
         "channels": {},
         "thrust": thrust_direction(
-            wrench[every], responses[:, :, -1], wrench_filter.model_thrust, total, nu[every], every
+            wrench[every],
+            responses[:, :, -len(COMMAND_LAGS) :],
+            wrench_filter.model_thrust[every],
+            totals[every],
+            nu[every],
         ),
     }
     for i, (channel, scale) in enumerate(zip(CHANNELS, full_scale(model))):
@@ -282,26 +289,28 @@ def _against(values, responses, found):
     return result
 
 
-def thrust_direction(wrench, response, model_thrust, total, nu, every):
+def thrust_direction(wrench, responses, model_thrust, totals, nu):
     """Direction and size of the force that follows the thrust command, by model and in truth.
 
-    The model's and the missing force are both regressed on the command u_L+u_R (and u, v, for
-    damping that is wrong): their sum is what the craft does. None when the command never changes.
+    The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS, and
+    on u and v, for damping that is wrong. The sum of both, over all lags, is the force that a lasting
+    command brings about. `responses`: what the smoother makes of the command at each lag, (n, 3,
+    lags). None when the command never changes.
     """
-    if not total.std() > 0:
+    if not totals[:, 0].std() > 0:
         return None
     constant = np.ones(len(wrench))
-    design = np.column_stack([total[every], constant])
-    own = [np.linalg.lstsq(design, model_thrust[every, i], rcond=None)[0][0] for i in (0, 1)]
-    own = np.array(own)
-    missing, jackknife = [], []
+    lags = len(COMMAND_LAGS)
+    own, missing, jackknife = [], [], []
     for i in (0, 1):
-        # velocities in turns of the body's axes; whichever drag is wrong
-        columns = np.column_stack([response[:, i], constant, nu[:, 0], nu[:, 1]])
+        coefficients = regress(np.column_stack([totals, constant]), model_thrust[:, i])[0]
+        own.append(coefficients[:lags].sum())
+        columns = np.column_stack([responses[:, i], constant, nu[:, 0], nu[:, 1]])
         scale = np.sqrt((columns**2).mean(axis=0))
         coefficients, _, others = regress(columns / scale, wrench[:, i])
-        missing.append(coefficients[0] / scale[0])
-        jackknife.append(others[:, 0] / scale[0])
+        missing.append((coefficients / scale)[:lags].sum())
+        jackknife.append((others / scale)[:, :lags].sum(axis=1))
+    own = np.array(own)
     measured = own + missing
     others = own[:, None] + np.array(jackknife)
     angle = np.degrees(np.arctan2(measured[1], measured[0]))
@@ -310,7 +319,7 @@ def thrust_direction(wrench, response, model_thrust, total, nu, every):
     )
     own_size, size = np.hypot(*own), np.hypot(*measured)
     own_angle = np.degrees(np.arctan2(own[1], own[0])) if own_size > 0 else 0.0
-    off = float(np.degrees(quality.wrap(np.radians(angle - own_angle))))
+    off = float(np.degrees(repair.wrap(np.radians(angle - own_angle))))
     angle_error = float(np.sqrt((BLOCKS - 1) / BLOCKS * (spread**2).sum()))
     return {
         "model": {"angle_deg": float(own_angle), "force_per_unit_input": float(own_size)},

@@ -5,7 +5,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import failure, files, quality  # noqa: E402
+from ground import failure, files, repair  # noqa: E402
 from ground.words import number  # noqa: E402
 
 MEASURED = "#222222"
@@ -290,7 +290,7 @@ def wrench(path, study, force=False):
 def _draw_series(axis, missing, column, factor, color):
     values, sigma = factor * missing.wrench[:, column], factor * missing.sigma[:, column]
     # nothing is known inside gaps: no line across
-    breaks = np.flatnonzero(np.diff(missing.times) > quality.MAX_GAP) + 1
+    breaks = np.flatnonzero(np.diff(missing.times) > repair.MAX_GAP) + 1
     times = np.insert(missing.times, breaks, np.nan)
     values, sigma = np.insert(values, breaks, np.nan), np.insert(sigma, breaks, np.nan)
     axis.fill_between(times, values - 2 * sigma, values + 2 * sigma, color=color, alpha=0.25, lw=0)
@@ -336,7 +336,7 @@ def _draw_dependences(figure, grid, row, entry, factor, label, color):
 
 def _draw_thrust(axis, thrust, color):
     """Body axes seen from above, with the force per unit command by model and as measured."""
-    axis.set_title("force that follows the thrust\ncommand, seen from above", fontsize=10)
+    axis.set_title("force that a lasting thrust command\nbrings about, seen from above", fontsize=10)
     axis.axis("off")
     axis.set_aspect("equal")
     axis.set_xlim(-1.35, 1.35)

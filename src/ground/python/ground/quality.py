@@ -1,169 +1,294 @@
-"""What is odd about a recording, and the repaired poses that the other verbs use."""
-from dataclasses import dataclass
-from typing import Dict
-
+"""What is odd about a recording, which parts of it can be used, and the run that fits see."""
 import numpy as np
 
-from ground import _core
+from ground import _core, frame_clock
 from ground.errors import IdentifyError
+from ground.repair import MAX_GAP, repair, wrap
 
-BURST = 0.001  # poses closer than this came in one poll [s]
 GAP = 0.05  # a longer pause is a gap [s]
-MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
-FLIP_RATE = 40.0  # no craft turns faster [rad/s]
+LATE = 0.05  # a stamp that comes more after its frame is a late one [s]
+SHORTEST = 0.3  # no shorter stretch is of use [s]
+MOVED = 0.01  # a craft that has moved by more does not rest [m]
+CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw moment
+CONTACT_MARGIN = 0.1  # left out before and after one [s]
+LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
+IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
 
 
-@dataclass
-class CleanPoses:
-    """Poses in ascending order of time with single-frame errors undone."""
+class Run:
+    """A recording with its motion repaired: findings and usable spans are of its own clock.
 
-    times: np.ndarray  # (n,) [s]
-    eta: np.ndarray  # (n, 3) x, y [m], psi unwrapped [rad]
-    repairs: Dict[str, int]  # what was done, how often
-    polled: bool  # stamps are arrival times of a poll
-
-
-def wrap(angle):
-    return np.angle(np.exp(1j * np.asarray(angle)))
-
-
-def clean(recording):
-    """Sorts late stamps, drops true duplicates, undoes heading flips and unwraps the heading."""
-    times, eta = recording.pose_times, recording.eta
-    order = np.argsort(times, kind="stable")
-    repairs = {"stamps put in order": int((np.diff(times) < 0).sum())}
-    times, eta = times[order], eta[order].copy()
-    same = (np.diff(times) == 0) & (np.diff(eta, axis=0) == 0).all(axis=1)
-    repairs["duplicates dropped"] = int(same.sum())
-    keep = np.concatenate([[True], ~same])
-    times, eta = times[keep], eta[keep]
-    if len(times) < 10:
-        raise IdentifyError("%s: only %d distinct poses" % (recording.name, len(times)))
-    polled = bool(np.mean(np.diff(times) < BURST) > 0.05)
-    psi, flips = _undo_flips(times, eta[:, 2])
-    repairs["heading flips undone"] = flips
-    eta[:, 2] = np.unwrap(psi)
-    return CleanPoses(times, eta, repairs, polled)
-
-
-def _undo_flips(times, psi):
-    """Single headings of the wrong sign: psi -> -psi for one frame, as mocap software does.
-
-    A frame is a flip when its own heading needs an impossible turn both ways and minus its heading
-    does not.
+    Attributes: recording; motion; zero [s], the instant that the run's clock calls 0; spans, list of
+    (start, end) on that clock [s]; findings, plain values for JSON.
     """
-    psi, flips = psi.copy(), 0
-    for i in range(1, len(psi) - 1):
-        # stamps of a poll say little about short times
-        span = max(times[i + 1] - times[i - 1], 0.02)
-        middle = psi[i - 1] + 0.5 * wrap(psi[i + 1] - psi[i - 1])
-        as_it_is, turned = abs(wrap(psi[i] - middle)), abs(wrap(-psi[i] - middle))
-        if as_it_is > FLIP_RATE * span / 2 and turned < 0.5 * as_it_is:
-            psi[i] = -psi[i]
-            flips += 1
-    return psi, flips
 
+    def __init__(self, recording):
+        self.recording = recording
+        self.motion = repair(recording)
+        times, motion = self.motion.times, self.motion
+        controls = recording.control_times
+        self.zero = max(times[0], controls[0])
+        last = min(times[-1], controls[-1])
+        if not last > self.zero:
+            raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
+        self.end = last - self.zero
+        reply = _reply(recording, motion)
+        contacts = _contacts(motion, reply)
+        self.reply = None if reply is None else {"lag": reply["lag"], "share": reply["share"]}
+        self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
+        self.active = self._active()
+        self.spans = self._spans()
 
-def velocities(poses):
-    """Smoothed poses and body velocities at the poses' times; see _core.smooth."""
-    params = _core.EstimatorParams()
-    params.gate = 8.0
-    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
-    params.max_gap = MAX_GAP
-    if poses.polled:
-        # A stamp off by some milliseconds is a pose off by as much as the craft moves meanwhile.
-        params.position_noise, params.heading_noise = 4e-3, 3e-2
-    return _core.smooth(poses.times, poses.eta, params)
+    def _active(self):
+        """From just before the first thrust or motion to the end of lift and overlap [s]."""
+        recording, motion = self.recording, self.motion
+        commands, times = recording.controls, recording.control_times
+        start, end = self.zero, self.zero + self.end
+        moved = np.linalg.norm(motion.eta[:, :2] - motion.eta[0, :2], axis=1) > MOVED
+        turned = np.abs(motion.eta[:, 2] - motion.eta[0, 2]) > 0.1
+        begins = [times[np.argmax(commands[:, :2].any(axis=1))]] if commands[:, :2].any() else []
+        if (moved | turned).any():
+            begins.append(motion.times[np.argmax(moved | turned)])
+        if begins:
+            start = max(start, min(begins) - 0.1)
+        if (commands[:, 2] > 0).any():  # else the lift was not recorded
+            lifted = np.flatnonzero(commands[:, 2] > 0)
+            start = max(start, times[lifted[0]])
+            if lifted[-1] + 1 < len(times):
+                end = min(end, times[lifted[-1] + 1])
+        return start - self.zero, end - self.zero
 
+    def _spans(self):
+        start, end = self.active
+        cuts = [(a - CONTACT_MARGIN, b + CONTACT_MARGIN) for a, b in self.contacts]
+        times = self.motion.times - self.zero
+        inside = (times >= start) & (times <= end)
+        for a, b in cuts:
+            inside &= (times < a) | (times > b)
+        spans = []
+        for stretch in _stretches(times, inside):
+            if times[stretch[-1]] - times[stretch[0]] >= SHORTEST:
+                spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
+        return spans
 
-def usable_span(recording, poses):
-    """From the first to the last instant with both commands and poses [s]."""
-    start = max(poses.times[0], recording.control_times[0])
-    end = min(poses.times[-1], recording.control_times[-1])
-    if not end > start:
-        raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
-    return start, end
+    def inputs(self):
+        """Rows of time on the run's clock [s], left, right, lift, 0..1."""
+        recording = self.recording
+        return np.column_stack([recording.control_times - self.zero, recording.controls])
 
+    def data(self, model, start=None, end=None, everything=False):
+        """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
 
-def describe(recording):
-    """What `info` says of a recording, as a dictionary of plain values."""
-    poses = clean(recording)
-    times = recording.pose_times
-    steps, control_steps = np.diff(np.sort(times)), np.diff(recording.control_times)
-    start, end = usable_span(recording, poses)
-    gaps = [
-        {"start": float(t), "length": float(d)}
-        for t, d in zip(np.sort(times)[:-1] - times.min(), steps)
-        if d > GAP
-    ]
-    psi = recording.eta[:, 2]
-    changes = (np.abs(np.diff(recording.controls[:, :2], axis=0)) > 1e-6).any(axis=1)
-    moved = np.hypot(*(poses.eta[:, :2] - poses.eta[0, :2]).T) > 0.01
-    return {
-        "name": recording.name,
-        "source": recording.source,
-        "warnings": recording.warnings,
-        "duration": float(
-            max(times.max(), recording.control_times[-1])
-            - min(times.min(), recording.control_times[0])
-        ),
-        "usable": {"start": float(start), "end": float(end), "duration": float(end - start)},
-        "poses": {
-            "count": len(times),
-            "rate": float((len(times) - 1) / (times.max() - times.min())),
-            "median_step": float(np.median(steps)),
-            "gaps": gaps,
-            "duplicate_stamps": int((steps == 0).sum()),
-            "late_stamps": int((np.diff(times) < 0).sum()),
-            "bursts": int((steps < BURST).sum()),
-            "polled": poses.polled,
-            "heading_wraps": int((np.abs(np.diff(psi)) > np.pi).sum()),
-            "heading_flips": poses.repairs["heading flips undone"],
-            "rest": float(poses.times[np.argmax(moved)] - poses.times[0]) if moved.any() else None,
-        },
-        "controls": {
-            "count": len(recording.control_times),
-            "rate": float(
-                (len(control_steps)) / (recording.control_times[-1] - recording.control_times[0])
-            ),
-            "changes": int(changes.sum()),
-            "after_poses": float(recording.control_times[0] - times.min()),
-            "poses_end_early": float(recording.control_times[-1] - times.max()),
-            "levels": [
-                float(x) for x in (recording.controls[:, :2].min(), recording.controls[:, :2].max())
-            ],
-        },
-        "repairs": poses.repairs,
-    }
-
-
-def make_run(recording, model, start=None, end=None):
-    """The recording as the fit sees it, its clock starting with the usable span.
-
-    `start` and `end` [s] restrict it further, on that clock.
-    """
-    poses = clean(recording)
-    first, last = usable_span(recording, poses)
-    motion = velocities(poses)
-    low = first + (start or 0.0)
-    high = last if end is None else min(last, first + end)
-    inside = (poses.times >= low) & (poses.times <= high)
-    if inside.sum() < 10:
-        raise IdentifyError(
-            "%s: only %d poses between %.2f and %.2f s; the usable span is %.2f s long"
-            % (recording.name, inside.sum(), low - first, high - first, last - first)
+        `start` and `end` [s] choose a part, on the run's clock. Raises IdentifyError when nothing is
+        left of it.
+        """
+        times = self.motion.times - self.zero
+        low, high = start or 0.0, self.end if end is None else min(end, self.end)
+        inside = (times >= low) & (times <= high)
+        if not everything:
+            inside &= np.any(
+                [(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0
+            )
+        if inside.sum() < 10:
+            raise IdentifyError(
+                "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
+                "of it (identify info says why, --all takes what is there)"
+                % (self.recording.name, inside.sum(), self.end, self.usable())
+            )
+        inputs = self.inputs()
+        inputs[:, 1:3] *= model.input_max
+        return _core.RunData(
+            self.recording.name,
+            times[inside],
+            self.motion.eta[inside],
+            self.motion.nu[inside],
+            inputs,
         )
-    inputs = np.column_stack(
-        [
-            recording.control_times - first,
-            recording.controls[:, :2] * model.input_max,
-            recording.controls[:, 2],
-        ]
+
+    def usable(self):
+        """Length of all usable spans [s]."""
+        return float(sum(b - a for a, b in self.spans))
+
+    def describe(self):
+        """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
+        recording, motion = self.recording, self.motion
+        stamps, controls = recording.pose_times, recording.control_times
+        steps = np.diff(np.sort(stamps))
+        intervals = np.diff(motion.times)
+        psi = recording.eta[:, 2]
+        changes = (np.abs(np.diff(recording.controls[:, :2], axis=0)) > 1e-6).any(axis=1)
+        poses = {
+            "count": len(stamps),
+            "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
+            "median_step": float(np.median(steps)),
+            "noise": {"position": motion.noise[0], "heading": motion.noise[1]},
+            "gaps": [
+                {"start": float(t - self.zero), "length": float(d)}
+                for t, d in zip(motion.times[:-1], intervals)
+                if d > GAP
+            ],
+            "duplicate_stamps": int((steps == 0).sum()),
+            "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
+            "bursts": int((steps < frame_clock.EARLIEST).sum()),
+            "heading_wraps": int((np.abs(np.diff(wrap(motion.measured[:, 2]))) > np.pi).sum()),
+            "mirrored_headings": motion.repairs["headings mirrored back"],
+            "frozen": motion.repairs["frozen poses dropped"],
+            "spikes": [float(t - self.zero) for t in motion.times[motion.spikes]],
+            "out_of_range": int((np.abs(psi) > np.pi + 1e-9).sum()),
+        }
+        clock = motion.clock
+        if clock is not None:
+            poses["frame_clock"] = {
+                "rate": clock.rate,
+                "lost": clock.lost,
+                "lateness": {
+                    "median": float(np.median(clock.lateness)),
+                    "largest": float(clock.lateness.max()),
+                    "above_50_ms": int((clock.lateness > LATE).sum()),
+                },
+                "roughness": float(clock.roughness),
+            }
+        return {
+            "name": recording.name,
+            "source": recording.source,
+            "warnings": recording.warnings,
+            "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
+            "usable": {
+                "duration": self.usable(),
+                "of": float(self.end),
+                "spans": [list(span) for span in self.spans],
+            },
+            "rest": float(self.active[0]),
+            "poses": poses,
+            "controls": {
+                "count": len(controls),
+                "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
+                "changes": int(changes.sum()),
+                "levels": [float(f(recording.controls[:, :2])) for f in (np.min, np.max)],
+                "lift": [float(f(recording.controls[:, 2])) for f in (np.min, np.max)],
+                "start_after_poses": float(controls[0] - motion.times[0]),
+                "end_after_poses": float(controls[-1] - motion.times[-1]),
+            },
+            "clock_offset": float(recording.clock_offset),
+            "reply": self.reply,
+            "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
+            "repairs": motion.repairs,
+        }
+
+
+def same_inputs(runs):
+    """Pairs of runs (names) that were driven by the same sequence of commands."""
+    pairs = []
+    for i, first in enumerate(runs):
+        for second in runs[i + 1 :]:
+            a, b = (r.recording.controls[:, :2] for r in (first, second))
+            if _agree(a, b):
+                pairs.append((first.recording.name, second.recording.name))
+    return pairs
+
+
+def _agree(a, b, shift=5):
+    """Whether two sequences of commands are one, up to some messages at the start."""
+    for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
+        count = min(len(a) - i, len(b) - j)
+        if count < 20:
+            continue
+        x, y = a[i : i + count], b[j : j + count]
+        changes = (np.abs(np.diff(x, axis=0)) > 1e-6).any(axis=1).sum()
+        if changes >= 10 and (np.abs(x - y) < 1e-6).all(axis=1).mean() > 0.9:
+            return True
+    return False
+
+
+def _stretches(times, inside):
+    """Indices of the samples inside, apart where there is a gap between them."""
+    index = np.flatnonzero(inside)
+    if not len(index):
+        return []
+    return np.split(index, np.flatnonzero(np.diff(times[index]) > MAX_GAP) + 1)
+
+
+def _commands_at(recording, times):
+    at = np.searchsorted(recording.control_times, times, side="right") - 1
+    commands = recording.controls[np.maximum(at, 0), :2].copy()
+    commands[at < 0] = 0
+    return commands
+
+
+def _accelerations(motion):
+    """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
+    u, v, r = motion.nu.T
+    turning = np.column_stack([-r * v, r * u, 0 * r])
+    return motion.nu_dot + turning
+
+
+def _reply(recording, motion):
+    """How accelerations follow from the commands: linearly, at the lag that suits best.
+
+    Whatever the body's axes and its drag: all accelerations on both commands and on products of the
+    velocities. None when the commands explain next to nothing.
+    """
+    middle = _middle(motion.times)
+    times = motion.times[middle]
+    if len(times) < 50 or np.ptp(recording.controls[:, :2], axis=0).max() < 1e-6:
+        return None
+    wanted = _accelerations(motion)[middle]
+    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
+    others = _smooth_terms(motion.nu[middle])
+
+    def misfit(lag):
+        X = np.column_stack([_commands_at(recording, times - lag), others])
+        coefficients = np.linalg.lstsq(X, wanted, rcond=None)[0]
+        return np.abs((wanted - X @ coefficients) / scale).mean(), coefficients
+
+    without = np.linalg.lstsq(others, wanted, rcond=None)[0]
+    base = np.abs((wanted - others @ without) / scale).mean()
+    misfits = [misfit(lag)[0] for lag in LAGS]
+    best = int(np.argmin(misfits))
+    share = 1 - misfits[best] / base
+    if share < 0.1:
+        return None
+    return {"lag": float(LAGS[best]), "share": float(share), "coefficients": misfit(LAGS[best])[1]}
+
+
+def _smooth_terms(nu):
+    """What accelerations may depend on besides the commands, (n, 11)."""
+    u, v, r = nu.T
+    return np.column_stack(
+        [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
     )
-    return _core.RunData(
-        recording.name,
-        poses.times[inside] - first,
-        motion["eta"][inside],
-        motion["nu"][inside],
-        inputs,
-    )
+
+
+def _middle(times, margin=0.06):
+    """Samples away from the ends of stretches, where smoothed accelerations are guesses."""
+    inside = np.zeros(len(times), bool)
+    for stretch in _stretches(times, np.ones(len(times), bool)):
+        start, end = times[stretch[0]], times[stretch[-1]]
+        inside[stretch] = (times[stretch] > start + margin) & (times[stretch] < end - margin)
+    return inside
+
+
+def _contacts(motion, reply):
+    """Spans of time in which the craft accelerates as no input within its bounds explains."""
+    if reply is None:
+        return [(t, t) for t in motion.times[motion.jumps]]
+    coefficients = reply["coefficients"]
+    by_input = coefficients[:2]  # rows left, right
+    others = _smooth_terms(motion.nu)
+    wanted = _accelerations(motion) - others @ coefficients[2:]
+    thrust = np.linalg.norm(by_input.sum(axis=0)[:2])
+    turn = np.abs(by_input[:, 2]).max()
+    if not (thrust > 0 and turn > 0):
+        return []
+    scale = np.array([thrust, thrust, turn])
+    levels = np.linspace(0, 1, 6)
+    beyond = np.full(len(wanted), np.inf)
+    for left in levels:
+        for right in levels:
+            off = (wanted - [left, right] @ by_input) / scale
+            force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+            beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
+    # A contact pushes for some frames; what only one shows is noise.
+    beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
+    hit = ((beyond > 1) & _middle(motion.times)) | motion.jumps
+    return [(motion.times[s[0]], motion.times[s[-1]]) for s in _stretches(motion.times, hit)]

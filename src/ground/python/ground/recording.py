@@ -12,6 +12,7 @@ import numpy as np
 from ground import _core, files
 from ground.errors import IdentifyError
 
+CSV_RECEIVED = "%time"
 CSV_STAMP = "field.header.stamp"
 JUMP_BACK = 0.5  # no message is late by more [s]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
@@ -27,6 +28,7 @@ class Recording:
     control_times: np.ndarray  # (m,) [s]
     controls: np.ndarray  # (m, 3) left, right, lift, 0..1
     source: str  # which topics it came from
+    clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
 
 
@@ -46,12 +48,13 @@ def read_bag(path, axes="x, z, -y"):
         info = bag.get_type_and_topic_info().topics
         pose_topic = _choose(info, path, "poses", _pose_rank)
         control_topic = _choose(info, path, "controls", _control_rank)
-        poses, controls = [], []
+        poses, controls, delays = [], [], {pose_topic: [], control_topic: []}
         mapping = _core.AxisMapping(axes)
         lost = 0
         try:
-            for topic, message, _ in bag.read_messages([pose_topic, control_topic]):
+            for topic, message, received in bag.read_messages([pose_topic, control_topic]):
                 stamp = message.header.stamp.to_sec()
+                delays[topic].append((received - message.header.stamp).to_sec())
                 if topic == control_topic:
                     controls.append((stamp,) + _control(message))
                 else:
@@ -70,7 +73,10 @@ def read_bag(path, axes="x, z, -y"):
         control_topic,
         info[control_topic].msg_type,
     )
-    return _checked(path, poses, controls, source, warnings)
+    recording = _checked(path, poses, controls, source, warnings)
+    # The recorder received both: if their delays differ by much, their stamps are of two clocks.
+    recording.clock_offset = float(np.median(delays[pose_topic]) - np.median(delays[control_topic]))
+    return recording
 
 
 def _open_bag(path, warnings):
@@ -210,17 +216,18 @@ def _checked(path, poses, controls, source, warnings):
 
 
 def read_csv(path):
-    """Stamps [s as integer ns] and points of a `rostopic echo -p` export, (n,) and (n, 3)."""
+    """Stamps, times of receipt [integer ns] and points (n, 3) of a `rostopic echo -p` export."""
     try:
         with open(path, newline="") as file:
             reader = csv.DictReader(file)
             missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
             if missing:
                 raise IdentifyError("%s, line 1: no column %s" % (path, ", ".join(missing)))
-            stamps, points = [], []
+            stamps, received, points = [], [], []
             for row in reader:
                 try:
                     stamp = int(row[CSV_STAMP])
+                    receipt = int(row.get(CSV_RECEIVED) or stamp)
                     point = [float(row[c]) for c in CSV_COLUMNS[1:]]
                 except (TypeError, ValueError):
                     raise IdentifyError(
@@ -237,12 +244,13 @@ def read_csv(path):
                         % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
                     )
                 stamps.append(stamp)
+                received.append(receipt)
                 points.append(point)
     except (OSError, UnicodeDecodeError) as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
     if len(stamps) < 2:
         raise IdentifyError("%s: only %d rows" % (path, len(stamps)))
-    return stamps, np.array(points)
+    return stamps, received, np.array(points)
 
 
 def import_csv(controls_path, pose_path, bag_path, force=False):
@@ -253,23 +261,23 @@ def import_csv(controls_path, pose_path, bag_path, force=False):
 
     series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
     for topic, path in (("pose", pose_path), ("controls", controls_path)):
-        stamps, points = series[topic]
+        stamps, _, points = series[topic]
         rows = np.column_stack([np.array(stamps) * 1e-9, points])
         other = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
         pair = (rows, other) if topic == "pose" else (other, rows)
         _checked(path, pair[0], pair[1], "", [])
-    spans = [(s[0], s[-1]) for s, _ in series.values()]
+    spans = [(min(r), max(r)) for _, r, _ in series.values()]
     if max(s[0] for s in spans) > min(s[1] for s in spans):
         raise IdentifyError(
             "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:
         with rosbag.Bag(temporary, "w", compression="lz4") as bag:
-            for topic, (stamps, points) in series.items():
-                for sequence, (stamp, point) in enumerate(zip(stamps, points)):
+            for topic, rows in series.items():
+                for sequence, (stamp, receipt, point) in enumerate(zip(*rows)):
                     message = PointStamped()
                     message.header.seq = sequence
                     message.header.stamp = genpy.Time(stamp // 10**9, stamp % 10**9)
                     message.point.x, message.point.y, message.point.z = point
-                    bag.write(topic, message, message.header.stamp)
-    return {topic: len(stamps) for topic, (stamps, _) in series.items()}
+                    bag.write(topic, message, genpy.Time(receipt // 10**9, receipt % 10**9))
+    return {topic: len(rows[0]) for topic, rows in series.items()}

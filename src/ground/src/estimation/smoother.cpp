@@ -78,6 +78,7 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
   motion.nu.resize(count, 3);
   motion.nu_dot.resize(count, 3);
   motion.used.resize(count);
+  motion.starts.resize(count);
   std::array<Eigen::Vector3d, 3> x;  // position, velocity, acceleration of each axis
   for (Eigen::Index k = count - 1; k >= 0; --k) {
     const bool ends = k == count - 1 || steps[k + 1].starts;
@@ -99,6 +100,7 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
     motion.nu.row(k) = nu;
     motion.nu_dot.row(k) = nu_dot;
     motion.used[k] = steps[k].used;
+    motion.starts[k] = steps[k].starts;
   }
   return motion;
 }

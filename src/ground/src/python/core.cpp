@@ -205,6 +205,7 @@ PYBIND11_MODULE(_core, module) {
         d["nu"] = motion.nu;
         d["nu_dot"] = motion.nu_dot;
         d["used"] = motion.used;
+        d["starts"] = motion.starts;
         return d;
       },
       py::arg("stamps"), py::arg("eta"), py::arg("params"),

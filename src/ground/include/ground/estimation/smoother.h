@@ -9,10 +9,11 @@ namespace ground {
 
 /// Smoothed motion at every stamp, one row each.
 struct SmoothedMotion {
-  Eigen::MatrixX3d eta;     ///< x, y [m], unwrapped psi [rad], world_ned
-  Eigen::MatrixX3d nu;      ///< u, v [m/s], r [rad/s], body
-  Eigen::MatrixX3d nu_dot;  ///< their derivatives by time, body
-  std::vector<bool> used;   ///< poses that were believed
+  Eigen::MatrixX3d eta;      ///< x, y [m], unwrapped psi [rad], world_ned
+  Eigen::MatrixX3d nu;       ///< u, v [m/s], r [rad/s], body
+  Eigen::MatrixX3d nu_dot;   ///< their derivatives by time, body
+  std::vector<bool> used;    ///< poses that were believed
+  std::vector<bool> starts;  ///< where the motion begins anew, after a gap or a jump
 };
 
 /// Velocities without delay from a whole recording: forward Kalman filter and backward smoother

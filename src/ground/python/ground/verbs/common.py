@@ -19,9 +19,14 @@ def reads_bags(parser):
 
 def takes_spans(parser):
     parser.add_argument(
-        "--from", dest="start", type=seconds, default=0.0, help="start in the usable span [s]"
+        "--from", dest="start", type=seconds, default=0.0, help="start, on the run's clock [s]"
     )
-    parser.add_argument("--to", dest="end", type=seconds, help="end in the usable span [s]")
+    parser.add_argument("--to", dest="end", type=seconds, help="end, on the run's clock [s]")
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="take all that was recorded, not only what info calls usable",
+    )
 
 
 def positive(text):
@@ -75,7 +80,13 @@ def load(path):
         raise IdentifyError(str(error))
 
 
-def runs(arguments, found, model):
+def prepare(arguments, model):
+    """Every bag read and repaired: quality.Run and the _core.RunData of the part that is asked for."""
     if not model.input_max > 0:
         raise IdentifyError("the model's input_max is not positive")
-    return [quality.make_run(r, model, arguments.start, arguments.end) for r in found]
+    runs = [quality.Run(r) for r in read(arguments)]
+    return runs, [data(arguments, run, model) for run in runs]
+
+
+def data(arguments, run, model):
+    return run.data(model, arguments.start, arguments.end, arguments.all)

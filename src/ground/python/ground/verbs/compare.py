@@ -74,9 +74,9 @@ def run(arguments):
     }
     evaluations = {label: {"fit": [], "held_out": []} for label in labels}
     for recording, bag, output in zip(found, bags, outputs):
-        studies = []
+        prepared, studies = quality.Run(recording), []
         for label, model in models:
-            study = _study(arguments, recording, label, model)
+            study = _study(arguments, prepared, label, model)
             study["role"] = "fit" if bag in model.provenance.bags else "held_out"
             study["files"] = output["models"][label]
             evaluations[label][study["role"]].append(study["evaluation"])
@@ -138,19 +138,19 @@ def _outputs(arguments, run, labels):
     return output
 
 
-def _study(arguments, recording, label, model):
+def _study(arguments, prepared, label, model):
     """All that is found out about one model on one run."""
-    run = common.runs(arguments, [recording], model)[0]
+    run = common.data(arguments, prepared, model)
     try:
         evaluation = comparison.evaluate(run, model)
         where = failure.of_error(evaluation, failure.variables(run, model.input_max))
         wrench_filter, rest, events = failure.undisturbed(
-            model, run, _measured_poses(recording, run)
+            model, run, _measured_poses(prepared, run)
         )
         correlation = residuals.analyse(wrench_filter, rest)
         missing = failure.of_wrench(wrench_filter, rest, model, events)
     except (ValueError, RuntimeError) as error:
-        raise IdentifyError("%s with %s: %s" % (recording.name, label, error))
+        raise IdentifyError("%s with %s: %s" % (run.name, label, error))
     study = {
         "label": label,
         "run": run,
@@ -165,11 +165,10 @@ def _study(arguments, recording, label, model):
     return study
 
 
-def _measured_poses(recording, run):
+def _measured_poses(prepared, run):
     """The run's poses before smoothing, (n, 3)."""
-    poses = quality.clean(recording)
-    start = quality.usable_span(recording, poses)[0]
-    return poses.eta[np.searchsorted(poses.times - start, np.array(run.times) - 1e-9)]
+    times = prepared.motion.times - prepared.zero
+    return prepared.motion.measured[np.searchsorted(times, np.array(run.times) - 1e-9)]
 
 
 def _plain(study):

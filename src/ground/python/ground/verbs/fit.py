@@ -51,7 +51,7 @@ def configure(parser):
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
-    runs = common.runs(arguments, common.read(arguments), model)
+    runs = common.prepare(arguments, model)[1]
     result = _solve(runs, model, arguments)
     fitted = result["model"]
     try:

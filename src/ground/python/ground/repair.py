@@ -1,0 +1,160 @@
+"""Poses as they must have been: what a recording's quirks hide is put right, and counted."""
+from dataclasses import dataclass, field
+from typing import Dict, Optional
+
+import numpy as np
+
+from ground import _core, frame_clock
+from ground.errors import IdentifyError
+
+MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
+CLOCK_OFFSET = 0.05  # topics whose stamps differ by more, by the recorder's clock, are shifted [s]
+FROZEN = 3  # equal poses in a row of a craft that moves: the last one, said again
+FLIP_LIKELIHOOD = (3.0, 0.5)  # minus log-likelihood of a change to mirrored headings, of each one
+TYPICAL_NOISE = (4e-4, 6e-3)  # of poses [m], [rad], where the recording does not tell
+POLLED_NOISE = (4e-3, 3e-2)  # of poses whose instants are known to some milliseconds only
+GATE = 8.0  # poses further off than so many noises are spikes
+
+
+@dataclass
+class Motion:
+    """Repaired poses in ascending order of time, and velocities smoothed from them."""
+
+    times: np.ndarray  # (n,) [s], on the clock of the commands
+    measured: np.ndarray  # (n, 3) repaired x, y [m], psi unwrapped [rad]
+    eta: np.ndarray  # (n, 3) the same, smoothed
+    nu: np.ndarray  # (n, 3) body velocities u, v [m/s], r [rad/s]
+    nu_dot: np.ndarray  # (n, 3) their derivatives [m/s^2], [rad/s^2]
+    noise: tuple  # standard deviations of the poses [m], [rad]
+    spikes: np.ndarray  # (n,) poses that follow from no motion; smoothed over
+    jumps: np.ndarray  # (n,) where the motion begins anew although no pose is missing
+    clock: Optional[frame_clock.FrameClock]  # where the frames' instants were rebuilt
+    repairs: Dict[str, float] = field(default_factory=dict)  # what was done, how often
+
+
+def wrap(angle):
+    """The angle [rad] within a half turn of zero."""
+    return np.angle(np.exp(1j * np.asarray(angle)))
+
+
+def repair(recording):
+    """The recording's motion; raises IdentifyError when too little of it is left."""
+    repairs = {}
+    times = recording.pose_times
+    if abs(recording.clock_offset) > CLOCK_OFFSET:
+        times = times + recording.clock_offset
+        repairs["poses shifted to the clock of the commands [s]"] = recording.clock_offset
+    repairs["stamps put in order"] = int((np.diff(times) < 0).sum())
+    order = np.argsort(times, kind="stable")
+    times, eta = times[order], recording.eta[order].copy()
+    keep = _distinct(times, eta, repairs)
+    times, eta = times[keep], eta[keep]
+    if len(times) < 10:
+        raise IdentifyError("%s: only %d distinct poses" % (recording.name, len(times)))
+    eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    clock = frame_clock.rebuild(times, eta)
+    if clock is not None:
+        repairs["stamps replaced by the frame clock"] = len(times)
+        times = clock.times
+    noise = POLLED_NOISE if clock is None and polled(times) else _noise(times, eta)
+    params = _core.EstimatorParams()
+    params.position_noise, params.heading_noise = noise
+    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
+    params.gate, params.max_gap = GATE, MAX_GAP
+    smooth = _core.smooth(times, eta, params)
+    spikes = ~np.asarray(smooth["used"])
+    jumps = np.asarray(smooth["starts"]) & (np.diff(times, prepend=-np.inf) <= MAX_GAP)
+    return Motion(
+        times,
+        eta,
+        smooth["eta"],
+        smooth["nu"],
+        smooth["nu_dot"],
+        noise,
+        spikes,
+        jumps,
+        clock,
+        repairs,
+    )
+
+
+def polled(times):
+    """Whether many stamps ascend by next to nothing: several frames were fetched at once."""
+    return bool(np.mean(np.diff(times) < frame_clock.EARLIEST) > 0.05)
+
+
+def _distinct(times, eta, repairs):
+    """Which poses are not said twice: neither with the same stamp nor while the craft moves on."""
+    same = np.concatenate([[False], (np.diff(eta, axis=0) == 0).all(axis=1)])
+    again = same & np.concatenate([[False], np.diff(times) == 0])
+    repairs["duplicates dropped"] = int(again.sum())
+    frozen = np.zeros(len(times), bool)
+    starts = np.flatnonzero(~same)
+    ends = np.append(starts[1:], len(times))
+    moves = np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1)
+    typical = np.median(moves[moves > 0]) if (moves > 0).any() else np.inf
+    for start, end in zip(starts, ends):
+        jumps = end < len(times) and moves[end - 1] > 2 * typical
+        if end - start >= FROZEN and jumps:
+            frozen[start + 1 : end] = True
+    repairs["frozen poses dropped"] = int((frozen & ~again).sum())
+    return ~(again | frozen)
+
+
+def _unmirror(psi):
+    """Headings with those mirrored back that the mocap gave as `centre - psi`; how many they were.
+
+    Mocap software confuses a rigid body with its mirror image: for single frames or some in a row
+    the heading's sign is wrong. The axes' tilt moves the mirrored heading by a constant, which the
+    single ones tell. Which frames are mirrored is the most likely sequence (Viterbi 1967).
+    """
+    centre = _mirror_centre(psi)
+    if centre is None:
+        return psi, 0
+    readings = np.stack([psi, centre - psi])  # row 1: if it is mirrored
+    steps = np.diff(psi)
+    padded = np.pad(wrap(steps), (7, 7), mode="edge")
+    turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
+    width = 0.02 + 0.3 * np.abs(turning)
+    change, mirrored = FLIP_LIKELIHOOD
+    cost = np.array([0.0, change])
+    came_from = np.zeros((len(psi), 2), int)
+    for k in range(1, len(psi)):
+        off = wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
+        total = cost[:, None] + np.minimum(np.abs(off), 20) + change * (1 - np.eye(2))
+        came_from[k] = np.argmin(total, axis=0)
+        cost = total[came_from[k], [0, 1]] + [0, mirrored]
+    state = np.empty(len(psi), int)
+    state[-1] = np.argmin(cost)
+    for k in range(len(psi) - 1, 0, -1):
+        state[k - 1] = came_from[k, state[k]]
+    return readings[state, np.arange(len(psi))], int(state.sum())
+
+
+def _mirror_centre(psi):
+    """Sum of a heading and its mirrored one [rad]; None when no heading is mirrored."""
+    before, here, after = psi[:-2], psi[1:-1], psi[2:]
+    middle = before + 0.5 * wrap(after - before)
+    # Neighbours that agree, and a heading between them that does not.
+    odd = (np.abs(wrap(after - before)) < 0.3) & (np.abs(wrap(here - middle)) > 0.5)
+    if not odd.any():
+        return None
+    sums = wrap(here[odd] + middle[odd])
+    centre = np.median(sums)
+    near = np.abs(wrap(sums - centre)) < 0.1
+    return float(np.median(sums[near])) if near.mean() > 0.5 else None
+
+
+def _noise(times, eta):
+    """Standard deviations of position [m] and heading [rad]: what third differences scatter by."""
+    steps = np.diff(times)
+    even = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
+    even = even[:-2] & even[1:-1] & even[2:]
+    if even.sum() < 50:
+        return TYPICAL_NOISE
+    scatter = 1.4826 * np.median(np.abs(np.diff(eta, 3, axis=0)[even]), axis=0) / np.sqrt(20)
+    return (
+        float(np.clip(np.hypot(*scatter[:2]) / np.sqrt(2), 2e-5, 1e-2)),
+        float(np.clip(scatter[2], 2e-4, 0.1)),
+    )

@@ -1,0 +1,211 @@
+"""What info finds in a recording and repairs: each quirk put into a simulated run whose truth is known."""
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, identify, simulate_run, write_bag
+
+from ground import _core
+from ground.quality import Run, same_inputs
+from ground.recording import Recording
+from ground.repair import repair
+
+
+def recorded(times, eta, inputs, name="run", offset=0.0):
+    return Recording(name, 1000 + times, eta, 1000 + inputs[:, 0], inputs[:, 1:], "a test", offset)
+
+
+def info(path):
+    result = identify("info", path, "--json")
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)[0]
+
+
+def heading_error(found, truth):
+    return np.abs(np.angle(np.exp(1j * (found - truth)))).max()
+
+
+def frames(rate=120.0, duration=8.0, seed=1):
+    """Poses at the frames of a camera, with the truth's velocities."""
+    model = _core.load_model(str(MODEL))
+    _, _, inputs = simulate_run(duration, seed)
+    times = 0.003 + np.arange(0, duration - 0.1, 1 / rate)
+    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+    noise = np.random.default_rng(seed).normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
+    return times, run["eta"] + noise, run["nu"], inputs
+
+
+def polled(times, random, poll=0.01):
+    """Stamps of a poll: some polls come late, and what waits then comes at once."""
+    ticks = np.arange(0, times[-1] + 1, poll) + random.uniform(0, 4e-4)
+    ticks = ticks[random.random(len(ticks)) > 0.08]
+    stalls = random.choice(ticks, 3)
+    ticks = ticks[np.all(np.abs(ticks[:, None] - stalls - 0.07) > 0.06, axis=1)]
+    stamps = ticks[np.searchsorted(ticks, times)]
+    return stamps + 1e-5 * np.arange(len(times)) / len(times)
+
+
+def test_the_quirks_are_found(tmp_path):
+    def spoil(times, eta, inputs):
+        eta = eta.copy()
+        eta[300, 2] *= -1  # one flipped heading
+        eta[200] += [0.3, 0, 0]  # one spike
+        keep = np.ones(len(times), bool)
+        keep[500:540] = False  # a gap of 0.41 s
+        times, eta = times[keep], eta[keep]
+        times = np.insert(times, 100, times[99])  # a true duplicate
+        eta = np.insert(eta, 100, eta[99], axis=0)
+        late = np.arange(len(times))
+        late[[700, 701]] = 701, 700  # one pose overtakes another
+        times, eta = times[late], eta[late]
+        return times, eta, inputs[2:]
+
+    path = write_bag(tmp_path / "odd.bag", change=spoil)
+    found = info(path)
+    assert [round(g["length"], 2) for g in found["poses"]["gaps"]] == [0.41]
+    assert found["poses"]["duplicate_stamps"] == 1
+    assert found["repairs"]["duplicates dropped"] == 1
+    assert found["poses"]["mirrored_headings"] == 1
+    assert found["poses"]["stamps_out_of_order"] == 1
+    assert found["poses"]["spikes"] == [pytest.approx(2.0 - 2 / 15, abs=0.011)]
+    assert found["controls"]["start_after_poses"] == pytest.approx(2 / 15, abs=1e-3)
+    assert found["contacts"] == []
+    assert len(found["usable"]["spans"]) == 2
+    text = identify("info", path).stdout
+    for words in ("mocap lost 1 times", "flipped", "spikes", "repeated stamps: 1", "out of order"):
+        assert words in text
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("rate", [120.0, 180.0])
+def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
+    random = np.random.default_rng(seed)
+    times, eta, nu, inputs = frames(rate, seed=seed)
+    there = random.random(len(times)) > 0.05  # some frames are lost
+    times, eta, nu = times[there], eta[there], nu[there]
+    motion = repair(recorded(polled(times, random), eta, inputs))
+    assert len(motion.times) == len(times), "no distinct frame may be dropped"
+    assert motion.clock.rate == pytest.approx(rate, rel=3e-4)
+    off = motion.times - 1000 - times
+    # How long a frame needs at least to the poll cannot be known: it is the same for all.
+    assert 0 <= np.median(off) < 3e-3
+    # At a slow moment, or next to a gap, one frame more or less looks the same.
+    assert np.mean(np.abs(off - np.median(off)) < 1e-3) > 0.98
+    error = np.sqrt(np.mean((motion.nu - nu) ** 2, axis=0))
+    plain = _core.EstimatorParams()
+    stamped = _core.smooth(polled(times, np.random.default_rng(seed)), eta, plain)["nu"]
+    assert (error < 0.5 * np.sqrt(np.mean((stamped - nu) ** 2, axis=0))).all()
+
+
+def test_regular_stamps_are_left_alone():
+    times, eta, nu, inputs = frames()
+    jitter = np.random.default_rng(1).normal(0, 3e-4, len(times))
+    motion = repair(recorded(times + jitter, eta, inputs))
+    assert motion.clock is None
+    assert np.allclose(motion.times, 1000 + times + jitter, rtol=0, atol=1e-9)
+    assert motion.noise[0] == pytest.approx(3e-4, rel=0.35)
+    assert motion.noise[1] == pytest.approx(5e-3, rel=0.35)
+
+
+@pytest.mark.parametrize("centre", [0.0, 0.16])
+def test_mirrored_headings_are_undone(centre):
+    times, eta, nu, inputs = frames()
+    truth = eta[:, 2].copy()
+    mirrored = np.zeros(len(times), bool)
+    random = np.random.default_rng(4)
+    for start in random.choice(len(times) - 20, 25, replace=False):
+        mirrored[start : start + random.choice([1, 1, 1, 2, 5])] = True
+    eta[mirrored, 2] = centre - eta[mirrored, 2]
+    eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
+    motion = repair(recorded(times, eta, inputs))
+    # What is off by less than the noise cannot be told from what is right.
+    assert heading_error(motion.measured[:, 2], truth) < 0.15
+    # what a plain unwrap would have made of them
+    assert np.abs(np.diff(motion.measured[:, 2])).max() < 0.5
+    assert np.sqrt(np.mean((motion.nu[:, 2] - nu[:, 2]) ** 2)) < 0.3
+
+
+def test_frozen_poses_are_a_gap():
+    times, eta, nu, inputs = frames()
+    eta[400:430] = eta[400]
+    motion = repair(recorded(times, eta, inputs))
+    assert motion.repairs["frozen poses dropped"] == 29
+    assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
+    still = repair(recorded(times[:200], np.zeros((200, 3)), inputs))
+    assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
+
+
+def test_clocks_that_differ_are_told_by_the_recorder():
+    times, eta, nu, inputs = frames()
+    run = Run(recorded(times - 3.2, eta, inputs, offset=3.2))
+    assert run.motion.times[0] - 1000 == pytest.approx(times[0], abs=1e-6)
+    assert run.usable() > 7
+
+
+def test_clocks_that_differ_are_told_by_the_motion():
+    times, eta, nu, inputs = frames()
+    assert -0.02 <= Run(recorded(times, eta, inputs)).reply["lag"] <= 0.03
+    assert Run(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
+    assert Run(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
+
+
+def test_a_wall_is_left_out():
+    times, eta, nu, inputs = frames()
+    model = _core.load_model(str(MODEL))
+    at = 480
+    state = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+    bounced = state["nu"][at] * [-0.6, -0.6, -0.5]
+    after = _core.simulate(model, inputs, times[at:], state["eta"][at], bounced)
+    assert np.linalg.norm(state["nu"][at, :2]) > 0.5
+    eta[at:] = after["eta"] + np.random.default_rng(1).normal(
+        0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3)
+    )
+    run = Run(recorded(times, eta, inputs))
+    assert len(run.contacts) == 1
+    start, end = run.contacts[0]
+    assert start - 0.03 < 1000 + times[at] - run.zero < end + 0.03
+    assert end - start < 0.2
+    assert [len(run.spans), run.usable() > 7] == [2, True]
+
+
+def test_no_wall_where_there_is_none():
+    for seed in range(1, 9):
+        times, eta, nu, inputs = frames(seed=seed)
+        assert Run(recorded(times, eta, inputs)).contacts == []
+
+
+def test_rest_and_the_time_without_lift_are_not_used():
+    times, eta, nu, inputs = frames()
+    rest = np.arange(0, 2.0, 1 / 120)
+    eta = np.vstack([np.tile(eta[0], (len(rest), 1)), eta])
+    times = np.concatenate([rest, 2.0 + times])
+    moving = inputs + [2.0, 0, 0, 0]
+    inputs = np.vstack([[0, 0, 0, 0], [1.0, 0, 0, 1], moving, [moving[-1, 0] - 0.5, 0, 0, 0]])
+    inputs = inputs[np.argsort(inputs[:, 0])]
+    inputs[inputs[:, 0] >= moving[-1, 0] - 0.5, 1:] = 0
+    run = Run(recorded(times, eta, inputs))
+    assert run.spans[0][0] == pytest.approx(1.9, abs=0.1)
+    assert run.spans[-1][1] == pytest.approx(moving[-1, 0] - 0.5, abs=0.05)
+
+
+def test_the_same_inputs_in_two_runs_are_noticed():
+    runs = []
+    for name, seed, skip in (("a", 1, 0), ("b", 1, 2), ("c", 77, 0)):
+        times, eta, nu, inputs = frames(seed=seed)
+        runs.append(Run(recorded(times, eta, inputs[skip:], name)))
+    assert same_inputs(runs) == [("a", "b")]
+
+
+def test_a_fast_spin_is_not_given_turns_in_a_gap():
+    times = np.arange(0, 6, 0.01)
+    for phase in np.arange(0, 2 * np.pi, 0.5):
+        rate = -13 + 4 * np.sin(7.5 * times + phase)
+        psi = -13 * times - 4 / 7.5 * np.cos(7.5 * times + phase)
+        psi += np.random.default_rng(1).normal(0, 5e-3, len(psi))
+        eta = np.column_stack([0 * times, 0 * times, np.angle(np.exp(1j * psi))])
+        seen = (times < 3.0) | (times > 3.27)
+        recording = Recording(
+            "spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere"
+        )
+        nu = repair(recording).nu
+        assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
