@@ -55,8 +55,9 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
 
 RunData makeRun(const std::string& name, const std::vector<double>& times,
                 const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
-                const Eigen::Ref<const Eigen::MatrixXd>& inputs) {
-  return {name, times, eta, nu, toInputs(inputs)};
+                const Eigen::Ref<const Eigen::MatrixXd>& inputs, const Eigen::MatrixX3d& poses,
+                const Vector3<double>& noise) {
+  return {name, times, eta, nu, toInputs(inputs), poses, noise};
 }
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
@@ -91,6 +92,7 @@ py::dict toDict(const FitResult& result) {
     d["start"] = p.start;
     d["value"] = p.value;
     d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["deviation"] = p.deviation;
     d["at_bound"] = p.at_bound;
     d["identified"] = p.identified;
     parameters.append(d);
@@ -213,7 +215,8 @@ PYBIND11_MODULE(_core, module) {
 
   py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
-           py::arg("inputs"))
+           py::arg("inputs"), py::arg("poses") = RunData().poses,
+           py::arg("noise") = RunData().noise)
       .def_readonly("name", &RunData::name)
       .def_readonly("times", &RunData::times)
       .def_readonly("eta", &RunData::eta)
@@ -233,9 +236,12 @@ PYBIND11_MODULE(_core, module) {
   py::enum_<FitOptions::Objective>(module, "Objective")
       .value("least_squares", FitOptions::Objective::kLeastSquares)
       .value("thesis", FitOptions::Objective::kThesis);
-  py::class_<SimulationError>(module, "SimulationError", "Simulated minus measured velocities.")
-      .def(py::init<std::vector<RunData>, std::vector<Window>>(), py::arg("runs"),
-           py::arg("windows"))
+  py::enum_<Target>(module, "Target")
+      .value("velocities", Target::kVelocities)
+      .value("poses", Target::kPoses);
+  py::class_<SimulationError>(module, "SimulationError", "Simulation minus measurement.")
+      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
+           py::arg("windows"), py::arg("target") = Target::kVelocities)
       .def("sigma", &SimulationError::sigma, py::arg("run"))
       .def(
           "simulate",
