@@ -6,6 +6,8 @@
 #include "ground/control/prbs.h"
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/smoother.h"
+#include "ground/identification/inferred_wrench.h"
+#include "ground/identification/prediction.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
@@ -40,6 +42,15 @@ InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
     inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
   return inputs;
+}
+
+Eigen::MatrixXd fromInputs(const RunData& run) {
+  const InputSequence& inputs = run.inputs;
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 4);
+  for (std::size_t i = 0; i < inputs.size(); ++i)
+    rows.row(static_cast<Eigen::Index>(i)) << inputs.times[i], inputs.thrusters[i](0),
+        inputs.thrusters[i](1), inputs.lift[i];
+  return rows;
 }
 
 RunData makeRun(const std::string& name, const std::vector<double>& times,
@@ -208,8 +219,13 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("name", &RunData::name)
       .def_readonly("times", &RunData::times)
       .def_readonly("eta", &RunData::eta)
-      .def_readonly("nu", &RunData::nu);
+      .def_readonly("nu", &RunData::nu)
+      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
   py::class_<Window>(module, "Window")
+      .def(py::init([](int run, int first, int last) {
+             return Window{run, first, last};
+           }),
+           py::arg("run"), py::arg("first"), py::arg("last"))
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)
       .def_readonly("last", &Window::last);
@@ -259,4 +275,72 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("model"), py::arg("free"),
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1);
+
+  module.def(
+      "predict",
+      [](const Model& model, const RunData& run, const std::vector<Window>& windows,
+         const Eigen::MatrixX3d& nu) {
+        WindowSimulation simulation;
+        {
+          const py::gil_scoped_release release;
+          simulation = predict(model, run, windows, nu);
+        }
+        py::dict d;
+        d["eta"] = simulation.eta;
+        d["nu"] = simulation.nu;
+        return d;
+      },
+      py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
+      "Windows from the measured pose and the given measured velocity, a row each, uncorrected.");
+
+  py::enum_<WrenchNature>(module, "WrenchNature")
+      .value("random_walk", WrenchNature::kRandomWalk)
+      .value("white", WrenchNature::kWhite);
+  py::class_<WrenchNoise>(module, "WrenchNoise", "Noise levels of the filter.")
+      .def(py::init<>())
+      .def_readwrite("force", &WrenchNoise::force)
+      .def_readwrite("moment", &WrenchNoise::moment)
+      .def_readwrite("position", &WrenchNoise::position)
+      .def_readwrite("heading", &WrenchNoise::heading);
+  py::class_<WrenchFilter>(module, "WrenchFilter", "The wrench that a model lacks along a run.")
+      .def(py::init<const Model&, const RunData&, const Eigen::MatrixX3d&, double>(),
+           py::arg("model"), py::arg("run"), py::arg("poses"), py::arg("max_gap") = 0.1,
+           py::call_guard<py::gil_scoped_release>())
+      .def("likeliest_noise", &WrenchFilter::likeliestNoise, py::arg("nature"),
+           py::call_guard<py::gil_scoped_release>())
+      .def(
+          "innovations",
+          [](const WrenchFilter& filter, WrenchNature nature, const WrenchNoise& noise) {
+            Innovations innovations;
+            {
+              const py::gil_scoped_release release;
+              innovations = filter.innovations(nature, noise);
+            }
+            py::dict d;
+            d["normalised"] = innovations.normalised;
+            d["valid"] = innovations.valid;
+            d["log_likelihood"] = innovations.log_likelihood;
+            return d;
+          },
+          py::arg("nature"), py::arg("noise"), "Ahead, to starboard, in heading; one row a sample.")
+      .def(
+          "smooth",
+          [](const WrenchFilter& filter, const WrenchNoise& noise, const Eigen::MatrixXd& acting,
+             const std::vector<int>& channels) {
+            InferredWrench inferred;
+            {
+              const py::gil_scoped_release release;
+              inferred = filter.smooth(noise, acting, channels);
+            }
+            py::dict d;
+            d["wrench"] = inferred.wrench;
+            d["sigma"] = inferred.sigma;
+            d["responses"] = inferred.responses;
+            return d;
+          },
+          py::arg("noise"), py::arg("acting") = Eigen::MatrixXd(),
+          py::arg("channels") = std::vector<int>(),
+          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
+      .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
+      .def_property_readonly("stretches", &WrenchFilter::stretches);
 }
