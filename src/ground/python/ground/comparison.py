@@ -4,10 +4,8 @@ from typing import List, Optional
 
 import numpy as np
 
-from ground import _core, repair
-from ground.errors import IdentifyError
+from ground import _core, repair, windows
 
-WINDOW = 1.5  # of the error [s]
 START = 0.4  # of a window, to find the initial velocities of the pure prediction [s]
 THESIS_SPAN = 4.0  # of the thesis's objective [s]
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
@@ -16,35 +14,14 @@ CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
-def problem(runs, length):
-    """Windows of `length` seconds over all runs; raises IdentifyError when none fits."""
-    windows = []
-    for index, run in enumerate(runs):
-        found = _core.cut_windows(run, index, run.times[0], run.times[-1], length, repair.MAX_GAP)
-        if not found:
-            raise IdentifyError(
-                "%s: too short for a window of %.1f s without a gap" % (run.name, length)
-            )
-        windows += found
-    try:
-        return _core.SimulationError(runs, windows), windows
-    except ValueError as error:
-        raise IdentifyError(str(error))
-
-
-def error(runs, model):
-    """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows of 1.5 s."""
-    return problem(runs, WINDOW)[0].simulate(model)["objective"]
-
-
 def thesis_objective(run, model):
     """(3.4) over one window, the first 4 s of the run; None when the run is shorter."""
     start = run.times[0]
     # One simulation, also through a gap: only the measurement is missing there.
-    windows = _core.cut_windows(run, 0, start, start + THESIS_SPAN, THESIS_SPAN, THESIS_SPAN)
-    if not windows or run.times[windows[0].last] - start < 0.9 * THESIS_SPAN:
+    found = _core.cut_windows(run, 0, start, start + THESIS_SPAN, THESIS_SPAN, THESIS_SPAN)
+    if not found or run.times[found[0].last] - start < 0.9 * THESIS_SPAN:
         return None
-    problem = _core.SimulationError([run], windows[:1])
+    problem = _core.SimulationError([run], found[:1])
     return problem.simulate(model, _core.Objective.thesis)["objective"]
 
 
@@ -82,11 +59,12 @@ def evaluate(run, model):
     Raises IdentifyError on runs that are too short, RuntimeError on models whose motion is not
     finite.
     """
-    windowed, windows = problem([run], WINDOW)
+    cut = windows.cut([run])
+    windowed = windows.problem([run], cut)
     simulation = windowed.simulate(model)
     times, nu = np.array(run.times), np.array(run.nu)
     pieces = []
-    for window, eta, simulated in zip(windows, simulation["eta"], simulation["nu"]):
+    for window, eta, simulated in zip(cut, simulation["eta"], simulation["nu"]):
         index = np.arange(window.first, window.last + 1)
         pieces.append(
             {
@@ -101,17 +79,17 @@ def evaluate(run, model):
     return Evaluation(
         pieces,
         sigma,
-        _predict(run, model, windows, sigma),
+        _predict(run, model, cut, sigma),
         thesis_objective(run, model),
         _predict_horizons(run, model, sigma),
     )
 
 
-def _predict(run, model, windows, sigma):
+def _predict(run, model, cut, sigma):
     """Errors after the first 0.4 s of windows, the only part that initial velocities may suit."""
     times, nu = np.array(run.times), np.array(run.nu)
     starts, scored = [], []
-    for window in windows:
+    for window in cut:
         split = np.searchsorted(times, times[window.first] + START)
         if split - window.first >= 4 and split < window.last:
             starts.append(_core.Window(0, window.first, int(split)))
@@ -132,19 +110,19 @@ def _predict_horizons(run, model, sigma):
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
     ends = np.append(breaks, len(times) - 1)[np.searchsorted(breaks, np.arange(len(times)))]
-    windows, free_from = [], times[0]
+    spans, free_from = [], times[0]
     for first, (time, end) in enumerate(zip(times, ends)):
         if time < free_from or end == first:
             continue
         last = min(end, np.searchsorted(times, time + HORIZONS[-1]))
-        windows.append(_core.Window(0, first, int(last)))
+        spans.append(_core.Window(0, first, int(last)))
         free_from = time + START_STEP
-    found = _core.predict(model, run, windows, nu[[w.first for w in windows]])
+    found = _core.predict(model, run, spans, nu[[w.first for w in spans]])
     step = float(np.median(np.diff(times)))
     rows = []
     for horizon in (step,) + HORIZONS:
         errors = []
-        for window, eta_end, nu_end in zip(windows, found["eta"], found["nu"]):
+        for window, eta_end, nu_end in zip(spans, found["eta"], found["nu"]):
             target = times[window.first] + horizon
             at = window.first + 1 if horizon == step else np.searchsorted(times, target)
             if at > window.last:

@@ -184,13 +184,13 @@ def full_scale(model):
     return np.array([force, force, force * model.value("l")])
 
 
-def undisturbed(model, run, poses):
+def undisturbed(model, run):
     """Filter and run without what no input explains, and the disturbances [(start, end) s].
 
     Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
     few of them would set the noise levels and hide all else.
     """
-    whole = _core.WrenchFilter(model, run, poses, repair.MAX_GAP)
+    whole = _core.WrenchFilter(model, run, repair.MAX_GAP)
     noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
     size = np.abs(whole.smooth(noise)["wrench"])
     usual = 1.4826 * np.median(size, axis=0)
@@ -208,10 +208,16 @@ def undisturbed(model, run, poses):
     if not events or keep.mean() < 0.5:
         return whole, run, []
     rest = _core.RunData(
-        run.name, times[keep], np.array(run.eta)[keep], np.array(run.nu)[keep], run.inputs
+        run.name,
+        times[keep],
+        np.array(run.eta)[keep],
+        np.array(run.nu)[keep],
+        run.inputs,
+        np.array(run.poses)[keep],
+        run.noise,
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
-    return _core.WrenchFilter(model, rest, poses[keep], repair.MAX_GAP), rest, events
+    return _core.WrenchFilter(model, rest, repair.MAX_GAP), rest, events
 
 
 @dataclass

@@ -336,7 +336,9 @@ def _draw_dependences(figure, grid, row, entry, factor, label, color):
 
 def _draw_thrust(axis, thrust, color):
     """Body axes seen from above, with the force per unit command by model and as measured."""
-    axis.set_title("force that a lasting thrust command\nbrings about, seen from above", fontsize=10)
+    axis.set_title(
+        "force that a lasting thrust command\nbrings about, seen from above", fontsize=10
+    )
     axis.axis("off")
     axis.set_aspect("equal")
     axis.set_xlim(-1.35, 1.35)

@@ -93,10 +93,10 @@ struct WrenchFilter::Pass {
   std::vector<Eigen::Matrix<double, 9, 3>> gain;
 };
 
-WrenchFilter::WrenchFilter(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses,
-                           double max_gap)
+WrenchFilter::WrenchFilter(const Model& model, const RunData& run, double max_gap)
     : force_scale_(typical::force(model.body)), moment_scale_(typical::moment(model.body)) {
   const auto count = static_cast<Eigen::Index>(run.times.size());
+  const Eigen::MatrixX3d& poses = run.poses.rows() == 0 ? run.eta : run.poses;
   if (count == 0 || run.eta.rows() != count || run.nu.rows() != count || poses.rows() != count)
     throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
   if (!run.eta.allFinite() || !run.nu.allFinite() || !poses.allFinite())

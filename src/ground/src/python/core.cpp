@@ -220,6 +220,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("times", &RunData::times)
       .def_readonly("eta", &RunData::eta)
       .def_readonly("nu", &RunData::nu)
+      .def_readonly("poses", &RunData::poses)
+      .def_readonly("noise", &RunData::noise)
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
@@ -303,9 +305,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("position", &WrenchNoise::position)
       .def_readwrite("heading", &WrenchNoise::heading);
   py::class_<WrenchFilter>(module, "WrenchFilter", "The wrench that a model lacks along a run.")
-      .def(py::init<const Model&, const RunData&, const Eigen::MatrixX3d&, double>(),
-           py::arg("model"), py::arg("run"), py::arg("poses"), py::arg("max_gap") = 0.1,
-           py::call_guard<py::gil_scoped_release>())
+      .def(py::init<const Model&, const RunData&, double>(), py::arg("model"), py::arg("run"),
+           py::arg("max_gap") = 0.1, py::call_guard<py::gil_scoped_release>())
       .def("likeliest_noise", &WrenchFilter::likeliestNoise, py::arg("nature"),
            py::call_guard<py::gil_scoped_release>())
       .def(

@@ -47,12 +47,10 @@ struct InferredWrench {
 /// sample. After a gap everything starts anew.
 class WrenchFilter {
  public:
-  /// `poses`: x, y [m], psi [rad, wrapped or not] as measured, not smoothed, at the run's times;
-  /// `run` gives the motion to linearise along. Throws std::invalid_argument when lengths differ,
-  /// a value is not finite or times descend, std::runtime_error when the model's motion is not
-  /// finite.
-  WrenchFilter(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses,
-               double max_gap = 0.1);
+  /// Poses are the run's measured ones, headings wrapped or not; the model is linearised along its
+  /// smoothed motion. Throws std::invalid_argument when lengths differ, a value is not finite or
+  /// times descend, std::runtime_error when the model's motion is not finite.
+  WrenchFilter(const Model& model, const RunData& run, double max_gap = 0.1);
 
   /// The noise levels under which the poses are likeliest (innovation form of the likelihood),
   /// within a factor of about 1.3. Outliers count as if their pose had been as noisy as it takes.

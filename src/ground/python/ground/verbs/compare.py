@@ -144,9 +144,7 @@ def _study(arguments, prepared, label, model):
     try:
         evaluation = comparison.evaluate(run, model)
         where = failure.of_error(evaluation, failure.variables(run, model.input_max))
-        wrench_filter, rest, events = failure.undisturbed(
-            model, run, _measured_poses(prepared, run)
-        )
+        wrench_filter, rest, events = failure.undisturbed(model, run)
         correlation = residuals.analyse(wrench_filter, rest)
         missing = failure.of_wrench(wrench_filter, rest, model, events)
     except (ValueError, RuntimeError) as error:
@@ -163,12 +161,6 @@ def _study(arguments, prepared, label, model):
     }
     study["summary"] = words.summary(study["numbers"], where, correlation, missing.numbers)
     return study
-
-
-def _measured_poses(prepared, run):
-    """The run's poses before smoothing, (n, 3)."""
-    times = prepared.motion.times - prepared.zero
-    return prepared.motion.measured[np.searchsorted(times, np.array(run.times) - 1e-9)]
 
 
 def _plain(study):
