@@ -15,8 +15,12 @@ def leave_one_run_out(runs, fit):
     return _leave_one_out(runs, [[w for w in every if w.run == i] for i in range(len(runs))], fit)
 
 
-def leave_one_block_out(runs, fit, length=BLOCK):
-    """The error on blocks of time, each with a fit without it; None when there are less than two."""
+def leave_one_block_out(runs, models, fit, length=BLOCK):
+    """Errors on blocks of time: of models as they are, and of fits to all the other blocks.
+
+    Returns {"models": one error a model, "heldout": error}, over the same windows; None when there
+    are less than two blocks.
+    """
     blocks = []
     for i, run in enumerate(runs):
         start, end = run.times[0], run.times[-1]
@@ -26,7 +30,12 @@ def leave_one_block_out(runs, fit, length=BLOCK):
     if len(blocks) < 2:
         return None
     weights = [sum(w.last - w.first + 1 for w in block) for block in blocks]
-    return float(np.average([e for _, e in _leave_one_out(runs, blocks, fit)], weights=weights))
+    errors = [error for _, error in _leave_one_out(runs, blocks, fit)]
+    every = [w for block in blocks for w in block]
+    return {
+        "models": [windows.error(runs, model, every) for model in models],
+        "heldout": float(np.average(errors, weights=weights)),
+    }
 
 
 def _leave_one_out(runs, parts, fit):

@@ -87,14 +87,23 @@ def run(arguments):
         "before": windows.error(runs, model),
         "after": windows.error(runs, fitted),
         "heldout_runs": None,
-        "heldout_blocks": validation.leave_one_block_out(runs, refit, arguments.block),
-        "holdout": windows.error(held, fitted) if held else None,
-        "holdout_before": windows.error(held, model) if held else None,
+        "blocks": _blocks(
+            validation.leave_one_block_out(runs, (model, fitted), refit, arguments.block)
+        ),
+        "holdout": None,
     }
+    if held:
+        errors["holdout"] = {
+            "before": windows.error(held, model),
+            "after": windows.error(held, fitted),
+        }
     each = []
     if len(runs) > 1:
         each = _each(arguments, runs, fitted, refit)
-        errors["heldout_runs"] = float(np.mean([row["heldout_error"] for row in each]))
+        samples = [len(r.times) for r in runs]
+        errors["heldout_runs"] = float(
+            np.average([e["heldout_error"] for e in each], weights=samples)
+        )
     report = {
         "model": arguments.output,
         "parameters": {
@@ -151,14 +160,16 @@ def _each(arguments, runs, fitted, refit):
 
 def _write(arguments, fitted, report):
     errors = report["error"]
-    after = {"fit": errors["after"], "heldout": errors["holdout"] or errors["heldout_blocks"]}
-    before = {"fit": errors["before"], "heldout": errors["holdout_before"]}
+    before, after = {"fit": errors["before"]}, {"fit": errors["after"]}
+    if errors["blocks"]:
+        before["blocks"], after["blocks"] = errors["blocks"]["before"], errors["blocks"]["heldout"]
+    if errors["holdout"]:
+        before["heldout"], after["heldout"] = (errors["holdout"][k] for k in ("before", "after"))
     provenance = fitted.provenance
     provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
     provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
     provenance.bags = [os.path.basename(b) for b in arguments.bags]
-    provenance.error_before = {k: v for k, v in before.items() if v is not None}
-    provenance.error_after = {k: v for k, v in after.items() if v is not None}
+    provenance.error_before, provenance.error_after = before, after
     provenance.confidence_95 = {name: p["ci95"] for name, p in report["parameters"].items()}
     try:
         _core.save_model(fitted, arguments.output, arguments.force)
@@ -178,34 +189,48 @@ def _lines(arguments, runs, result, report):
             p["ci95"][1],
             p["unit"],
         )
-    errors, thesis = report["error"], report["thesis_objective"]
     yield ""
-    yield "%-52s %8s %8s" % ("error over windows of 1.5 s", "before", "after")
-    for words, before, after in (
-        ("the runs fitted to", errors["before"], errors["after"]),
-        ("each run, by a fit to the others", None, errors["heldout_runs"]),
-        (
-            "blocks of %g s, each by a fit to the rest" % arguments.block,
-            None,
-            errors["heldout_blocks"],
-        ),
-        ("the runs held out", errors["holdout_before"], errors["holdout"]),
-        ("(3.4) over the first 4 s", thesis["before"], thesis["after"]),
-    ):
-        if after is not None:
-            yield "  %-50s %8s %8.3f" % (words, "" if before is None else "%.3f" % before, after)
+    yield "%-46s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
+    for words, values in _errors(arguments, report):
+        yield "  %-44s %8s %8s %9s" % (
+            (words,) + tuple("" if v is None else "%.3f" % v for v in values)
+        )
     if report["runs"]:
         yield ""
         yield from _table(arguments.free, report["runs"])
-    for first, second in report["same_inputs"]:
-        yield "%s and %s had the same inputs: as tests of each other they are kind" % (
-            first,
-            second,
-        )
+    same = sorted({name for pair in report["same_inputs"] for name in pair})
+    if same:
+        yield "the same inputs drove %s: as a test of each other they are kind" % ", ".join(same)
     yield from identifiability.sentences(result)
     if arguments.starts > 1:
         yield "%d of %d starts came to this end" % (report["starts"]["at_best"], arguments.starts)
     yield "written to %s" % arguments.output
+
+
+def _errors(arguments, report):
+    """What the error is of, and the error of the start values, of the fit, and held out."""
+    errors, thesis = report["error"], report["thesis_objective"]
+    yield "the runs; held out: each by a fit to the others", (
+        errors["before"],
+        errors["after"],
+        errors["heldout_runs"],
+    )
+    if errors["blocks"]:
+        yield "blocks of %g s, each by a fit to the rest" % arguments.block, errors[
+            "blocks"
+        ].values()
+    if errors["holdout"]:
+        before, after = errors["holdout"].values()
+        yield "the runs given with --holdout", (before, None, after)
+    if thesis["after"] is not None:
+        yield "(3.4) over the first 4 s", (thesis["before"], thesis["after"], None)
+
+
+def _blocks(found):
+    if found is None:
+        return None
+    before, after = found["models"]
+    return {"before": before, "after": after, "heldout": found["heldout"]}
 
 
 def _table(names, rows):
