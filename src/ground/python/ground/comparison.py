@@ -1,12 +1,19 @@
 """Model against measurement: the error numbers of DESIGN 8 and the thesis."""
+from dataclasses import dataclass
+from typing import List, Optional
+
 import numpy as np
 
 from ground import _core, repair
 from ground.errors import IdentifyError
 
 WINDOW = 1.5  # of the error [s]
+START = 0.4  # of a window, to find the initial velocities of the pure prediction [s]
 THESIS_SPAN = 4.0  # of the thesis's objective [s]
+HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
+START_STEP = 0.1  # between starts of the horizon errors [s]
 CHANNELS = ("u", "v", "r")
+UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
 def problem(runs, length):
@@ -48,24 +55,152 @@ def mean_thesis_objective(runs, model):
     return float(np.mean(values)) if values else None
 
 
-def compare_run(run, model):
-    """Numbers and simulated windows of one run with one model."""
+@dataclass
+class Evaluation:
+    """One run simulated by one model, and what is needed to pool it with others."""
+
+    pieces: List[dict]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
+    sigma: np.ndarray  # (3,) standard deviations of u, v, r in the run
+    predicted: np.ndarray  # (m, 3) errors of the pure prediction [standard deviations]
+    thesis: Optional[float]
+    horizons: List[dict]  # per horizon: seconds, errors (k, 5): u, v, r [sigma], [mm], [deg]
+
+    @property
+    def residual(self):
+        """Measured minus simulated velocities of all windows, (n, 3)."""
+        return np.vstack([p["measured"] - p["nu"] for p in self.pieces])
+
+    @property
+    def index(self):
+        """Samples of the run that `residual` belongs to, (n,)."""
+        return np.concatenate([p["index"] for p in self.pieces])
+
+
+def evaluate(run, model):
+    """Simulates the run's windows and predicts over all horizons.
+
+    Raises IdentifyError on runs that are too short, RuntimeError on models whose motion is not
+    finite.
+    """
     windowed, windows = problem([run], WINDOW)
     simulation = windowed.simulate(model)
     times, nu = np.array(run.times), np.array(run.nu)
     pieces = []
     for window, eta, simulated in zip(windows, simulation["eta"], simulation["nu"]):
-        span = slice(window.first, window.last + 1)
-        pieces.append({"times": times[span], "measured": nu[span], "nu": simulated, "eta": eta})
-    measured = np.vstack([p["measured"] for p in pieces])
-    residual = measured - np.vstack([p["nu"] for p in pieces])
-    spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
-    numbers = {
-        "error": simulation["objective"],
-        "thesis_objective": thesis_objective(run, model),
-        "fit_percent": dict(
-            zip(CHANNELS, map(float, 100 * (1 - np.linalg.norm(residual, axis=0) / spread)))
-        ),
-        "rms": dict(zip(CHANNELS, map(float, np.sqrt(np.mean(residual**2, axis=0))))),
+        index = np.arange(window.first, window.last + 1)
+        pieces.append(
+            {
+                "index": index,
+                "times": times[index],
+                "measured": nu[index],
+                "nu": simulated,
+                "eta": eta,
+            }
+        )
+    sigma = windowed.sigma(0)
+    return Evaluation(
+        pieces,
+        sigma,
+        _predict(run, model, windows, sigma),
+        thesis_objective(run, model),
+        _predict_horizons(run, model, sigma),
+    )
+
+
+def _predict(run, model, windows, sigma):
+    """Errors after the first 0.4 s of windows, the only part that initial velocities may suit."""
+    times, nu = np.array(run.times), np.array(run.nu)
+    starts, scored = [], []
+    for window in windows:
+        split = np.searchsorted(times, times[window.first] + START)
+        if split - window.first >= 4 and split < window.last:
+            starts.append(_core.Window(0, window.first, int(split)))
+            scored.append(window)
+    if not starts:
+        return np.zeros((0, 3))
+    begun = _core.SimulationError([run], starts).simulate(model)["nu"]
+    ended = _core.predict(model, run, scored, np.array([n[0] for n in begun]))["nu"]
+    errors = []
+    for start, window, simulated in zip(starts, scored, ended):
+        rest = slice(start.last, window.last + 1)
+        errors.append((simulated[start.last - window.first :] - nu[rest]) / sigma)
+    return np.vstack(errors)
+
+
+def _predict_horizons(run, model, sigma):
+    """Errors one sample and HORIZONS after many starts at the measured state."""
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
+    breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
+    ends = np.append(breaks, len(times) - 1)[np.searchsorted(breaks, np.arange(len(times)))]
+    windows, free_from = [], times[0]
+    for first, (time, end) in enumerate(zip(times, ends)):
+        if time < free_from or end == first:
+            continue
+        last = min(end, np.searchsorted(times, time + HORIZONS[-1]))
+        windows.append(_core.Window(0, first, int(last)))
+        free_from = time + START_STEP
+    found = _core.predict(model, run, windows, nu[[w.first for w in windows]])
+    step = float(np.median(np.diff(times)))
+    rows = []
+    for horizon in (step,) + HORIZONS:
+        errors = []
+        for window, eta_end, nu_end in zip(windows, found["eta"], found["nu"]):
+            target = times[window.first] + horizon
+            at = window.first + 1 if horizon == step else np.searchsorted(times, target)
+            if at > window.last:
+                continue
+            steps = at - window.first
+            off = eta_end[steps] - eta[at]
+            errors.append(
+                np.append(
+                    np.abs(nu_end[steps] - nu[at]) / sigma,
+                    [1e3 * np.hypot(off[0], off[1]), np.degrees(np.abs(repair.wrap(off[2])))],
+                )
+            )
+        rows.append({"seconds": horizon, "errors": np.array(errors).reshape(-1, 5)})
+    return rows
+
+
+def numbers(evaluations):
+    """The numbers of DESIGN 8 of one run, or pooled over several: every sample counts alike."""
+    normalised = np.vstack([e.residual / e.sigma for e in evaluations])
+    predicted = np.vstack([e.predicted for e in evaluations])
+    residual = np.vstack([e.residual for e in evaluations])
+    spread = sum(_squares_about_mean(e) for e in evaluations)
+    theses = [e.thesis for e in evaluations if e.thesis is not None]
+    by_channel = np.abs(normalised).mean(axis=0)
+    return {
+        "error": float(by_channel.sum()),
+        "error_by_channel": _by_channel(by_channel),
+        "prediction_error": float(np.abs(predicted).sum(axis=1).mean()) if len(predicted) else None,
+        "thesis_objective": float(np.mean(theses)) if theses else None,
+        "fit_percent": _by_channel(100 * (1 - np.sqrt((residual**2).sum(axis=0) / spread))),
+        "rms": _by_channel(np.sqrt(np.mean(residual**2, axis=0))),
+        "rms_units": UNITS,
+        "horizons": [
+            _horizon_numbers([e.horizons[i] for e in evaluations])
+            for i in range(len(evaluations[0].horizons))
+        ],
     }
-    return numbers, pieces
+
+
+def _squares_about_mean(evaluation):
+    measured = np.vstack([p["measured"] for p in evaluation.pieces])
+    return ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
+
+
+def _by_channel(values):
+    return dict(zip(CHANNELS, map(float, values)))
+
+
+def _horizon_numbers(rows):
+    errors = np.vstack([r["errors"] for r in rows])
+    seconds = float(np.median([r["seconds"] for r in rows]))
+    found = {"seconds": seconds, "starts": len(errors)}
+    for column, name in enumerate(("u_sigma", "v_sigma", "r_sigma", "position_mm", "heading_deg")):
+        values = errors[:, column]
+        found[name] = {
+            "median": float(np.median(values)) if len(values) else None,
+            "rms": float(np.sqrt(np.mean(values**2))) if len(values) else None,
+        }
+    return found

@@ -1,22 +1,23 @@
-"""Pictures of measurement and model."""
+"""Pictures of measurement and model, and of where the model fails."""
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import files  # noqa: E402
+from ground import failure, files, repair  # noqa: E402
+from ground.words import number  # noqa: E402
 
 MEASURED = "#222222"
 MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
+LEFT, RIGHT = "#3b6fb6", "#e08e0b"
 LABELS = ["surge u [m/s]", "sway v [m/s]", "yaw rate r [rad/s]"]
+TIME = "time since the start of the run [s]"
 
 
-def comparison(path, run, inputs, models, force=False):
-    """Velocities, commands and path of one run against models, to a PNG.
-
-    `inputs`: rows of time, left, right, lift; `models`: (label, numbers, pieces) each.
-    """
+def comparison(path, studies, force=False):
+    """Velocities, commands and path of one run against models."""
+    run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     figure = plt.figure(figsize=(14, 8.5))
     grid = figure.add_gridspec(
@@ -27,88 +28,430 @@ def comparison(path, run, inputs, models, force=False):
         axis = figure.add_subplot(grid[channel, 0], sharex=first)
         first = first or axis
         axis.plot(times, nu[:, channel], color=MEASURED, lw=3, alpha=0.45, label="measured")
-        for (label, _, pieces), color in zip(models, _colors(models)):
-            for number, piece in enumerate(pieces):
+        for study, color in zip(studies, _colors(studies)):
+            for count, piece in enumerate(study["evaluation"].pieces):
                 axis.plot(
                     piece["times"],
                     piece["nu"][:, channel],
                     color=color,
                     lw=1.3,
-                    label=label if number == 0 else None,
+                    label=study["label"] if count == 0 else None,
                 )
         axis.set_ylabel(LABELS[channel])
         axis.grid(alpha=0.3)
         axis.tick_params(labelbottom=False)
-    first.legend(
-        loc="lower right",
-        bbox_to_anchor=(1, 1),
-        ncol=len(models) + 1,
-        fontsize=9,
-        frameon=False,
-    )
+    _legend_above(first, len(studies) + 1)
     axis = figure.add_subplot(grid[3, 0], sharex=first)
-    shown = (inputs[:, 0] >= times[0] - 1) & (inputs[:, 0] <= times[-1])
-    for column, label, color in ((1, "left", "#3b6fb6"), (2, "right", "#e08e0b")):
-        axis.step(
-            inputs[shown, 0], inputs[shown, column], where="post", color=color, lw=1, label=label
-        )
-    axis.set_xlim(times[0], times[-1])
+    _draw_commands(axis, studies[0])
     axis.set_ylabel("input [-]")
-    axis.set_xlabel("time since the start of the run [s]")
-    axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=2, fontsize=8, frameon=False)
-    axis.grid(alpha=0.3)
+    axis.set_xlabel(TIME)
+    axis.legend(loc="upper right", ncol=2, fontsize=8)
 
     axis = figure.add_subplot(grid[:2, 1])
     axis.plot(eta[:, 1], eta[:, 0], color=MEASURED, lw=3, alpha=0.45)
-    for (label, _, pieces), color in zip(models, _colors(models)):
-        for number, piece in enumerate(pieces):
-            axis.plot(
-                piece["eta"][:, 1],
-                piece["eta"][:, 0],
-                color=color,
-                lw=1.2,
-                label=label if number == 0 else None,
-            )
-    axis.plot(eta[0, 1], eta[0, 0], "o", color=MEASURED, ms=6, label="start")
+    for study, color in zip(studies, _colors(studies)):
+        for piece in study["evaluation"].pieces:
+            axis.plot(piece["eta"][:, 1], piece["eta"][:, 0], color=color, lw=1.2)
+    axis.plot(eta[0, 1], eta[0, 0], "o", color=MEASURED, ms=6)
+    axis.annotate("start", (eta[0, 1], eta[0, 0]), (5, 5), textcoords="offset points")
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("y [m] (world_ned)")
     axis.set_ylabel("x [m] (world_ned)")
     axis.set_title("path seen from above", fontsize=10)
     axis.grid(alpha=0.3)
 
-    axis = figure.add_subplot(grid[2:, 1])
-    axis.axis("off")
-    rows = [
-        [label, "%.3f" % n["error"], _number(n["thesis_objective"])]
-        + ["%.0f" % n["fit_percent"][c] for c in ("u", "v", "r")]
-        for label, n, _ in models
-    ]
-    table = axis.table(
-        cellText=rows,
-        colLabels=["model", "error", "(3.4), 4 s", "fit u [%]", "fit v [%]", "fit r [%]"],
-        loc="center",
-        colWidths=[0.3, 0.13, 0.18, 0.17, 0.17, 0.17],
-    )
-    table.auto_set_font_size(False)
-    table.set_fontsize(9)
-    table.scale(1, 1.7)
-    longest = max(len(label) for label, _, _ in models)
-    for row, color in enumerate(_colors(models), start=1):
-        table[(row, 0)].get_text().set_color(color)
-        if longest > 16:  # what the column holds at full size
-            table[(row, 0)].set_fontsize(max(5, 9 * 16 / longest))
+    _draw_table(figure.add_subplot(grid[2:, 1]), studies)
     figure.suptitle(
         "%s: velocities in the body frame, model restarted every 1.5 s" % run.name, fontsize=12
     )
     figure.subplots_adjust(left=0.06, right=0.98, top=0.91, bottom=0.07)
+    _save(figure, path, force)
+
+
+def _draw_commands(axis, study):
+    run = study["run"]
+    times, inputs = np.array(run.times), run.inputs
+    shown = (inputs[:, 0] >= times[0] - 1) & (inputs[:, 0] <= times[-1])
+    for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
+        axis.step(
+            inputs[shown, 0],
+            inputs[shown, column] / study["model"].input_max,
+            where="post",
+            color=color,
+            lw=1,
+            label=label,
+        )
+    axis.set_xlim(times[0], times[-1])
+    axis.grid(alpha=0.3)
+
+
+def _draw_table(axis, studies):
+    axis.axis("off")
+    columns = ["model", "runs", "error", "predic-\ntion", "(3.4)\n4 s", "fit u\n[%]", "v\n[%]"]
+    columns.append("r\n[%]")
+    rows = []
+    for study in studies:
+        n = study["numbers"]
+        rows.append(
+            [study["label"], study["role"].replace("_", " "), number(n["error"])]
+            + [number(n["prediction_error"]), number(n["thesis_objective"])]
+            + ["%.0f" % n["fit_percent"][c] for c in ("u", "v", "r")]
+        )
+    table = axis.table(
+        cellText=rows,
+        colLabels=columns,
+        loc="center",
+        cellLoc="center",
+        colWidths=[0.27, 0.15, 0.13, 0.13, 0.13, 0.09, 0.09, 0.09],
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(9)
+    table.scale(1, 1.7)
+    for column in range(len(columns)):
+        table[(0, column)].set_height(table[(0, column)].get_height() * 1.5)
+    off = [s for s in studies if _axes_differ(s)]
+    for count, study in enumerate(off):
+        angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
+        axis.text(
+            0.5,
+            0.1 - 0.14 * count,
+            "BODY AXES DIFFER: thrust acts at %.0f deg\nfrom the body x axis of %s"
+            % (angle, study["label"]),
+            transform=axis.transAxes,
+            ha="center",
+            color="#c00000",
+            fontsize=9,
+            fontweight="bold",
+        )
+    longest = max(len(s["label"]) for s in studies)
+    for row, color in enumerate(_colors(studies), start=1):
+        table[(row, 0)].get_text().set_color(color)
+        if longest > 14:  # what the column holds at full size
+            table[(row, 0)].set_fontsize(max(5, 9 * 14 / longest))
+
+
+ERROR_COLUMNS = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
+
+
+def where(path, studies, force=False):
+    """Normalised error of one run, channel by channel, against what was measured."""
+    figure, axes = plt.subplots(
+        3,
+        len(ERROR_COLUMNS) + 1,
+        figsize=(19, 8.5),
+        sharey=False,
+        gridspec_kw={"width_ratios": [1] * len(ERROR_COLUMNS) + [1.35]},
+    )
+    shown = studies[-1]
+    for row, channel in enumerate("uvr"):
+        top = 1.1 * max(
+            np.max(s["where"][name]["error"][channel]) for s in studies for name in ERROR_COLUMNS
+        )
+        for column, name in enumerate(ERROR_COLUMNS):
+            axis = axes[row, column]
+            for count, (study, color) in enumerate(zip(studies, _colors(studies))):
+                entry = study["where"][name]
+                _draw_bins(axis, entry, entry["error"][channel], None, color, study["label"])
+                axis.text(
+                    0.97,
+                    0.97 - 0.1 * count,
+                    _percent(entry["share"][channel]),
+                    color=color,
+                    fontsize=8,
+                    ha="right",
+                    va="top",
+                    transform=axis.transAxes,
+                )
+            axis.set_ylim(0, top)
+            _small(axis, entry, row == 2, column == 0)
+            if column == 0:
+                axis.set_ylabel(LABELS[row].split(" [")[0] + "\nmean |error| / sigma")
+        entry = shown["where"]["position"]
+        _draw_map(figure, axes[row, -1], entry, entry["error"][channel], row == 2)
+    axes[0, -1].set_title("map of %s" % shown["label"], fontsize=9)
+    axes[0, 0].legend(
+        *axes[0, 0].get_legend_handles_labels(),
+        loc="lower left",
+        bbox_to_anchor=(0, 1.02),
+        ncol=len(studies),
+        fontsize=9,
+        frameon=False,
+    )
+    figure.suptitle(
+        "%s: where the error is (windows of 1.5 s); number: share of the error's variance that the "
+        "variable explains, beyond chance" % shown["run"].name,
+        fontsize=12,
+    )
+    figure.subplots_adjust(left=0.05, right=0.97, top=0.89, bottom=0.08, wspace=0.12, hspace=0.12)
+    _save(figure, path, force)
+
+
+def residuals(path, studies, force=False):
+    """Correlation of one-step residuals with themselves and with the inputs."""
+    figure, axes = plt.subplots(3, 3, figsize=(15, 9.5))
+    columns = [
+        ("autocorrelation", "with itself, this much earlier"),
+        ("input_sum", "with the command u_L+u_R, this much earlier"),
+        ("input_difference", "with the command u_L-u_R, this much earlier"),
+    ]
+    for row, channel in enumerate(("ahead", "starboard", "heading")):
+        for column, (kind, title) in enumerate(columns):
+            axis = axes[row, column]
+            axis.axhline(0, color=MEASURED, lw=0.6)
+            for study, color in zip(studies, _colors(studies)):
+                entry = study["residuals"]["channels"][channel][kind]
+                if entry is None:
+                    axis.text(0.5, 0.5, "the command never changes", transform=axis.transAxes)
+                    continue
+                lags = 1e3 * np.array(entry["lag_seconds"])
+                band = np.array(entry["band99"])
+                axis.fill_between(lags, -band, band, color=color, alpha=0.13, lw=0)
+                verdict = "%d of %d outside" % (entry["outside"], entry["lags"])
+                label = "%s: %s" % (study["label"], verdict)
+                axis.plot(lags, entry["value"], "o-", color=color, ms=3, lw=1, label=label)
+            if column:
+                axis.axvline(0, color=MEASURED, lw=0.6)
+            low, high = axis.get_ylim()
+            reach = max(0.15, -low, high)
+            axis.set_ylim(-reach, 1.12 * reach)
+            axis.legend(loc="upper right", fontsize=8, framealpha=0.8)
+            axis.grid(alpha=0.3)
+            if row == 0:
+                axis.set_title(title, fontsize=10)
+            if row == 2:
+                axis.set_xlabel("lag [ms]")
+            if column == 0:
+                axis.set_ylabel("residual %s\ncorrelation [-]" % channel)
+    figure.suptitle(
+        "%s: residuals from one pose to the next (Kalman filter around the model); shaded: 99%% "
+        "band, where a true model stays" % studies[0]["run"].name,
+        fontsize=12,
+    )
+    figure.subplots_adjust(left=0.07, right=0.98, top=0.91, bottom=0.06, wspace=0.16, hspace=0.16)
+    _save(figure, path, force)
+
+
+WRENCH_COLUMNS = ["u_L", "u_R", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]
+WRENCH_LABELS = {
+    "X": "surge force X\n[%s]",
+    "Y": "side force Y\n[%s]",
+    "N": "yaw moment N\n[%s]",
+}
+
+
+def wrench(path, study, force=False):
+    """The wrench that one model lacks in one run: over time, and against what was measured."""
+    missing, color = study["missing"], MODELS[0]
+    figure = plt.figure(figsize=(19, 12))
+    outer = figure.add_gridspec(2, 1, height_ratios=[1, 1.05], hspace=0.2)
+    top = outer[0].subgridspec(4, 3, width_ratios=[4.2, 1.3, 1.5], height_ratios=[3, 3, 3, 1])
+    bottom = outer[1].subgridspec(3, len(WRENCH_COLUMNS), wspace=0.12, hspace=0.14)
+    first = None
+    for row, (channel, entry) in enumerate(missing.numbers["channels"].items()):
+        factor, unit = _scaled(entry)
+        label = WRENCH_LABELS[channel] % unit
+        axis = figure.add_subplot(top[row, 0], sharex=first)
+        first = first or axis
+        _draw_series(axis, missing, row, factor, color)
+        axis.set_ylabel(label)
+        axis.text(
+            0.01,
+            0.96,
+            "rms %.3g %s; full thrust gives %.3g"
+            % (factor * entry["rms"], unit, factor * entry["full_scale"]),
+            transform=axis.transAxes,
+            va="top",
+            fontsize=9,
+            bbox={"facecolor": "white", "alpha": 0.7, "lw": 0},
+        )
+        axis.tick_params(labelbottom=False)
+        _draw_dependences(figure, bottom, row, entry, factor, label, color)
+    title = "missing wrench over time, with two standard deviations"
+    if missing.numbers["disturbances"]:
+        title += "; grey: left out, no input explains the motion (contact, hand, wrong poses)"
+    first.set_title(title, fontsize=10)
+    axis = figure.add_subplot(top[3, 0], sharex=first)
+    _draw_commands(axis, study)
+    axis.set_ylabel("input [-]")
+    axis.set_xlabel(TIME)
+    axis.legend(loc="upper right", ncol=2, fontsize=8)
+    _draw_thrust(figure.add_subplot(top[:, 1]), missing.numbers["thrust"], color)
+    _draw_force_map(figure.add_subplot(top[:, 2]), missing)
+    figure.suptitle(
+        "%s: the force and moment that %s lacks (body frame).  Below: against what was measured; "
+        "number and shade: share of its variance explained, beyond chance"
+        % (study["run"].name, study["label"]),
+        fontsize=12,
+    )
+    figure.subplots_adjust(left=0.055, right=0.985, top=0.93, bottom=0.05)
+    _save(figure, path, force)
+
+
+def _draw_series(axis, missing, column, factor, color):
+    values, sigma = factor * missing.wrench[:, column], factor * missing.sigma[:, column]
+    # nothing is known inside gaps: no line across
+    breaks = np.flatnonzero(np.diff(missing.times) > repair.MAX_GAP) + 1
+    times = np.insert(missing.times, breaks, np.nan)
+    values, sigma = np.insert(values, breaks, np.nan), np.insert(sigma, breaks, np.nan)
+    axis.fill_between(times, values - 2 * sigma, values + 2 * sigma, color=color, alpha=0.25, lw=0)
+    axis.plot(times, values, color=color, lw=0.9)
+    for event in missing.numbers["disturbances"]:
+        axis.axvspan(event["start"], event["end"], color="#888888", alpha=0.35, lw=0)
+    axis.axhline(0, color=MEASURED, lw=0.6)
+    reach = 1.15 * np.nanquantile(np.abs(values) + 2 * sigma, 0.995)
+    if reach > 0:
+        axis.set_ylim(-reach, reach)
+    axis.grid(alpha=0.3)
+
+
+def _draw_dependences(figure, grid, row, entry, factor, label, color):
+    against = entry["against"]
+    means = [factor * np.array(against[name]["mean"]) for name in WRENCH_COLUMNS]
+    reach = 1.3 * max(np.quantile(np.abs(m), 0.9) for m in means)
+    for column, name in enumerate(WRENCH_COLUMNS):
+        axis = figure.add_subplot(grid[row, column])
+        one = against[name]
+        share = one["share"]
+        named = failure.is_named(share)
+        axis.set_facecolor(plt.cm.Oranges(0.6 * share["share"] if named else 0.0))
+        axis.axhline(0, color=MEASURED, lw=0.6)
+        errors = factor * np.array(one["standard_error"])
+        _draw_bins(axis, one, means[column], errors, color, None)
+        axis.text(
+            0.97,
+            0.96,
+            _percent(share),
+            ha="right",
+            va="top",
+            fontsize=10,
+            fontweight="bold" if named else "normal",
+            transform=axis.transAxes,
+        )
+        if reach > 0:
+            axis.set_ylim(-reach, reach)
+        _small(axis, one, row == 2, column == 0)
+        if column == 0:
+            axis.set_ylabel(label)
+
+
+def _draw_thrust(axis, thrust, color):
+    """Body axes seen from above, with the force per unit command by model and as measured."""
+    axis.set_title("force that a lasting thrust command\nbrings about, seen from above", fontsize=10)
+    axis.axis("off")
+    axis.set_aspect("equal")
+    axis.set_xlim(-1.35, 1.35)
+    axis.set_ylim(-2.3, 1.5)
+    if thrust is None:
+        axis.text(0, 0, "the thrust command\nnever changes", ha="center")
+        return
+    axis.add_patch(plt.Circle((0, 0), 0.32, fill=False, color="#999999"))
+    for dx, dy, text in ((0, 1.25, "x ahead"), (1.15, 0, "y starboard")):
+        axis.annotate("", (dx, dy), (0, 0), arrowprops={"arrowstyle": "->", "color": "#999999"})
+        axis.text(dx, dy + 0.06, text, color="#777777", fontsize=8, ha="center", va="bottom")
+    largest = max(thrust[k]["force_per_unit_input"] for k in ("model", "measured"))
+    lines = (("model", color, 7), ("measured", MEASURED, 3))
+    for count, (kind, shade, width) in enumerate(lines):
+        one = thrust[kind]
+        angle, size = np.radians(one["angle_deg"]), one["force_per_unit_input"]
+        if size > 0:
+            axis.annotate(
+                "",
+                (size / largest * np.sin(angle), size / largest * np.cos(angle)),
+                (0, 0),
+                arrowprops={"arrowstyle": "-|>", "color": shade, "lw": width, "alpha": 0.8},
+            )
+        text = "%s: %.3g N per unit at %.0f deg" % (kind, size, one["angle_deg"])
+        axis.text(0, -1.3 - 0.28 * count, text, color=shade, ha="center", fontsize=9)
+    if thrust["body_axes_differ"]:
+        text = "BODY AXES DIFFER\nby %.0f deg" % thrust["off_deg"]
+        axis.text(0, -2.25, text, color="#c00000", ha="center", fontsize=12, fontweight="bold")
+
+
+def _draw_force_map(axis, missing):
+    """Mean missing force in the world's axes, cell by cell."""
+    against = missing.numbers["channels"]["X"]["against"]["position"]
+    centres = np.array(against["centres"])
+    c, s = np.cos(missing.heading), np.sin(missing.heading)
+    body = missing.wrench[:, :2]
+    world = np.column_stack([c * body[:, 0] - s * body[:, 1], s * body[:, 0] + c * body[:, 1]])
+    nearest = np.argmin(((missing.position[:, None, :] - centres[None]) ** 2).sum(axis=2), axis=1)
+    mean = np.array([world[nearest == i].mean(axis=0) for i in range(len(centres))])
+    axis.plot(missing.position[:, 1], missing.position[:, 0], color=MEASURED, lw=0.7, alpha=0.3)
+    quiver = axis.quiver(centres[:, 1], centres[:, 0], mean[:, 1], mean[:, 0], color=MODELS[0])
+    size = float("%.1g" % np.hypot(*mean.T).max())
+    if size > 0:
+        axis.quiverkey(quiver, 0.9, -0.2, size, "%g N" % size, labelpos="W")
+    axis.set_aspect("equal")
+    axis.margins(0.15)
+    axis.set_xlabel("y [m] (world_ned)", fontsize=9)
+    axis.set_ylabel("x [m] (world_ned)", fontsize=9)
+    axis.tick_params(labelsize=8)
+    axis.set_title("mean missing force in the\nworld's axes, place by place", fontsize=10)
+    axis.grid(alpha=0.3)
+
+
+def _scaled(entry):
+    """Factor and unit in which a channel's numbers are easy to read."""
+    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
+
+
+def _draw_bins(axis, entry, values, errors, color, label):
+    centres, values = np.array(entry["centres"]), np.array(values)
+    if errors is not None:
+        axis.fill_between(
+            centres, values - 2 * errors, values + 2 * errors, color=color, alpha=0.25, lw=0
+        )
+    axis.plot(centres, values, "o-", color=color, ms=3.5, lw=1.3, label=label)
+
+
+def _draw_map(figure, axis, entry, values, last):
+    centres = np.array(entry["centres"])
+    points = axis.scatter(
+        centres[:, 1], centres[:, 0], c=values, marker="s", s=180, cmap="viridis", vmin=0
+    )
+    axis.margins(0.15)
+    axis.tick_params(labelsize=7)
+    axis.yaxis.tick_right()
+    axis.yaxis.set_label_position("right")
+    axis.set_ylabel("x [m]", fontsize=8)
+    if last:
+        axis.set_xlabel("y [m] (world_ned)", fontsize=9)
+    else:
+        axis.tick_params(labelbottom=False)
+    figure.colorbar(points, ax=axis, location="left", fraction=0.08, pad=0.04).ax.tick_params(
+        labelsize=7
+    )
+
+
+def _small(axis, entry, last, first):
+    axis.grid(alpha=0.3)
+    axis.tick_params(labelsize=8, labelbottom=last, labelleft=first)
+    if last:
+        axis.set_xlabel(
+            "%s [%s]"
+            % (entry["label"].split("thrust ")[-1].split("difference ")[-1], entry["unit"]),
+            fontsize=9,
+        )
+
+
+def _axes_differ(study):
+    thrust = study["missing"].numbers["thrust"]
+    return thrust is not None and thrust["body_axes_differ"]
+
+
+def _percent(share):
+    return "%.0f%%" % (100 * share["share"])
+
+
+def _legend_above(axis, columns):
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=columns, fontsize=9, frameon=False)
+
+
+def _colors(studies):
+    return [MODELS[i % len(MODELS)] for i in range(len(studies))]
+
+
+def _save(figure, path, force):
     with files.new_file(path, force) as temporary:
         figure.savefig(temporary, dpi=100)
     plt.close(figure)
-
-
-def _colors(models):
-    return [MODELS[i % len(MODELS)] for i in range(len(models))]
-
-
-def _number(value):
-    return "-" if value is None else "%.3f" % value

@@ -82,7 +82,8 @@ class Run:
         `start` and `end` [s] choose a part, on the run's clock. Raises IdentifyError when nothing is
         left of it.
         """
-        times = self.motion.times - self.zero
+        motion = self.motion
+        times = motion.times - self.zero
         low, high = start or 0.0, self.end if end is None else min(end, self.end)
         inside = (times >= low) & (times <= high)
         if not everything:
@@ -100,9 +101,11 @@ class Run:
         return _core.RunData(
             self.recording.name,
             times[inside],
-            self.motion.eta[inside],
-            self.motion.nu[inside],
+            motion.eta[inside],
+            motion.nu[inside],
             inputs,
+            np.where(motion.spikes[:, None], motion.eta, motion.measured)[inside],
+            np.array(motion.noise)[[0, 0, 1]],
         )
 
     def usable(self):

@@ -1,10 +1,12 @@
 #include "ground/identification/simulation_error.h"
 
 #include <ceres/ceres.h>
+#include <ceres/tiny_solver.h>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
+#include <atomic>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
@@ -32,12 +34,19 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<double>
   return state;
 }
 
+/// From an initial velocity at the measured pose, or from an initial pose and velocity. Poses are
+/// integrated only if asked for or needed.
 template <typename T, class Visit>
 void simulateWindow(const Dynamics<T>& dynamics, const RunData& run, const Window& window,
-                    const Vector3<T>& initial_nu, Visit visit) {
+                    const Eigen::Matrix<T, Eigen::Dynamic, 1>& initial, bool with_pose,
+                    Visit visit) {
   const double start = run.times[window.first];
-  const Vector3<double> eta = run.eta.row(window.first);
-  Simulation<T> simulation(dynamics, run.inputs, stateMeasuredAt(dynamics, eta, initial_nu), start);
+  const Vector3<double> measured = run.eta.row(window.first);
+  const Vector3<T> nu = initial.template tail<3>();
+  const RigidState<T> state = initial.size() == 3 ? stateMeasuredAt(dynamics, measured, nu)
+                                                  : RigidState<T>{initial.template head<3>(), nu};
+  Simulation<T> simulation(dynamics, run.inputs, state, start);
+  if (!with_pose && !dynamics.usesPose()) simulation.forgetPose();
   for (int i = window.first; i <= window.last; ++i) {
     simulation.advance(run.times[i]);
     visit(i - window.first, simulation.measure());
@@ -96,18 +105,19 @@ class WindowCost : public ceres::CostFunction {
     set_num_residuals(3 * (w.last - w.first + 1));
     if (!free.index.empty())
       mutable_parameter_block_sizes()->push_back(static_cast<int>(free.index.size()));
-    mutable_parameter_block_sizes()->push_back(3);
+    mutable_parameter_block_sizes()->push_back(problem.initialSize());
   }
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
     const int count = static_cast<int>(free_.index.size());
-    const int velocity_block = count > 0 ? 1 : 0;
+    const int initial_block = count > 0 ? 1 : 0;
+    const int initial_size = problem_.initialSize();
     const std::vector<double> coordinates = free_.coordinates(parameters[0]);
-    const Eigen::Map<const Vector3<double>> nu(parameters[velocity_block]);
+    const Eigen::Map<const Eigen::VectorXd> initial(parameters[initial_block], initial_size);
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
-    if (!problem_.residuals(model_, coordinates, free_.index, window_, nu, r,
+    if (!problem_.residuals(model_, coordinates, free_.index, window_, initial, r,
                             jacobians ? &J : nullptr))
       return false;
     for (Eigen::Index i = 0; i < r.size(); ++i) {
@@ -120,8 +130,9 @@ class WindowCost : public ceres::CostFunction {
       Eigen::Map<RowMajor> out(jacobians[0], r.size(), count);
       for (int i = 0; i < count; ++i) out.col(i) = J.col(i) * free_.scale[i];
     }
-    if (jacobians[velocity_block])
-      Eigen::Map<RowMajor>(jacobians[velocity_block], r.size(), 3) = J.rightCols(3);
+    if (jacobians[initial_block])
+      Eigen::Map<RowMajor>(jacobians[initial_block], r.size(), initial_size) =
+          J.rightCols(initial_size);
     return true;
   }
 
@@ -133,7 +144,7 @@ class WindowCost : public ceres::CostFunction {
   Robust robust_;
 };
 
-using Velocities = std::vector<Vector3<double>>;
+using Initials = std::vector<Eigen::VectorXd>;
 
 /// Losses to descend by, one after the other. Plain squares come first, they have the widest basin;
 /// absolute values are approached from them.
@@ -146,10 +157,63 @@ int threadCount(int wanted) {
   return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
+/// Calls `work(i)` for i = 0 … count - 1 from several threads.
+template <class Work>
+void inParallel(std::size_t count, int threads, const Work& work) {
+  std::atomic<std::size_t> next{0};
+  const auto take = [&] {
+    for (std::size_t i = next++; i < count; i = next++) work(i);
+  };
+  std::vector<std::thread> others;
+  const std::size_t wanted = std::min<std::size_t>(threadCount(threads), count);
+  for (std::size_t i = 1; i < wanted; ++i) others.emplace_back(take);
+  take();
+  for (std::thread& thread : others) thread.join();
+}
+
+/// One window's residuals as a function of its initial state, for ceres::TinySolver.
+class InitialCost {
+ public:
+  using Scalar = double;
+  enum { NUM_RESIDUALS = Eigen::Dynamic, NUM_PARAMETERS = Eigen::Dynamic };
+
+  InitialCost(const WindowCost& cost, int parameters) : cost_(cost), parameters_(parameters) {}
+  int NumResiduals() const { return cost_.num_residuals(); }
+  int NumParameters() const { return parameters_; }
+
+  bool operator()(const double* initial, double* residuals, double* jacobian) const {
+    const int rows = NumResiduals();
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> by_row(rows,
+                                                                                  parameters_);
+    double* blocks[] = {by_row.data()};
+    if (!cost_.Evaluate(&initial, residuals, jacobian ? blocks : nullptr)) {
+      // The solver takes a step back from what is not finite.
+      std::fill_n(residuals, rows, kInfinity);
+      return false;
+    }
+    if (jacobian) Eigen::Map<Eigen::MatrixXd>(jacobian, rows, parameters_) = by_row;
+    return true;
+  }
+
+ private:
+  const WindowCost& cost_;
+  int parameters_;
+};
+
+/// The initial state of one window that suits the model best, sought from the given one.
+void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
+                  const Robust& robust, int window, Eigen::VectorXd& initial) {
+  const WindowCost cost(problem, model, nothing, window, robust);
+  const InitialCost function(cost, problem.initialSize());
+  ceres::TinySolver<InitialCost> solver;
+  solver.options.function_tolerance = 1e-10 * function.NumResiduals();
+  solver.Solve(function, &initial);
+}
+
 /// One solve; `scaled` and `initial` are start and result.
 ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
                              const Robust& robust, int iterations, int threads,
-                             std::vector<double>& scaled, Velocities& initial) {
+                             std::vector<double>& scaled, Initials& initial) {
   ceres::Problem ceres_problem;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     auto* cost = new WindowCost(problem, model, free, static_cast<int>(w), robust);
@@ -168,7 +232,7 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = iterations;
   options.num_threads = threadCount(threads);
-  options.function_tolerance = 1e-12;
+  options.function_tolerance = 1e-10;
   options.parameter_tolerance = 1e-10;
   options.gradient_tolerance = 1e-12;
   options.logging_type = ceres::SILENT;
@@ -180,7 +244,7 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
 /// Where a descent ended.
 struct Solution {
   std::vector<double> scaled;
-  Velocities initial;
+  Initials initial;
   double delta = kInfinity;  ///< of the last loss
   double cost = kInfinity;
   int iterations = 0;
@@ -188,10 +252,14 @@ struct Solution {
   std::string message;
 };
 
-Velocities measuredVelocities(const SimulationError& problem) {
-  Velocities initial;
-  for (const Window& w : problem.windows())
-    initial.push_back(problem.runs()[w.run].nu.row(w.first));
+Initials measuredInitials(const SimulationError& problem) {
+  Initials initial;
+  for (const Window& w : problem.windows()) {
+    const RunData& run = problem.runs()[w.run];
+    initial.emplace_back(problem.initialSize());
+    initial.back().tail<3>() = run.nu.row(w.first);
+    if (problem.initialSize() == 6) initial.back().head<3>() = run.eta.row(w.first);
+  }
   return initial;
 }
 
@@ -242,21 +310,25 @@ Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, con
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
-/// Which window cannot be simulated, or nothing. The solver would say it on stderr, in its words.
-std::string notFinite(const SimulationError& problem, const Model& model, const Free& free,
-                      const std::vector<double>& scaled, const Velocities& initial) {
+std::string notFinite(const SimulationError& problem, int window) {
+  const Window& w = problem.windows()[window];
+  const RunData& run = problem.runs()[w.run];
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from " << run.times[w.first]
+      << " to " << run.times[w.last] << " s";
+  return out.str();
+}
+
+/// Says which window cannot be simulated, or nothing. The solver would say it on stderr, in its
+/// words.
+std::string checkFinite(const SimulationError& problem, const Model& model, const Free& free,
+                        const std::vector<double>& scaled, const Initials& initial) {
   const std::vector<double> coordinates = free.coordinates(scaled.data());
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     Eigen::VectorXd r;
-    Eigen::MatrixXd J;
-    if (problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w], r, &J))
-      continue;
-    const Window& window = problem.windows()[w];
-    const RunData& run = problem.runs()[window.run];
-    std::ostringstream out;
-    out << "the model's motion is not finite in " << run.name << " from " << run.times[window.first]
-        << " to " << run.times[window.last] << " s";
-    return out.str();
+    const int window = static_cast<int>(w);
+    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
+      return notFinite(problem, window);
   }
   return "";
 }
@@ -311,11 +383,11 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
 /// Descends from `scaled` by one loss after the other.
 Solution descend(const SimulationError& problem, const Model& model, const Free& free,
                  const std::vector<double>& losses, const FitOptions& options,
-                 std::vector<double> scaled, Velocities initial) {
+                 std::vector<double> scaled, Initials initial) {
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
-  solution.message = notFinite(problem, model, free, solution.scaled, solution.initial);
+  solution.message = checkFinite(problem, model, free, solution.scaled, solution.initial);
   if (!solution.message.empty()) return solution;
   for (const double delta : losses) {
     solution.delta = delta;
@@ -354,7 +426,7 @@ double deviationOf(std::vector<double> sizes) {
   return 1.4826 * *middle;
 }
 
-/// Normal equations of the free parameters and one window's initial velocity.
+/// Normal equations of the free parameters and one window's initial state.
 struct Normal {
   Eigen::MatrixXd A;
   Eigen::VectorXd b;
@@ -370,14 +442,14 @@ struct Normal {
     b -= other.b;
     return *this;
   }
-  /// Without the initial velocity, the last three unknowns: whatever it is, it follows along.
-  Normal reduced() const {
-    const Eigen::Index n = b.size() - 3;
-    const auto velocity = A.bottomRightCorner(3, 3).completeOrthogonalDecomposition();
+  /// Without the initial state, the last `k` unknowns: whatever it is, it follows along.
+  Normal reduced(Eigen::Index k) const {
+    const Eigen::Index n = b.size() - k;
+    const auto state = A.bottomRightCorner(k, k).completeOrthogonalDecomposition();
     Normal result(static_cast<int>(n));
     result.A =
-        A.topLeftCorner(n, n) - A.topRightCorner(n, 3) * velocity.solve(A.bottomLeftCorner(3, n));
-    result.b = b.head(n) - A.topRightCorner(n, 3) * velocity.solve(b.tail(3));
+        A.topLeftCorner(n, n) - A.topRightCorner(n, k) * state.solve(A.bottomLeftCorner(k, n));
+    result.b = b.head(n) - A.topRightCorner(n, k) * state.solve(b.tail(k));
     return result;
   }
 };
@@ -394,7 +466,7 @@ struct Uncertainty {
 /// Unlike the sum of squared scores it is not fooled by residuals that the fit has made small
 /// (MacKinnon and White 1985, HC3).
 Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
-                        const std::vector<double>& coordinates, const Velocities& initial,
+                        const std::vector<double>& coordinates, const Initials& initial,
                         const Robust& robust, double block) {
   const int n = static_cast<int>(free.index.size());
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
@@ -428,7 +500,7 @@ Uncertainty uncertainty(const SimulationError& problem, const Model& model, cons
     if (samples == 0) continue;
     const int count =
         std::min(samples, std::max(1, static_cast<int>(std::lround(durationOf(span) / block))));
-    Normal window(n + 3);
+    Normal window(n + problem.initialSize());
     std::vector<Normal> parts(count, window);
     for (int b = 0; b < count; ++b) {
       const int begin = 3 * (samples * b / count), end = 3 * (samples * (b + 1) / count);
@@ -440,12 +512,12 @@ Uncertainty uncertainty(const SimulationError& problem, const Model& model, cons
       }
       window += parts[b];
     }
-    const Normal reduced = window.reduced();
+    const Normal reduced = window.reduced(problem.initialSize());
     whole += reduced;
     for (const Normal& part : parts) {
       Normal rest = window;
       rest -= part;
-      changes.push_back(count > 1 ? rest.reduced() : Normal(n));
+      changes.push_back(count > 1 ? rest.reduced(problem.initialSize()) : Normal(n));
       changes.back() -= reduced;
     }
   }
@@ -514,15 +586,17 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
   return windows;
 }
 
-SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows)
-    : runs_(std::move(runs)), windows_(std::move(windows)) {
+SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
+                                 Target target)
+    : runs_(std::move(runs)), windows_(std::move(windows)), target_(target) {
   if (windows_.empty())
     throw std::invalid_argument("the runs are too short: there is no window to simulate");
-  for (const RunData& run : runs_) {
+  for (RunData& run : runs_) {
+    if (run.poses.rows() == 0) run.poses = run.eta;
     const auto count = static_cast<Eigen::Index>(run.times.size());
-    if (run.eta.rows() != count || run.nu.rows() != count)
-      throw std::invalid_argument(run.name + ": times, eta and nu differ in length");
-    if (!run.eta.allFinite() || !run.nu.allFinite())
+    if (run.eta.rows() != count || run.nu.rows() != count || run.poses.rows() != count)
+      throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
+    if (!run.eta.allFinite() || !run.nu.allFinite() || !run.poses.allFinite())
       throw std::invalid_argument(run.name + ": a measurement is not finite");
     const Vector3<double> mean = run.nu.colwise().mean();
     const Vector3<double> sigma =
@@ -530,6 +604,8 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
     if (!(sigma.minCoeff() > 0))
       throw std::invalid_argument(run.name + ": the craft does not move");
     sigma_.push_back(sigma);
+    if (!(run.noise.minCoeff() > 0))
+      throw std::invalid_argument(run.name + ": the noise of poses must be positive");
   }
   for (const Window& w : windows_) {
     if (w.run < 0 || w.run >= static_cast<int>(runs_.size()) || w.first < 0 || w.last <= w.first ||
@@ -540,41 +616,45 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
 
 bool SimulationError::residuals(const Model& model, const std::vector<double>& coordinates,
                                 const std::vector<int>& free, int window,
-                                const Vector3<double>& initial_nu, Eigen::VectorXd& residuals,
+                                const Eigen::VectorXd& initial, Eigen::VectorXd& residuals,
                                 Eigen::MatrixXd* jacobian) const {
   const Window& w = windows_[window];
   const RunData& run = runs_[w.run];
-  const Vector3<double> weight = sigma_[w.run].cwiseInverse();
+  const bool poses = target_ == Target::kPoses;
+  const Vector3<double> weight = (poses ? run.noise : sigma_[w.run]).cwiseInverse();
+  const Eigen::MatrixX3d& measurements = poses ? run.poses : run.nu;
   const int samples = w.last - w.first + 1;
   residuals.resize(3 * samples);
-  const auto store = [&](int i, const Vector3<double>& nu) {
-    const Vector3<double> measured = run.nu.row(w.first + i);
-    residuals.segment<3>(3 * i) = (nu - measured).cwiseProduct(weight);
+  const auto store = [&](int i, const Vector3<double>& simulated) {
+    const Vector3<double> measured = measurements.row(w.first + i);
+    residuals.segment<3>(3 * i) = (simulated - measured).cwiseProduct(weight);
   };
   if (!jacobian) {
     const Dynamics<double> dynamics(model, coordinates);
-    simulateWindow<double>(dynamics, run, w, initial_nu,
-                           [&](int i, const Measurement<double>& m) { store(i, m.nu); });
+    simulateWindow<double>(
+        dynamics, run, w, initial, poses,
+        [&](int i, const Measurement<double>& m) { store(i, poses ? m.eta : m.nu); });
     return residuals.allFinite();
   }
-  const int columns = static_cast<int>(free.size()) + 3;
+  const int columns = static_cast<int>(free.size()) + initialSize();
   jacobian->resize(3 * samples, columns);
   for (int begin = 0; begin < columns; begin += kPass) {
     const int count = std::min(kPass, columns - begin);
     std::vector<Jet> theta(coordinates.begin(), coordinates.end());
-    Vector3<Jet> nu = initial_nu.cast<Jet>();
+    Eigen::Matrix<Jet, Eigen::Dynamic, 1> state = initial.cast<Jet>();
     for (int j = 0; j < count; ++j) {
       const int column = begin + j;
       Jet& seeded = column < static_cast<int>(free.size())
                         ? theta[free[column]]
-                        : nu(column - static_cast<int>(free.size()));
+                        : state(column - static_cast<int>(free.size()));
       seeded.v[j] = 1;
     }
     const Dynamics<Jet> dynamics(model, theta);
-    simulateWindow<Jet>(dynamics, run, w, nu, [&](int i, const Measurement<Jet>& m) {
-      store(i, {m.nu.x().a, m.nu.y().a, m.nu.z().a});
+    simulateWindow<Jet>(dynamics, run, w, state, poses, [&](int i, const Measurement<Jet>& m) {
+      const Vector3<Jet>& seen = poses ? m.eta : m.nu;
+      store(i, {seen.x().a, seen.y().a, seen.z().a});
       for (int c = 0; c < 3; ++c)
-        jacobian->block(3 * i + c, begin, 1, count) = weight(c) * m.nu(c).v.head(count).transpose();
+        jacobian->block(3 * i + c, begin, 1, count) = weight(c) * seen(c).v.head(count).transpose();
     });
   }
   return residuals.allFinite() && jacobian->allFinite();
@@ -582,33 +662,33 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
 
 WindowSimulation SimulationError::simulate(const Model& model,
                                            FitOptions::Objective objective) const {
-  return simulateFrom(model, objective, measuredVelocities(*this));
-}
-
-WindowSimulation SimulationError::simulateFrom(const Model& model, FitOptions::Objective objective,
-                                               std::vector<Vector3<double>> initial) const {
   Free nothing;
   nothing.base = model.coordinates();
-  std::vector<double> none;
-  const std::string wrong = notFinite(*this, model, nothing, none, initial);
-  if (!wrong.empty()) throw std::runtime_error(wrong);
-  for (const double delta : lossesOf(objective)) {
-    const auto summary = solve(*this, model, nothing, {delta}, 50, 0, none, initial);
-    if (!summary.IsSolutionUsable())
-      throw std::runtime_error("the model cannot be simulated over these runs: " + summary.message);
-  }
-  const Dynamics<double> dynamics(model);
+  Initials initial = measuredInitials(*this);
+  inParallel(windows_.size(), 0, [&](std::size_t w) {
+    for (const double delta : lossesOf(objective))
+      solveInitial(*this, model, nothing, {delta}, static_cast<int>(w), initial[w]);
+  });
+  return simulateFrom(model, initial);
+}
+
+WindowSimulation SimulationError::simulateFrom(const Model& model,
+                                               const std::vector<Eigen::VectorXd>& initial) const {
   WindowSimulation result;
+  const Dynamics<double> dynamics(model);
   for (std::size_t w = 0; w < windows_.size(); ++w) {
-    const int samples = windows_[w].last - windows_[w].first + 1;
+    const Window& window = windows_[w];
+    const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
-    simulateWindow<double>(dynamics, runs_[windows_[w].run], windows_[w], initial[w],
+    simulateWindow<double>(dynamics, runs_[window.run], window, initial[w], true,
                            [&](int i, const Measurement<double>& m) {
                              eta.row(i) = m.eta;
                              nu.row(i) = m.nu;
                            });
-    result.eta.push_back(eta);
-    result.nu.push_back(nu);
+    if (!eta.allFinite() || !nu.allFinite())
+      throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+    result.eta.push_back(std::move(eta));
+    result.nu.push_back(std::move(nu));
   }
   return result;
 }
@@ -633,14 +713,12 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   const int n = static_cast<int>(free.index.size());
   FitResult result;
   result.model = model;
-  result.objective_before = objective(simulate(model, options.objective));
-
   Solution best;
   std::vector<double> costs;
   std::string failure;
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
     const Solution found = descend(*this, model, free, lossesOf(options.objective), options, from,
-                                   measuredVelocities(*this));
+                                   measuredInitials(*this));
     if (!found.usable) {
       // The start values of the model itself have to work: they are what the user gave.
       if (costs.empty())
@@ -667,7 +745,11 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     if (delta > 1e-9 && std::isfinite(delta)) {
       const Solution robust =
           descend(*this, model, free, {delta}, options, best.scaled, best.initial);
-      if (robust.usable) best = robust;
+      if (robust.usable) {
+        const int before = best.iterations;
+        best = robust;
+        best.iterations += before;
+      }
     }
   }
   result.iterations = best.iterations;
@@ -680,8 +762,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i)
     values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
   result.model.setValues(values);
-  // From where the fit ended: other initial velocities may suit the model in another way.
-  result.objective_after = objective(simulateFrom(result.model, options.objective, best.initial));
+  result.objective = objective(simulateFrom(result.model, best.initial));
 
   const Uncertainty u =
       uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);
@@ -699,13 +780,16 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i) {
     const ParameterInfo& info = infos[free.index[i]];
     const double at = coordinates[free.index[i]];
-    const double half = u.identified[i] ? quantile * deviation(i) * free.scale[i] : kInfinity;
+    const double spread = u.identified[i] ? deviation(i) * free.scale[i] : kInfinity;
+    const double half = quantile * spread;
     double low = info.fromCoordinate(std::max(at - half, free.lower[i]));
     double high = info.fromCoordinate(std::min(at + half, free.upper[i]));
     if (low > high) std::swap(low, high);
+    const double value = values[free.index[i]];
+    const double slope = info.coordinate == Coordinate::kReciprocal ? value * value : 1;
     const double margin = 1e-4 * free.scale[i];
     result.parameters.push_back(
-        {info.name, info.unit, model.values()[free.index[i]], values[free.index[i]], low, high,
+        {info.name, info.unit, model.values()[free.index[i]], value, low, high, slope * spread,
          at - free.lower[i] < margin || free.upper[i] - at < margin, bool(u.identified[i])});
   }
   return result;

@@ -11,6 +11,20 @@ std::vector<T> constants(const std::vector<double>& values) {
   return std::vector<T>(values.begin(), values.end());
 }
 
+bool same(double a, double b) { return a == b; }
+bool same(const Jet& a, const Jet& b) { return a.a == b.a && a.v == b.v; }
+
+/// Whether a mass matrix, its derivatives included, is other than that of a body whose centre of
+/// mass is its origin and that is equally heavy both ways.
+template <typename T>
+bool couples(const Matrix3<T>& mass) {
+  const T zero(0.0);
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (i != j && !same(mass(i, j), zero)) return true;
+  return !same(mass(0, 0), mass(1, 1));
+}
+
 }  // namespace
 
 template <typename T>
@@ -40,60 +54,113 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     if (has & Effect::kThrust) thrust_.push_back(active);
     if (has & Effect::kWrench) wrench_.push_back(active);
     if (has & Effect::kMeasure) measure_.push_back(active);
+    uses_pose_ = uses_pose_ || (has & Effect::kPose);
+    has_air_ = has_air_ || (has & Effect::kAir);
     state_count_ += effect.info().states;
     p += effect.info().parameters.size();
   }
   mass_inverse_ = mass_.inverse();
+  couples_ = couples(mass_);
+  over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
+  damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
+  lever_ = body_.l / body_.I_z;
 }
 
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, double lift, const T& h,
                                    T* states) const {
-  StepInputs<T> inputs{{command, command, command}, lift};
+  StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty()};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
 }
 
 template <typename T>
-RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Vector2<T>& input, double lift) const {
+Vector2<T> Dynamics<T>::drive(const Vector2<T>& thrust) const {
+  return {over_mass_.x() * (thrust(0) + thrust(1)), lever_ * (thrust(0) - thrust(1))};
+}
+
+template <typename T>
+Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
+                                       const Vector3<T>& nu_air) const {
+  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
+  return {drive(0) + r * v - damping_.x() * nu_air.x(), -r * u - damping_.y() * nu_air.y(),
+          drive(1) - damping_.z() * r};
+}
+
+template <typename T>
+Vector3<T> Dynamics<T>::acceleration(const T& t, const RigidState<T>& state,
+                                     const Vector2<T>& input, double lift) const {
   const Vector3<T>& nu = state.nu;
   Point<T> point{t, state.eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
-  point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
+  if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
   Vector2<T> thrust = point.thrust;
   for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
   point.thrust = thrust;
-
-  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
-  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-  // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
-  Vector3<T> wrench(thrust(0) + thrust(1) + r * p.y() - body_.X_u * point.nu_air.x(),
-                    -r * p.x() - body_.Y_v * point.nu_air.y(),
-                    body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
+  Vector3<T> wrench = Vector3<T>::Zero();
   for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
+  if (!couples_)
+    return accelerationBy(drive(thrust), nu, point.nu_air) + over_mass_.cwiseProduct(wrench);
 
-  RigidState<T> rate;
-  rate.eta.template head<2>() = bodyToWorld<T>(state.eta.z(), nu.template head<2>());
-  rate.eta.z() = r;
-  rate.nu = mass_inverse_ * wrench;
+  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
+  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
+  // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
+  wrench += Vector3<T>(thrust(0) + thrust(1) + r * p.y() - body_.X_u * point.nu_air.x(),
+                       -r * p.x() - body_.Y_v * point.nu_air.y(),
+                       body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
+  return mass_inverse_ * wrench;
+}
+
+template <typename T>
+Vector3<T> Dynamics<T>::drift(const RigidState<T>& state) const {
+  Vector3<T> rate;
+  rate.template head<2>() = bodyToWorld<T>(state.eta.z(), Vector2<T>(state.nu.x(), state.nu.y()));
+  rate.z() = state.nu.z();
   return rate;
 }
 
 template <typename T>
+RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
+                                      const Vector2<T>& input, double lift) const {
+  return {drift(state), acceleration(t, state, input, lift)};
+}
+
+template <typename T>
+template <bool kPose, typename H>
 RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
-                                const T& h) const {
-  const auto moved = [&state](const RigidState<T>& rate, const T& dt) {
-    return RigidState<T>{state.eta + dt * rate.eta, state.nu + dt * rate.nu};
+                                const H& h) const {
+  const bool nominal = inputs.held && isNominal();
+  const Vector2<T> constant = nominal ? drive(body_.k * inputs.thrusters[0]) : Vector2<T>();
+  const auto rates = [&](const H& after, const RigidState<T>& from, const Vector2<T>& input) {
+    RigidState<T> rate;
+    if constexpr (kPose) rate.eta = drift(from);
+    rate.nu = nominal ? accelerationBy(constant, from.nu, from.nu)
+                      : acceleration(t + after, from, input, inputs.lift);
+    return rate;
+  };
+  const auto moved = [&](const RigidState<T>& rate, const H& dt) {
+    RigidState<T> to = state;
+    for (int i = 0; i < 3; ++i) {
+      if constexpr (kPose) to.eta(i) += dt * rate.eta(i);
+      to.nu(i) += dt * rate.nu(i);
+    }
+    return to;
   };
   const auto& u = inputs.thrusters;
-  const T half = h * 0.5;
-  const auto k1 = derivative(t, state, u[0], inputs.lift);
-  const auto k2 = derivative(t + half, moved(k1, half), u[1], inputs.lift);
-  const auto k3 = derivative(t + half, moved(k2, half), u[1], inputs.lift);
-  const auto k4 = derivative(t + h, moved(k3, h), u[2], inputs.lift);
-  const T sixth = h / 6.0;
-  return {state.eta + sixth * (k1.eta + T(2.0) * (k2.eta + k3.eta) + k4.eta),
-          state.nu + sixth * (k1.nu + T(2.0) * (k2.nu + k3.nu) + k4.nu)};
+  const H half = h * 0.5;
+  const auto k1 = rates(H(0.0), state, u[0]);
+  const auto k2 = rates(half, moved(k1, half), u[1]);
+  const auto k3 = rates(half, moved(k2, half), u[1]);
+  const auto k4 = rates(h, moved(k3, h), u[2]);
+  const H sixth = h / 6.0;
+  const auto mean = [](const T& a, const T& b, const T& c, const T& d) {
+    return a + 2.0 * (b + c) + d;
+  };
+  RigidState<T> next = state;
+  for (int i = 0; i < 3; ++i) {
+    if constexpr (kPose) next.eta(i) += sixth * mean(k1.eta(i), k2.eta(i), k3.eta(i), k4.eta(i));
+    next.nu(i) += sixth * mean(k1.nu(i), k2.nu(i), k3.nu(i), k4.nu(i));
+  }
+  return next;
 }
 
 template <typename T>
@@ -105,5 +172,16 @@ Measurement<T> Dynamics<T>::measure(const RigidState<T>& state) const {
 
 template class Dynamics<double>;
 template class Dynamics<Jet>;
+
+#define GROUND_INSTANTIATE_STEP(T, kPose, H)                                         \
+  template RigidState<T> Dynamics<T>::step<kPose, H>(const T&, const RigidState<T>&, \
+                                                     const StepInputs<T>&, const H&) const;
+GROUND_INSTANTIATE_STEP(double, true, double)
+GROUND_INSTANTIATE_STEP(double, false, double)
+GROUND_INSTANTIATE_STEP(Jet, true, Jet)
+GROUND_INSTANTIATE_STEP(Jet, false, Jet)
+GROUND_INSTANTIATE_STEP(Jet, true, double)
+GROUND_INSTANTIATE_STEP(Jet, false, double)
+#undef GROUND_INSTANTIATE_STEP
 
 }  // namespace ground

@@ -42,7 +42,7 @@ class ExpressionEffect final : public Effect {
   }
 
   const EffectInfo& info() const override { return info_; }
-  unsigned hooks() const override { return kWrench; }
+  unsigned hooks() const override { return kWrench | kPose; }
   EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_); }
   const ExpressionDefinition& definition() const { return definition_; }
 

@@ -11,8 +11,8 @@ namespace {
 /// Actuators forget what was commanded longer ago [s].
 constexpr double kActuatorMemory = 10.0;
 
-bool isZero(double x) { return x == 0.0; }
-bool isZero(const Jet& x) { return x.a == 0.0 && x.v.isZero(0.0); }
+bool isConstant(double) { return true; }
+bool isConstant(const Jet& x) { return x.v.isZero(0.0); }
 
 }  // namespace
 
@@ -66,14 +66,29 @@ template <typename T>
 void Simulation<T>::advanceHeld(const T& until) {
   const T duration = until - time_;
   // A duration of zero still carries a derivative when the instant moves with the delay.
-  if (valueOf(duration) < 0 || isZero(duration)) return;
+  const bool constant = isConstant(duration);
+  if (valueOf(duration) < 0 || (constant && valueOf(duration) == 0)) return;
   const int steps = std::max(1, static_cast<int>(std::ceil(valueOf(duration) / max_step_ - 1e-9)));
-  const T h = duration / double(steps);
-  for (int i = 0; i < steps; ++i) {
-    const StepInputs<T> acting = dynamics_.actuate(command(), lift(), h, actuator_states_.data());
-    state_ = dynamics_.step(time_ + h * double(i), state_, acting, h);
+  if (constant) {
+    const double h = valueOf(duration) / steps;
+    pose_ ? step<true>(steps, h) : step<false>(steps, h);
+  } else {
+    const T h = duration / double(steps);
+    pose_ ? step<true>(steps, h) : step<false>(steps, h);
   }
   time_ = until;
+}
+
+template <typename T>
+template <bool kPose, typename H>
+void Simulation<T>::step(int steps, const H& h) {
+  const Vector2<T> held = command();
+  StepInputs<T> acting{{held, held, held}, lift(), true};
+  for (int i = 0; i < steps; ++i) {
+    if (dynamics_.hasActuators())
+      acting = dynamics_.actuate(held, lift(), T(h), actuator_states_.data());
+    state_ = dynamics_.template step<kPose>(time_ + h * double(i), state_, acting, h);
+  }
 }
 
 template <typename T>

@@ -6,6 +6,8 @@
 #include "ground/control/prbs.h"
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/smoother.h"
+#include "ground/identification/inferred_wrench.h"
+#include "ground/identification/prediction.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
@@ -43,10 +45,20 @@ InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
   return inputs;
 }
 
+Eigen::MatrixXd fromInputs(const RunData& run) {
+  const InputSequence& inputs = run.inputs;
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 4);
+  for (std::size_t i = 0; i < inputs.size(); ++i)
+    rows.row(static_cast<Eigen::Index>(i)) << inputs.times[i], inputs.thrusters[i](0),
+        inputs.thrusters[i](1), inputs.lift[i];
+  return rows;
+}
+
 RunData makeRun(const std::string& name, const std::vector<double>& times,
                 const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
-                const Eigen::Ref<const Eigen::MatrixXd>& inputs) {
-  return {name, times, eta, nu, toInputs(inputs)};
+                const Eigen::Ref<const Eigen::MatrixXd>& inputs, const Eigen::MatrixX3d& poses,
+                const Vector3<double>& noise) {
+  return {name, times, eta, nu, toInputs(inputs), poses, noise};
 }
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
@@ -119,6 +131,7 @@ py::dict toDict(const FitResult& result) {
     d["start"] = p.start;
     d["value"] = p.value;
     d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["deviation"] = p.deviation;
     d["at_bound"] = p.at_bound;
     d["identified"] = p.identified;
     parameters.append(d);
@@ -128,8 +141,7 @@ py::dict toDict(const FitResult& result) {
   d["parameters"] = parameters;
   d["correlation"] = result.correlation;
   d["condition"] = result.condition;
-  d["objective_before"] = result.objective_before;
-  d["objective_after"] = result.objective_after;
+  d["objective"] = result.objective;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;
@@ -324,12 +336,18 @@ PYBIND11_MODULE(_core, module) {
 
   py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
-           py::arg("inputs"))
+           py::arg("inputs"), py::arg("poses") = RunData().poses,
+           py::arg("noise") = RunData().noise)
       .def_readonly("name", &RunData::name)
       .def_readonly("times", &RunData::times)
       .def_readonly("eta", &RunData::eta)
-      .def_readonly("nu", &RunData::nu);
+      .def_readonly("nu", &RunData::nu)
+      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
   py::class_<Window>(module, "Window")
+      .def(py::init([](int run, int first, int last) {
+             return Window{run, first, last};
+           }),
+           py::arg("run"), py::arg("first"), py::arg("last"))
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)
       .def_readonly("last", &Window::last);
@@ -339,9 +357,12 @@ PYBIND11_MODULE(_core, module) {
   py::enum_<FitOptions::Objective>(module, "Objective")
       .value("least_squares", FitOptions::Objective::kLeastSquares)
       .value("thesis", FitOptions::Objective::kThesis);
-  py::class_<SimulationError>(module, "SimulationError", "Simulated minus measured velocities.")
-      .def(py::init<std::vector<RunData>, std::vector<Window>>(), py::arg("runs"),
-           py::arg("windows"))
+  py::enum_<Target>(module, "Target")
+      .value("velocities", Target::kVelocities)
+      .value("poses", Target::kPoses);
+  py::class_<SimulationError>(module, "SimulationError", "Simulation minus measurement.")
+      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
+           py::arg("windows"), py::arg("target") = Target::kVelocities)
       .def("sigma", &SimulationError::sigma, py::arg("run"))
       .def(
           "simulate",
@@ -376,4 +397,72 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("model"), py::arg("free"),
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1);
+
+  module.def(
+      "predict",
+      [](const Model& model, const RunData& run, const std::vector<Window>& windows,
+         const Eigen::MatrixX3d& nu) {
+        WindowSimulation simulation;
+        {
+          const py::gil_scoped_release release;
+          simulation = predict(model, run, windows, nu);
+        }
+        py::dict d;
+        d["eta"] = simulation.eta;
+        d["nu"] = simulation.nu;
+        return d;
+      },
+      py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
+      "Windows from the measured pose and the given measured velocity, a row each, uncorrected.");
+
+  py::enum_<WrenchNature>(module, "WrenchNature")
+      .value("random_walk", WrenchNature::kRandomWalk)
+      .value("white", WrenchNature::kWhite);
+  py::class_<WrenchNoise>(module, "WrenchNoise", "Noise levels of the filter.")
+      .def(py::init<>())
+      .def_readwrite("force", &WrenchNoise::force)
+      .def_readwrite("moment", &WrenchNoise::moment)
+      .def_readwrite("position", &WrenchNoise::position)
+      .def_readwrite("heading", &WrenchNoise::heading);
+  py::class_<WrenchFilter>(module, "WrenchFilter", "The wrench that a model lacks along a run.")
+      .def(py::init<const Model&, const RunData&, const Eigen::MatrixX3d&, double>(),
+           py::arg("model"), py::arg("run"), py::arg("poses"), py::arg("max_gap") = 0.1,
+           py::call_guard<py::gil_scoped_release>())
+      .def("likeliest_noise", &WrenchFilter::likeliestNoise, py::arg("nature"),
+           py::call_guard<py::gil_scoped_release>())
+      .def(
+          "innovations",
+          [](const WrenchFilter& filter, WrenchNature nature, const WrenchNoise& noise) {
+            Innovations innovations;
+            {
+              const py::gil_scoped_release release;
+              innovations = filter.innovations(nature, noise);
+            }
+            py::dict d;
+            d["normalised"] = innovations.normalised;
+            d["valid"] = innovations.valid;
+            d["log_likelihood"] = innovations.log_likelihood;
+            return d;
+          },
+          py::arg("nature"), py::arg("noise"), "Ahead, to starboard, in heading; one row a sample.")
+      .def(
+          "smooth",
+          [](const WrenchFilter& filter, const WrenchNoise& noise, const Eigen::MatrixXd& acting,
+             const std::vector<int>& channels) {
+            InferredWrench inferred;
+            {
+              const py::gil_scoped_release release;
+              inferred = filter.smooth(noise, acting, channels);
+            }
+            py::dict d;
+            d["wrench"] = inferred.wrench;
+            d["sigma"] = inferred.sigma;
+            d["responses"] = inferred.responses;
+            return d;
+          },
+          py::arg("noise"), py::arg("acting") = Eigen::MatrixXd(),
+          py::arg("channels") = std::vector<int>(),
+          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
+      .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
+      .def_property_readonly("stretches", &WrenchFilter::stretches);
 }

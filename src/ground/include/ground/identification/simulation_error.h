@@ -13,9 +13,11 @@ namespace ground {
 struct RunData {
   std::string name;
   std::vector<double> times;  ///< of the measurements, ascending [s]
-  Eigen::MatrixX3d eta;       ///< x, y [m], psi unwrapped [rad], world_ned
+  Eigen::MatrixX3d eta;       ///< x, y [m], psi unwrapped [rad], world_ned, smoothed
   Eigen::MatrixX3d nu;        ///< u, v [m/s], r [rad/s], body
   InputSequence inputs;       ///< in the model's units of input
+  Eigen::MatrixX3d poses;     ///< the same as measured; as many as eta, or none: eta then
+  Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
 };
 
 /// A stretch of a run that is simulated from an initial velocity of its own; the initial pose is
@@ -53,6 +55,7 @@ struct FitOptions {
 struct FittedParameter {
   std::string name, unit;
   double start, value, lower, upper;  ///< lower, upper: 95% interval
+  double deviation;  ///< standard deviation of the estimate; infinite when not identified
   bool at_bound;
   bool identified;  ///< false: the data say nothing of it, the interval is its whole range
 };
@@ -62,24 +65,29 @@ struct FitResult {
   std::vector<FittedParameter> parameters;
   Eigen::MatrixXd correlation;  ///< of the estimates
   double condition = 0;         ///< of the scaled information matrix
-  /// Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r with the initial velocities that suit the
-  /// objective best.
-  double objective_before = 0;
-  double objective_after = 0;
-  int starts = 0;          ///< that could be simulated
-  int starts_at_best = 0;  ///< that came to the same end as the best
+  double objective = 0;         ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
+  int starts = 0;               ///< that could be simulated
+  int starts_at_best = 0;       ///< that came to the same end as the best
   int iterations = 0;
   bool converged = false;
   std::string message;
 };
 
-/// The difference between simulated and measured velocities over windows of runs (thesis 3.3), each
-/// channel divided by its empirical standard deviation in the run.
+/// What a simulation is held against.
+enum class Target {
+  kVelocities,  ///< measured velocities, each divided by its standard deviation in the run
+  kPoses        ///< measured poses, each divided by its noise: nothing is differenced
+};
+
+/// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
+/// starts at its measured pose with a velocity of its own; when poses are the target, at a pose of
+/// its own as well.
 class SimulationError {
  public:
   /// Throws std::invalid_argument when there is no window, a run does not move or arrays differ in
   /// length.
-  SimulationError(std::vector<RunData> runs, std::vector<Window> windows);
+  SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
+                  Target target = Target::kVelocities);
 
   /// Fits the free parameters of a model and the windows' initial velocities. Throws
   /// std::invalid_argument on options that cannot be met, std::runtime_error when the model cannot
@@ -100,21 +108,24 @@ class SimulationError {
   const std::vector<RunData>& runs() const { return runs_; }
   const std::vector<Window>& windows() const { return windows_; }
 
-  /// Weighted residuals of one window, u, v, r after each other for every sample; `jacobian`, when
-  /// asked for, by the parameters of those indices, then by the initial velocity. False when the
-  /// simulation is not finite.
+  /// Numbers of an initial state: u, v, r, or x, y, psi, u, v, r where poses are the target.
+  int initialSize() const { return target_ == Target::kPoses ? 6 : 3; }
+
+  /// Weighted residuals of one window, u, v, r (x, y, psi) after each other for every sample;
+  /// `jacobian`, when asked for, by the parameters of those indices, then by the initial state.
+  /// False when the simulation is not finite.
   bool residuals(const Model& model, const std::vector<double>& coordinates,
-                 const std::vector<int>& free, int window, const Vector3<double>& initial_nu,
+                 const std::vector<int>& free, int window, const Eigen::VectorXd& initial,
                  Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
 
  private:
-  /// simulate(), the initial velocities sought from the given ones.
-  WindowSimulation simulateFrom(const Model& model, FitOptions::Objective objective,
-                                std::vector<Vector3<double>> initial) const;
+  WindowSimulation simulateFrom(const Model& model,
+                                const std::vector<Eigen::VectorXd>& initial) const;
 
   std::vector<RunData> runs_;
   std::vector<Window> windows_;
   std::vector<Vector3<double>> sigma_;
+  Target target_;
 };
 
 }  // namespace ground

@@ -27,6 +27,8 @@ class Dynamics {
   const T& inputDelay() const { return delay_; }  ///< [s]
   int stateCount() const { return state_count_; }
   bool hasActuators() const { return !actuators_.empty(); }
+  /// Whether velocities depend on the pose: else they can be simulated without it.
+  bool usesPose() const { return uses_pose_; }
 
   /// Passes a command, held over a step of length h [s], through the actuators; their states are
   /// advanced to the end of the step.
@@ -35,9 +37,11 @@ class Dynamics {
   /// Time derivative of the rigid state at run time t [s]; `nu_dot` is the body acceleration.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
                            double lift) const;
-  /// One classical Runge-Kutta step of order 4 and length h [s] from run time t [s].
+  /// One classical Runge-Kutta step of order 4 and length h [s] from run time t [s]; H is double,
+  /// or T where the length has derivatives. The pose stays as it is unless kPose.
+  template <bool kPose = true, typename H = T>
   RigidState<T> step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
-                     const T& h) const;
+                     const H& h) const;
   /// What the mocap sees of a state.
   Measurement<T> measure(const RigidState<T>& state) const;
 
@@ -48,14 +52,31 @@ class Dynamics {
     int state;  ///< offset of its states
   };
 
+  /// Nothing but thrust and linear damping moves the craft.
+  bool isNominal() const {
+    return actuators_.empty() && thrust_.empty() && wrench_.empty() && !has_air_ && !couples_;
+  }
+  Vector3<T> drift(const RigidState<T>& state) const;  ///< of the pose, world_ned
+  Vector3<T> acceleration(const T& t, const RigidState<T>& state, const Vector2<T>& input,
+                          double lift) const;
+  /// Surge and yaw acceleration by the thrusters alone.
+  Vector2<T> drive(const Vector2<T>& thrust) const;
+  /// With damping in the air and Coriolis, for a mass matrix diag(m, m, I_z).
+  Vector3<T> accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
+                            const Vector3<T>& nu_air) const;
+
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, thrust_, wrench_, measure_;
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
+  Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z
+  T lever_{};                       ///< l/I_z
   Vector2<T> air_;
   T delay_{};
   int state_count_ = 0;
+  bool uses_pose_ = false, has_air_ = false;
+  bool couples_ = false;  ///< the mass matrix is not diag(m, m, I_z)
 };
 
 extern template class Dynamics<double>;

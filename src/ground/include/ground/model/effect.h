@@ -47,6 +47,7 @@ template <typename T>
 struct StepInputs {
   std::array<Vector2<T>, 3> thrusters;  ///< left, right
   double lift = 0.0;                    ///< held over the step
+  bool held = false;                    ///< the thrusters' inputs are, too
 };
 
 /// All that a wrench may depend on, at one instant.
@@ -104,10 +105,12 @@ class Effect : public EffectHooks<double>, public EffectHooks<Jet> {
     kAir = 1u << 3,
     kInertia = 1u << 4,
     kWrench = 1u << 5,
-    kMeasure = 1u << 6
+    kMeasure = 1u << 6,
+    kPose =
+        1u << 7  ///< motion depends on where the craft is or heads: always so, unless it says no
   };
   virtual const EffectInfo& info() const = 0;
-  /// Which hooks do anything (a set of Hook).
+  /// Which hooks do anything, and whether they look at the pose (a set of Hook).
   virtual unsigned hooks() const = 0;
   /// An instance that one thread may call; itself unless the effect has scratch memory.
   virtual std::shared_ptr<const Effect> forThread() const = 0;

@@ -39,6 +39,12 @@ GROUND_FORWARD_HOOK(wrench)
 GROUND_FORWARD_HOOK(measure)
 #undef GROUND_FORWARD_HOOK
 
+/// Whether an effect's thrust or wrench depends on the pose; those that do not may say so.
+template <class E, class = void>
+struct UsesPose : std::true_type {};
+template <class E>
+struct UsesPose<E, std::void_t<decltype(E::kUsesPose)>> : std::bool_constant<E::kUsesPose> {};
+
 template <class E, class T, class Base>
 class HooksOf : public Base {
  public:
@@ -87,6 +93,8 @@ class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
     add(Effect::kMeasure,
         has<decltype(call_measure<E>(0, P(), std::declval<const Vector3<double>&>(),
                                      std::declval<Measurement<double>&>()))>());
+    const bool moves = set & (Effect::kThrust | Effect::kWrench);
+    add(Effect::kPose, (set & Effect::kAir) || (moves && UsesPose<E>::value));
     return set;
   }
   std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
@@ -101,7 +109,9 @@ class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
 }  // namespace detail
 
 /// Makes struct E an effect of the library. E has `static EffectInfo info()` and, as templates on
-/// the scalar T, whichever static functions of EffectHooks it needs. See src/model/effects/.
+/// the scalar T, whichever static functions of EffectHooks it needs. One whose thrust and wrench do
+/// not look at the pose may say `static constexpr bool kUsesPose = false`: fits to velocities are
+/// faster then. See src/model/effects/.
 #define GROUND_REGISTER_EFFECT(E)                                                    \
   namespace {                                                                        \
   [[maybe_unused]] const bool E##_registered =                                       \

@@ -28,6 +28,10 @@ class Simulation {
   Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs, const RigidState<T>& initial,
              double start, double max_step = kDefaultStep);
 
+  /// From now on only velocities are integrated; for models whose velocities do not depend on the
+  /// pose (Dynamics::usesPose).
+  void forgetPose() { pose_ = false; }
+
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
   void advance(double time);
 
@@ -46,6 +50,8 @@ class Simulation {
   Vector2<T> command() const;
   double lift() const;
   void advanceHeld(const T& until);
+  template <bool kPose, typename H>
+  void step(int steps, const H& h);
 
   const Dynamics<T>& dynamics_;
   const InputSequence& inputs_;
@@ -54,6 +60,7 @@ class Simulation {
   T time_;
   std::size_t next_ = 0;  ///< first command that has not taken effect
   double max_step_;
+  bool pose_ = true;
 };
 
 extern template class Simulation<double>;

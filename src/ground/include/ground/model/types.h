@@ -21,12 +21,22 @@ using Matrix3 = Eigen::Matrix<T, 3, 3>;
 inline double valueOf(double x) { return x; }
 inline double valueOf(const Jet& x) { return x.a; }
 
+inline void cosSin(double angle, double& c, double& s) {
+  c = std::cos(angle);
+  s = std::sin(angle);
+}
+/// Each is the other's derivative: Jet's own cos and sin would take both twice.
+inline void cosSin(const Jet& angle, Jet& c, Jet& s) {
+  cosSin(angle.a, c.a, s.a);
+  c.v = -s.a * angle.v;
+  s.v = c.a * angle.v;
+}
+
 /// Body to world rotation of a planar vector by the heading psi [rad], (2.1).
 template <typename T>
 Vector2<T> bodyToWorld(const T& psi, const Vector2<T>& a) {
-  using std::cos;
-  using std::sin;
-  const T c = cos(psi), s = sin(psi);
+  T c, s;
+  cosSin(psi, c, s);
   return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
 }
 

@@ -55,9 +55,10 @@ def say(arguments, text=""):
         print(text)
 
 
-def read(arguments):
-    found = []
-    for path in arguments.bags:
+def read(arguments, bags=None):
+    """The recordings in the bags; IdentifyError when one cannot be read or is given twice."""
+    found, bags = [], bags or arguments.bags
+    for path in bags:
         try:
             found.append(recordings.read_bag(path, arguments.axes))
         except ValueError as error:
@@ -65,7 +66,7 @@ def read(arguments):
         for warning in found[-1].warnings:
             print("%s: %s" % (path, warning), file=sys.stderr)
     names = [r.name for r in found]
-    for recording, path in zip(found, arguments.bags):
+    for recording, path in zip(found, bags):
         if names.count(recording.name) > 1:
             recording.name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
     if len({r.name for r in found}) < len(found):
@@ -80,11 +81,11 @@ def load(path):
         raise IdentifyError(str(error))
 
 
-def prepare(arguments, model):
-    """Every bag read and repaired: quality.Run and the _core.RunData of the part that is asked for."""
+def prepare(arguments, model, bags=None):
+    """Every bag (of the arguments, if none are given) read and repaired: quality.Run and the _core.RunData of the part that is asked for."""
     if not model.input_max > 0:
         raise IdentifyError("the model's input_max is not positive")
-    runs = [quality.Run(r) for r in read(arguments)]
+    runs = [quality.Run(r) for r in read(arguments, bags)]
     return runs, [data(arguments, run, model) for run in runs]
 
 

@@ -1,12 +1,38 @@
-"""identify compare: models against recordings."""
+"""identify compare: models against recordings, and where they fail.
+
+compare.json, schema ground/compare/1 (SI units; null for what is not a number or does not exist):
+
+models    by label: file, effects, fitted_to (names of bags, from its provenance)
+runs      name, bag, picture (motion), pictures (where, residuals), models: by label
+  role              fit or held_out, by the bag's file name in the model's provenance
+  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
+  prediction_error  the same with initial velocities from the first 0.4 s, of the rest
+  thesis_objective  (3.4) over the first 4 s
+  fit_percent, rms  per channel, of the windows
+  horizons          seconds (first: one sample), starts, median and rms of the errors of u, v, r
+                    [sigma], position [mm] and heading [deg], each started at the measured state
+  where             per variable: centres of its bins, samples, mean |e|/s per channel, and share of
+                    its variance explained (raw; share: beyond chance; p: of so much by chance)
+  residuals         of what; noise levels; per channel autocorrelation, input_sum, input_difference:
+                    lags, value, band99, how many are outside, accepted; white
+  wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
+                    sigma (median standard deviation of the estimate), full_scale (what full thrust
+                    gives), against: per variable mean and standard_error in its bins, and share;
+                    thrust: direction in the model's body axes and size of the force that follows
+                    the command, by model and as measured; body_axes_differ. Over time in the CSV.
+  files, summary    picture and series of the wrench; the sentences of the terminal
+pooled    by label: the numbers over all, fit and held_out runs
+"""
 import os
 
-from ground import comparison, files, quality
+import numpy as np
+
+from ground import comparison, failure, files, quality, residuals, words
 from ground.errors import IdentifyError
 from ground.verbs import common
 
 NAME = "compare"
-SUMMARY = "models against recordings: errors and pictures"
+SUMMARY = "models against recordings: errors, where they come from, and pictures"
 
 
 def configure(parser):
@@ -16,60 +42,68 @@ def configure(parser):
         "--model", metavar="M.yaml", action="append", required=True, help="once for each model"
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
+    parser.add_argument(
+        "--format", choices=["png", "svg"], default="png", help="of pictures (%(default)s)"
+    )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
 def run(arguments):
-    from ground import plots
-
     models = [(_label(p, arguments.model), common.load(p)) for p in arguments.model]
-    if len({label for label, _ in models}) < len(models):
+    labels = [label for label, _ in models]
+    if len(set(labels)) < len(models):
         raise IdentifyError("the same model is given twice")
     found = common.read(arguments)
+    bags = [os.path.basename(b) for b in arguments.bags]
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:
         raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
+    outputs = [_outputs(arguments, recording.name, labels) for recording in found]
     report = os.path.join(arguments.output, "compare.json")
-    pictures = {r.name: os.path.join(arguments.output, r.name + ".png") for r in found}
-    for path in [report] + list(pictures.values()):
+    for path in [report] + [p for o in outputs for p in o["paths"]]:
         files.refuse_existing(path, arguments.force)
 
     result = {
         "schema": "ground/compare/1",
-        "models": dict(zip((m for m, _ in models), arguments.model)),
+        "models": {
+            label: {"file": path, "effects": model.effects, "fitted_to": model.provenance.bags}
+            for (label, model), path in zip(models, arguments.model)
+        },
         "runs": [],
     }
-    width = max(len(label) for label, _ in models)
-    for recording in found:
-        drawn, numbers_of = [], {}
-        prepared = quality.Run(recording)
+    evaluations = {label: {"fit": [], "held_out": []} for label in labels}
+    for recording, bag, output in zip(found, bags, outputs):
+        prepared, studies = quality.Run(recording), []
         for label, model in models:
-            run = common.data(arguments, prepared, model)
-            try:
-                numbers, pieces = comparison.compare_run(run, model)
-            except (ValueError, RuntimeError) as error:
-                raise IdentifyError("%s with %s: %s" % (recording.name, label, error))
-            drawn.append((label, numbers, pieces))
-            numbers_of[label] = numbers
-        plots.comparison(pictures[recording.name], run, prepared.inputs(), drawn, arguments.force)
+            study = _study(arguments, prepared, label, model)
+            study["role"] = "fit" if bag in model.provenance.bags else "held_out"
+            study["files"] = output["models"][label]
+            evaluations[label][study["role"]].append(study["evaluation"])
+            studies.append(study)
+        _draw(studies, output, arguments.force)
+        _say_run(arguments, recording.name, studies)
         result["runs"].append(
-            {"name": recording.name, "models": numbers_of, "picture": pictures[recording.name]}
+            {
+                "name": recording.name,
+                "bag": bag,
+                "picture": output["comparison"],
+                "pictures": {k: output[k] for k in ("where", "residuals")},
+                "models": {s["label"]: _plain(s) for s in studies},
+            }
         )
-        common.say(arguments, recording.name)
-        common.say(
-            arguments,
-            "  %-*s %8s %10s %22s" % (width, "model", "error", "(3.4) 4 s", "fit u, v, r [%]"),
-        )
-        for label, n, _ in drawn:
-            thesis = "-" if n["thesis_objective"] is None else "%.3f" % n["thesis_objective"]
-            fits = ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS)
-            common.say(
-                arguments, "  %-*s %8.3f %10s %22s" % (width, label, n["error"], thesis, fits)
-            )
-        common.say(arguments, "  picture: %s" % pictures[recording.name])
+    result["pooled"] = {
+        label: {
+            "all": comparison.numbers(groups["fit"] + groups["held_out"]),
+            "fit": comparison.numbers(groups["fit"]) if groups["fit"] else None,
+            "held_out": comparison.numbers(groups["held_out"]) if groups["held_out"] else None,
+        }
+        for label, groups in evaluations.items()
+    }
+    if len(found) > 1:
+        _say_pooled(arguments, result["pooled"])
     files.write_json(report, result, arguments.force)
-    common.say(arguments, "numbers: %s" % report)
+    common.say(arguments, "pictures and numbers: %s" % arguments.output)
     return result
 
 
@@ -78,3 +112,147 @@ def _label(path, others):
     name = os.path.splitext(os.path.basename(path))[0]
     shared = sum(os.path.splitext(os.path.basename(o))[0] == name for o in others) > 1
     return os.path.splitext(path)[0] if shared else name
+
+
+def _outputs(arguments, run, labels):
+    """Names of all files of one run."""
+
+    def path(name):
+        return os.path.join(arguments.output, name)
+
+    output = {
+        "comparison": path("%s.%s" % (run, arguments.format)),
+        "where": path("%s.where.%s" % (run, arguments.format)),
+        "residuals": path("%s.residuals.%s" % (run, arguments.format)),
+        "models": {},
+    }
+    paths = [output[k] for k in ("comparison", "where", "residuals")]
+    for label in labels:
+        stem = "%s.wrench.%s" % (run, label.strip("./").replace(os.sep, "_"))
+        output["models"][label] = {
+            "wrench_picture": path("%s.%s" % (stem, arguments.format)),
+            "wrench_csv": path("%s.csv" % stem),
+        }
+        paths += output["models"][label].values()
+    output["paths"] = paths
+    return output
+
+
+def _study(arguments, prepared, label, model):
+    """All that is found out about one model on one run."""
+    run = common.data(arguments, prepared, model)
+    try:
+        evaluation = comparison.evaluate(run, model)
+        where = failure.of_error(evaluation, failure.variables(run, model.input_max))
+        wrench_filter, rest, events = failure.undisturbed(
+            model, run, _measured_poses(prepared, run)
+        )
+        correlation = residuals.analyse(wrench_filter, rest)
+        missing = failure.of_wrench(wrench_filter, rest, model, events)
+    except (ValueError, RuntimeError) as error:
+        raise IdentifyError("%s with %s: %s" % (run.name, label, error))
+    study = {
+        "label": label,
+        "run": run,
+        "model": model,
+        "evaluation": evaluation,
+        "numbers": comparison.numbers([evaluation]),
+        "where": where,
+        "residuals": correlation,
+        "missing": missing,
+    }
+    study["summary"] = words.summary(study["numbers"], where, correlation, missing.numbers)
+    return study
+
+
+def _measured_poses(prepared, run):
+    """The run's poses before smoothing, (n, 3)."""
+    times = prepared.motion.times - prepared.zero
+    return prepared.motion.measured[np.searchsorted(times, np.array(run.times) - 1e-9)]
+
+
+def _plain(study):
+    """What goes into compare.json of one model on one run."""
+    return dict(
+        study["numbers"],
+        role=study["role"],
+        where=study["where"],
+        residuals=study["residuals"],
+        wrench=study["missing"].numbers,
+        files=study["files"],
+        summary=study["summary"],
+    )
+
+
+def _draw(studies, output, force):
+    from ground import plots
+
+    plots.comparison(output["comparison"], studies, force)
+    plots.where(output["where"], studies, force)
+    plots.residuals(output["residuals"], studies, force)
+    for study in studies:
+        plots.wrench(study["files"]["wrench_picture"], study, force)
+        missing = study["missing"]
+        with files.new_file(study["files"]["wrench_csv"], force) as temporary:
+            np.savetxt(
+                temporary,
+                np.column_stack([missing.times, missing.wrench, missing.sigma]),
+                fmt="%.6g",
+                delimiter=",",
+                header="t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]",
+                comments="",
+            )
+
+
+COLUMNS = "%9s %7s %10s %9s %14s %15s"
+
+
+def _say_header(arguments, width):
+    common.say(
+        arguments,
+        "  %-*s " % (width, "model")
+        + COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s"),
+    )
+
+
+def _say_row(arguments, width, label, role, n):
+    after = next(h for h in n["horizons"] if h["seconds"] == 1.0)
+    fits = ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS)
+    off = "-"
+    if after["starts"]:
+        position, heading = after["position_mm"]["median"], after["heading_deg"]["median"]
+        off = "%.0f mm %.0f deg" % (position, heading)
+    common.say(
+        arguments,
+        "  %-*s " % (width, label)
+        + COLUMNS
+        % (
+            role.replace("_", " "),
+            "%.3f" % n["error"],
+            words.number(n["prediction_error"]),
+            words.number(n["thesis_objective"]),
+            fits,
+            off,
+        ),
+    )
+
+
+def _say_run(arguments, name, studies):
+    width = max(len(s["label"]) for s in studies)
+    common.say(arguments, name)
+    _say_header(arguments, width)
+    for study in studies:
+        _say_row(arguments, width, study["label"], study["role"], study["numbers"])
+    for study in studies:
+        for sentence in study["summary"]:
+            common.say(arguments, "  %s: %s" % (study["label"], sentence))
+
+
+def _say_pooled(arguments, pooled):
+    width = max(map(len, pooled))
+    common.say(arguments, "all runs")
+    _say_header(arguments, width)
+    for label, groups in pooled.items():
+        for role in ("fit", "held_out"):
+            if groups[role]:
+                _say_row(arguments, width, label, role, groups[role])

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from ground import _core, comparison, files
+from ground import _core, comparison, files, identifiability, quality, validation, windows
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -23,18 +23,32 @@ def configure(parser):
     )
     parser.add_argument("-o", "--output", metavar="FITTED.yaml", required=True)
     parser.add_argument(
-        "--free", metavar="NAME", nargs="+", default=FREE, help="free parameters (%(default)s)"
+        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
+    )
+    parser.add_argument(
+        "--free",
+        metavar="NAME",
+        nargs="+",
+        default=FREE,
+        help="free parameters (%s)" % " ".join(FREE),
     )
     parser.add_argument(
         "--objective",
         choices=["least-squares", "thesis"],
         default="least-squares",
-        help="robust weighted least squares, or mean absolute error (3.4)",
+        help="robust weighted least squares (default), or mean absolute error (3.4)",
+    )
+    parser.add_argument(
+        "--target",
+        choices=["velocities", "poses"],
+        default="velocities",
+        help="what is simulated and measured: smoothed velocities (default), or raw poses, which is "
+        "sharper where the model is right",
     )
     parser.add_argument(
         "--window",
         type=common.positive,
-        default=comparison.WINDOW,
+        default=windows.WINDOW,
         help="length of windows [s] (%(default)s)",
     )
     parser.add_argument(
@@ -44,124 +58,176 @@ def configure(parser):
         metavar="N",
         help="descend from the model's values and N - 1 others, keep the best (%(default)s)",
     )
-    parser.add_argument("--each", action="store_true", help="also fit every run by itself")
+    parser.add_argument(
+        "--block",
+        type=common.positive,
+        default=validation.BLOCK,
+        help="length of the blocks of time that are held out one by one [s] (%(default)s)",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
-    runs = common.prepare(arguments, model)[1]
-    result = _solve(runs, model, arguments)
+    prepared, runs = common.prepare(arguments, model)
+    held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
+    names = [r.name for r in runs + held]
+    if len(set(names)) < len(names):
+        raise IdentifyError("a run is given both to fit to and to hold out")
+
+    cut = windows.cut(runs, arguments.window)
+    result = _fit(arguments, runs, model, cut, arguments.starts)
     fitted = result["model"]
+
+    def refit(part):
+        return _fit(arguments, runs, fitted, part)
+
+    errors = {
+        "before": windows.error(runs, model),
+        "after": windows.error(runs, fitted),
+        "heldout_runs": None,
+        "heldout_blocks": validation.leave_one_block_out(runs, refit, arguments.block),
+        "holdout": windows.error(held, fitted) if held else None,
+        "holdout_before": windows.error(held, model) if held else None,
+    }
+    each = []
+    if len(runs) > 1:
+        each = _each(arguments, runs, fitted, refit)
+        errors["heldout_runs"] = float(np.mean([row["heldout_error"] for row in each]))
+    report = {
+        "model": arguments.output,
+        "parameters": {
+            p["name"]: {k: v for k, v in p.items() if k != "name"} for p in result["parameters"]
+        },
+        "error": errors,
+        "thesis_objective": {
+            "before": comparison.mean_thesis_objective(runs, model),
+            "after": comparison.mean_thesis_objective(runs, fitted),
+        },
+        "objective": result["objective"],
+        "starts": {"tried": arguments.starts, "at_best": result["starts_at_best"]},
+        "condition": result["condition"],
+        "weak": identifiability.weak_directions(result),
+        "converged": result["converged"],
+        "runs": each,
+        "same_inputs": quality.same_inputs(prepared),
+    }
+    _write(arguments, fitted, report)
+    if not result["converged"]:
+        print("identify fit: not converged: %s" % result["message"], file=sys.stderr)
+    for line in _lines(arguments, runs, result, report):
+        common.say(arguments, line)
+    return report
+
+
+def _fit(arguments, runs, model, cut, starts=1):
+    objective = getattr(_core.Objective, arguments.objective.replace("-", "_"))
+    target = getattr(_core.Target, arguments.target)
     try:
-        before, after = comparison.error(runs, model), comparison.error(runs, fitted)
-        thesis = [comparison.mean_thesis_objective(runs, m) for m in (model, fitted)]
-    except RuntimeError as error:
+        return windows.problem(runs, cut, target).fit(model, arguments.free, objective, starts)
+    except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
 
-    fitted.provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(
-        timespec="seconds"
-    )
-    fitted.provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
-    fitted.provenance.bags = [os.path.basename(b) for b in arguments.bags]
-    fitted.provenance.error_before = {"fit": before}
-    fitted.provenance.error_after = {"fit": after}
-    fitted.provenance.confidence_95 = {p["name"]: p["ci95"] for p in result["parameters"]}
+
+def _each(arguments, runs, fitted, refit):
+    """Each run fitted by itself, and held out of a fit to the others (the thesis's table 3.2)."""
+    rows = []
+    every = windows.cut(runs, arguments.window)
+    for i, (others, error) in enumerate(validation.leave_one_run_out(runs, refit)):
+        alone = refit([w for w in every if w.run == i])
+        rows.append(
+            {
+                "run": runs[i].name,
+                "parameters": {p["name"]: p["value"] for p in alone["parameters"]},
+                "ci95": {p["name"]: p["ci95"] for p in alone["parameters"]},
+                "error": windows.error([runs[i]], alone["model"]),
+                "heldout_error": error,
+                "disagrees_in": validation.disagreements(alone, others),
+            }
+        )
+    return rows
+
+
+def _write(arguments, fitted, report):
+    errors = report["error"]
+    after = {"fit": errors["after"], "heldout": errors["holdout"] or errors["heldout_blocks"]}
+    before = {"fit": errors["before"], "heldout": errors["holdout_before"]}
+    provenance = fitted.provenance
+    provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+    provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
+    provenance.bags = [os.path.basename(b) for b in arguments.bags]
+    provenance.error_before = {k: v for k, v in before.items() if v is not None}
+    provenance.error_after = {k: v for k, v in after.items() if v is not None}
+    provenance.confidence_95 = {name: p["ci95"] for name, p in report["parameters"].items()}
     try:
         _core.save_model(fitted, arguments.output, arguments.force)
     except RuntimeError as error:
         raise IdentifyError(str(error))
 
-    common.say(
-        arguments, "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
-    )
+
+def _lines(arguments, runs, result, report):
+    """What is printed: parameters, errors, runs one by one, and what the data do not tell."""
+    yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
     for p in result["parameters"]:
-        note = "  at its bound" if p["at_bound"] else ""
-        note += "" if p["identified"] else "  these data do not tell"
-        common.say(
-            arguments,
-            "%-18s %12.4g %12.4g   [%.4g, %.4g] %s%s"
-            % (p["name"], p["start"], p["value"], p["ci95"][0], p["ci95"][1], p["unit"], note),
+        yield "%-18s %12.4g %12.4g   [%.4g, %.4g] %s" % (
+            p["name"],
+            p["start"],
+            p["value"],
+            p["ci95"][0],
+            p["ci95"][1],
+            p["unit"],
         )
-    common.say(arguments, "error over windows of 1.5 s: %.4f before, %.4f after" % (before, after))
-    if None not in thesis:
-        common.say(arguments, "(3.4) over the first 4 s: %.4f before, %.4f after" % tuple(thesis))
-    if arguments.objective == "thesis":
-        common.say(
-            arguments,
-            "(3.4) as fitted: %.4f before, %.4f after"
-            % (result["objective_before"], result["objective_after"]),
-        )
-    if arguments.starts > 1:
-        common.say(
-            arguments,
-            "%d of %d starts came to this end" % (result["starts_at_best"], arguments.starts),
-        )
-    if not result["converged"]:
-        print("identify fit: not converged: %s" % result["message"], file=sys.stderr)
-    for first, second, value in _entangled(result):
-        common.say(
-            arguments,
-            "%s and %s are hard to tell apart here (correlation %.2f)" % (first, second, value),
-        )
-    each = _fit_each(runs, model, arguments) if arguments.each else []
-    common.say(arguments, "written to %s" % arguments.output)
-    return {
-        "model": arguments.output,
-        "parameters": {
-            p["name"]: {k: v for k, v in p.items() if k != "name"} for p in result["parameters"]
-        },
-        "error": {"before": before, "after": after},
-        "thesis_objective": {"before": thesis[0], "after": thesis[1]},
-        "objective": {"before": result["objective_before"], "after": result["objective_after"]},
-        "starts": {"tried": arguments.starts, "at_best": result["starts_at_best"]},
-        "condition": result["condition"],
-        "converged": result["converged"],
-        "runs": each,
-    }
-
-
-def _solve(runs, model, arguments):
-    objective = getattr(_core.Objective, arguments.objective.replace("-", "_"))
-    try:
-        problem = comparison.problem(runs, arguments.window)[0]
-        return problem.fit(model, arguments.free, objective, arguments.starts)
-    except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
-
-
-def _entangled(result):
-    names = [p["name"] for p in result["parameters"]]
-    correlation = np.array(result["correlation"])
-    for i in range(len(names)):
-        for j in range(i):
-            if abs(correlation[i, j]) > 0.95:
-                yield names[j], names[i], correlation[i, j]
-
-
-def _fit_each(runs, model, arguments):
-    """One row a run, then mean and spread, as in the thesis's table 3.2."""
-    rows = []
-    for run in runs:
-        result = _solve([run], model, arguments)
-        values = {p["name"]: p["value"] for p in result["parameters"]}
-        rows.append({"run": run.name, "parameters": values, "objective": result["objective_after"]})
-    width = max(len(r["run"]) for r in rows)
-    common.say(arguments)
-    common.say(
-        arguments,
-        "%-*s " % (width, "run")
-        + "".join("%12s" % n for n in arguments.free)
-        + "%12s" % "objective",
-    )
-    for row in rows:
-        values = [row["parameters"][n] for n in arguments.free] + [row["objective"]]
-        common.say(arguments, "%-*s " % (width, row["run"]) + "".join("%12.4g" % v for v in values))
-    table = np.array([[r["parameters"][n] for n in arguments.free] for r in rows])
-    for name, values in (
-        ("mean", table.mean(axis=0)),
-        ("spread", table.std(axis=0, ddof=1) if len(rows) > 1 else 0 * table[0]),
+    errors, thesis = report["error"], report["thesis_objective"]
+    yield ""
+    yield "%-52s %8s %8s" % ("error over windows of 1.5 s", "before", "after")
+    for words, before, after in (
+        ("the runs fitted to", errors["before"], errors["after"]),
+        ("each run, by a fit to the others", None, errors["heldout_runs"]),
+        (
+            "blocks of %g s, each by a fit to the rest" % arguments.block,
+            None,
+            errors["heldout_blocks"],
+        ),
+        ("the runs held out", errors["holdout_before"], errors["holdout"]),
+        ("(3.4) over the first 4 s", thesis["before"], thesis["after"]),
     ):
-        common.say(arguments, "%-*s " % (width, name) + "".join("%12.4g" % v for v in values))
-    return rows
+        if after is not None:
+            yield "  %-50s %8s %8.3f" % (words, "" if before is None else "%.3f" % before, after)
+    if report["runs"]:
+        yield ""
+        yield from _table(arguments.free, report["runs"])
+    for first, second in report["same_inputs"]:
+        yield "%s and %s had the same inputs: as tests of each other they are kind" % (
+            first,
+            second,
+        )
+    yield from identifiability.sentences(result)
+    if arguments.starts > 1:
+        yield "%d of %d starts came to this end" % (report["starts"]["at_best"], arguments.starts)
+    yield "written to %s" % arguments.output
+
+
+def _table(names, rows):
+    """One row a run, then mean and spread, as in the thesis's table 3.2."""
+    width = max(len(r["run"]) for r in rows + [{"run": "spread"}])
+    head = "".join("%11s" % n.split(".")[-1] for n in names)
+    yield "%-*s %s%9s%10s" % (width, "run", head, "error", "held out")
+    for row in rows:
+        values = "".join("%11.4g" % row["parameters"][n] for n in names)
+        yield "%-*s %s%9.3f%10.3f" % (
+            width,
+            row["run"],
+            values,
+            row["error"],
+            row["heldout_error"],
+        )
+    table = np.array([[r["parameters"][n] for n in names] for r in rows])
+    for name, values in (("mean", table.mean(axis=0)), ("spread", table.std(axis=0, ddof=1))):
+        yield "%-*s %s" % (width, name, "".join("%11.4g" % v for v in values))
+    for row in rows:
+        if row["disagrees_in"]:
+            yield "%s disagrees with the others in %s: look at it before pooling them" % (
+                row["run"],
+                ", ".join(row["disagrees_in"]),
+            )

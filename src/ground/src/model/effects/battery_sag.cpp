@@ -7,6 +7,8 @@ namespace ground {
 /// Thrust that fades as the battery empties: k exp(-t/tau), t since the start of the run.
 /// The coordinate is the rate 1/tau, which is zero for a battery that does not sag.
 struct BatterySag {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     const double infinity = std::numeric_limits<double>::infinity();
     return {"battery_sag",

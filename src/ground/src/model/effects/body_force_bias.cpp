@@ -5,6 +5,8 @@ namespace ground {
 
 /// Constant force in the body's frame, such as a leak in the skirt.
 struct BodyForceBias {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * typical::force(b); };
     return {"body_force_bias",

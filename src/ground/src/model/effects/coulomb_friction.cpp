@@ -8,6 +8,8 @@ namespace ground {
 /// Dry friction of a skirt that touches the floor: a force against the velocity over the floor and
 /// a moment against the yaw rate, constant but for the smooth passage through zero.
 struct CoulombFriction {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"coulomb_friction",
             "dry friction on the floor",

@@ -4,6 +4,8 @@ namespace ground {
 
 /// Side force of unequal thrusts: Y = c (F_L - F_R).
 struct DifferentialSideForce {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"differential_side_force",
             "side force of unequal thrusts",

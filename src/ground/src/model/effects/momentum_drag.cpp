@@ -5,6 +5,8 @@ namespace ground {
 
 /// The lift fan takes in air at rest and gives it the craft's velocity: -lift q (u, v).
 struct MomentumDrag {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"momentum_drag",
             "momentum of the air that the lift fan takes in",

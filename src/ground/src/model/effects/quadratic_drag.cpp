@@ -8,6 +8,8 @@ namespace ground {
 /// Drag that grows with the square of speed: -c_x V u, -c_y V v, -c_r |r| r, V the speed through
 /// the air.
 struct QuadraticDrag {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     const auto linear = [](const Body<double>& b) {
       return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));

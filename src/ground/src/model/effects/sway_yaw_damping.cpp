@@ -5,6 +5,8 @@ namespace ground {
 
 /// Off-diagonal linear damping: Y = -yr r, N = -nv v.
 struct SwayYawDamping {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"sway_yaw_damping",
             "damping that couples sway and yaw",

@@ -4,6 +4,8 @@ namespace ground {
 
 /// Unequal thrusters: k_L = k (1 + a), k_R = k (1 - a).
 struct ThrustAsymmetry {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"thrust_asymmetry",
             "left thruster stronger than the right",

@@ -6,6 +6,8 @@ namespace ground {
 
 /// Curved thrust characteristic, thrust ~ w^p; thrust at the largest input stays as it is.
 struct ThrustCurve {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"thrust_curve",
             "thrust grows with a power of the input",

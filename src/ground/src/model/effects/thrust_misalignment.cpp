@@ -6,6 +6,8 @@ namespace ground {
 
 /// Thrusters turned by a common angle: X = F cos, Y = F sin, N = l (F_L - F_R) cos.
 struct ThrustMisalignment {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"thrust_misalignment",
             "thrust turned against the body's x axis",

@@ -5,6 +5,8 @@ namespace ground {
 
 /// Propellers that lose thrust in their own inflow: k (1 - c u), never below zero.
 struct ThrustSpeedLoss {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"thrust_speed_loss",
             "thrust falls with surge through the air",

@@ -5,6 +5,8 @@ namespace ground {
 
 /// Thrusters in cross-flow: yaw moment N = c F v that grows with thrust and sway.
 struct ThrustSwayMoment {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"thrust_sway_moment",
             "yaw moment of thrusters in cross-flow",

@@ -5,6 +5,8 @@ namespace ground {
 
 /// Constant yaw moment, such as the torque of the lift fan.
 struct YawBias {
+  static constexpr bool kUsesPose = false;
+
   static EffectInfo info() {
     return {"yaw_bias",
             "constant yaw moment",

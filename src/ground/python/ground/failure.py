@@ -1,0 +1,344 @@
+"""Where a model fails: its error and the wrench it lacks, against everything that was measured."""
+from dataclasses import dataclass
+from typing import Dict, List
+
+import numpy as np
+
+from ground import _core, repair, residuals
+
+RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
+BINS = 10
+SHIFTS = 300
+CLEAR = 0.1  # share of the variance below which a variable is not worth naming
+CHANCE = 0.01  # probability of such a share by chance above which it is not named
+BLOCKS = 20  # of a run, left out in turn for standard errors
+IMPOSSIBLE = 3.0  # times full thrust: no error of a model is so large
+OUTLYING = 8.0  # robust standard deviations: nor is it so rare
+EVENT_MARGIN = 0.3  # to both sides of a disturbance [s]
+COMMAND_LAGS = (0.0, 0.05, 0.1, 0.2, 0.3)  # at which thrust may follow its command [s]
+RIDGE = 3e-3  # of the regression on bins
+MAP_CELLS = 5  # along each side
+AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
+
+CHANNELS = ("X", "Y", "N")
+CHANNEL_NAMES = {"X": "surge force X", "Y": "side force Y", "N": "yaw moment N"}
+CHANNEL_UNITS = {"X": "N", "Y": "N", "N": "N m"}
+
+
+@dataclass
+class Variable:
+    """Something measured that a failure may depend on, sorted into bins."""
+
+    name: str
+    label: str
+    unit: str
+    centres: List  # of the bins; pairs x, y for the map
+    index: np.ndarray  # (n,) bin of each sample, -1 for none
+
+    def indicators(self):
+        return (self.index[:, None] == np.arange(len(self.centres))).astype(float)
+
+
+def variables(run, input_max=1.0):
+    """All variables of a run, by name; inputs as shares of the largest."""
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
+    commands = residuals.held(run, times) / input_max
+    left, right = commands[:, 0], commands[:, 1]
+    heading = np.degrees(repair.wrap(eta[:, 2]))
+    found = [
+        _binned("time", "time since start", "s", times),
+        _binned("u_L", "input u_L", "-", left),
+        _binned("u_R", "input u_R", "-", right),
+        _binned("u_L+u_R", "total thrust u_L+u_R", "-", left + right),
+        _binned("u_L-u_R", "thrust difference u_L-u_R", "-", left - right),
+        _binned("speed", "speed", "m/s", np.hypot(nu[:, 0], nu[:, 1])),
+        _binned("u", "surge u", "m/s", nu[:, 0]),
+        _binned("v", "sway v", "m/s", nu[:, 1]),
+        _binned("r", "yaw rate r", "rad/s", nu[:, 2]),
+        _binned("heading", "heading", "deg", heading, np.arange(-180, 181, 30)),
+        _binned("x", "world x", "m", eta[:, 0]),
+        _binned("y", "world y", "m", eta[:, 1]),
+        _map(eta),
+    ]
+    return {v.name: v for v in found}
+
+
+def _binned(name, label, unit, values, edges=None):
+    levels = np.unique(np.round(values, 6))
+    if edges is None and len(levels) <= BINS:
+        index = np.argmin(np.abs(values[:, None] - levels), axis=1)
+        return Variable(name, label, unit, levels.tolist(), index)
+    if edges is None:
+        edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
+    index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    index = _without_rare(index, len(edges) - 1)
+    present = [i for i in range(len(edges) - 1) if (index == i).any()]
+    centres = [float(np.median(values[index == i])) for i in present]
+    return Variable(name, label, unit, centres, _renumbered(index, present))
+
+
+def _map(eta):
+    sides = []
+    for values in eta[:, :2].T:
+        edges = np.linspace(values.min(), values.max(), MAP_CELLS + 1)
+        cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, MAP_CELLS - 1)
+        sides.append((cell, (edges[1:] + edges[:-1]) / 2))
+    (i, x), (j, y) = sides
+    index = _without_rare(i * MAP_CELLS + j, MAP_CELLS**2)
+    present = [c for c in range(MAP_CELLS**2) if (index == c).any()]
+    centres = [(float(x[c // MAP_CELLS]), float(y[c % MAP_CELLS])) for c in present]
+    return Variable("position", "place (x, y)", "m", centres, _renumbered(index, present))
+
+
+def _without_rare(index, count):
+    """Bins with less than 1% of the samples say nothing."""
+    share = np.bincount(index[index >= 0], minlength=count) / len(index)
+    return np.where(share[index] < 0.01, -1, index)
+
+
+def _renumbered(index, present):
+    table = np.full(max(present, default=0) + 2, -1)
+    table[present] = np.arange(len(present))
+    return table[index]
+
+
+def share_explained(design, values):
+    """Share of the variance of a series that the columns of `design` explain.
+
+    Both drift slowly, so some of it is chance: the share that remains when one is shifted in time
+    against the other (circularly, by 5 to 95% of the run). The corrected share is zero for that
+    and one for all; `p` says how often a shift explains as much.
+    """
+    values = values - values.mean()
+    total = (values**2).sum()
+    if not total > 0:
+        return {"raw": 0.0, "share": 0.0, "p": 1.0}
+    left, sizes, _ = np.linalg.svd(design - design.mean(axis=0), full_matrices=False)
+    left = left[:, sizes > 1e-6 * max(sizes.max(), 1e-300)]
+    raw = float(((left.T @ values) ** 2).sum() / total)
+    offsets = np.linspace(0.05, 0.95, SHIFTS) * len(values)
+    shifted = np.column_stack([np.roll(values, int(o)) for o in offsets])
+    chance = ((left.T @ shifted) ** 2).sum(axis=0) / total
+    corrected = (raw - chance.mean()) / max(1e-9, 1 - chance.mean())
+    return {
+        "raw": raw,
+        "share": float(np.clip(corrected, 0, 1)),
+        "p": float((1 + (chance >= raw).sum()) / (1 + SHIFTS)),
+    }
+
+
+def regress(design, values, ridge=0.0):
+    """Least squares coefficients, their standard errors and the coefficients without each block.
+
+    Standard errors by jackknife over blocks of time. `ridge`, as a share of the mean square of the
+    columns, holds combinations at zero of which the data say nothing.
+    """
+    blocks = np.array_split(np.arange(len(values)), BLOCKS)
+    normal = np.array([design[b].T @ design[b] for b in blocks])
+    right = np.array([design[b].T @ values[b] for b in blocks])
+    weight = ridge * np.trace(normal.sum(axis=0)) / design.shape[1]
+    prior = weight * np.eye(design.shape[1])
+
+    def solve(a, b):
+        return np.linalg.lstsq(a + prior, b, rcond=None)[0]
+
+    whole = solve(normal.sum(axis=0), right.sum(axis=0))
+    others = np.array(
+        [solve(normal.sum(axis=0) - a, right.sum(axis=0) - b) for a, b in zip(normal, right)]
+    )
+    spread = np.sqrt((BLOCKS - 1) / BLOCKS * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
+    return whole, spread, others
+
+
+def stride_of(times):
+    return max(1, int(round(1 / RATE / max(1e-6, np.median(np.diff(times))))))
+
+
+def of_error(evaluation, found):
+    """Error per channel against each variable, and the share of it that each explains."""
+    size = np.abs(evaluation.residual) / evaluation.sigma
+    index = evaluation.index
+    every = slice(None, None, stride_of(np.concatenate([p["times"] for p in evaluation.pieces])))
+    result = {}
+    for name, variable in found.items():
+        design = variable.indicators()[index]
+        count = design.sum(axis=0)
+        mean = design.T @ size / np.maximum(count, 1)[:, None]
+        result[name] = {
+            "label": variable.label,
+            "unit": variable.unit,
+            "centres": variable.centres,
+            "samples": count.astype(int).tolist(),
+            "error": {c: mean[:, i].tolist() for i, c in enumerate("uvr")},
+            "share": {
+                c: share_explained(design[every], size[every, i]) for i, c in enumerate("uvr")
+            },
+            "share_of_sum": share_explained(design[every], size[every].sum(axis=1)),
+        }
+    return result
+
+
+def full_scale(model):
+    """What full thrust gives: X, Y [N], N [N m]."""
+    force = 2 * model.value("k") * model.input_max
+    return np.array([force, force, force * model.value("l")])
+
+
+def undisturbed(model, run, poses):
+    """Filter and run without what no input explains, and the disturbances [(start, end) s].
+
+    Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
+    few of them would set the noise levels and hide all else.
+    """
+    whole = _core.WrenchFilter(model, run, poses, repair.MAX_GAP)
+    noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
+    size = np.abs(whole.smooth(noise)["wrench"])
+    usual = 1.4826 * np.median(size, axis=0)
+    disturbed = (size > np.maximum(IMPOSSIBLE * full_scale(model), OUTLYING * usual)).any(axis=1)
+    times = np.array(run.times)
+    events = []
+    for time in times[disturbed]:
+        if events and time - EVENT_MARGIN <= events[-1][1]:
+            events[-1][1] = time + EVENT_MARGIN
+        else:
+            events.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
+    keep = np.ones(len(times), bool)
+    for start, end in events:
+        keep &= (times < start) | (times > end)
+    if not events or keep.mean() < 0.5:
+        return whole, run, []
+    rest = _core.RunData(
+        run.name, times[keep], np.array(run.eta)[keep], np.array(run.nu)[keep], run.inputs
+    )
+    events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
+    return _core.WrenchFilter(model, rest, poses[keep], repair.MAX_GAP), rest, events
+
+
+@dataclass
+class Missing:
+    """The wrench that a model lacks along a run."""
+
+    times: np.ndarray  # (n,) [s]
+    wrench: np.ndarray  # (n, 3) X, Y [N], N [N m], body
+    sigma: np.ndarray  # (n, 3) standard deviations of its estimate
+    heading: np.ndarray  # (n,) [rad]
+    position: np.ndarray  # (n, 2) [m]
+    numbers: Dict
+
+
+def of_wrench(wrench_filter, run, model, events):
+    """Infers the missing wrench along an undisturbed run and says what it follows.
+
+    The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
+    smoother makes of it, so that sizes are those of the wrench and not of its smoothed image.
+    """
+    noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
+    found = variables(run, model.input_max)
+    totals = np.column_stack(
+        [residuals.held(run, times - lag)[:, :2].sum(axis=1) for lag in COMMAND_LAGS]
+    )
+    columns = [v.indicators() for v in found.values()] + [totals]
+    acting = np.hstack(columns)
+    channels = np.repeat([0, 1, 2], acting.shape[1])
+    smoothed = wrench_filter.smooth(noise, np.hstack([acting] * 3), channels.tolist())
+    wrench, sigma = smoothed["wrench"], smoothed["sigma"]
+    every = slice(None, None, stride_of(times))
+    responses = smoothed["responses"][every].reshape(-1, 3, acting.shape[1])
+    result = {
+        "disturbances": [{"start": float(a), "end": float(b)} for a, b in events],
+        "noise": residuals.noise_levels(noise, "N/sqrt(s)", "N m/sqrt(s)"),
+        "channels": {},
+        "thrust": thrust_direction(
+            wrench[every],
+            responses[:, :, -len(COMMAND_LAGS) :],
+            wrench_filter.model_thrust[every],
+            totals[every],
+            nu[every],
+        ),
+    }
+    for i, (channel, scale) in enumerate(zip(CHANNELS, full_scale(model))):
+        values = wrench[every, i]
+        result["channels"][channel] = {
+            "unit": CHANNEL_UNITS[channel],
+            "mean": float(values.mean()),
+            "rms": float(np.sqrt((values**2).mean())),
+            "std": float(values.std()),
+            "sigma": float(np.median(sigma[:, i])),
+            "full_scale": float(scale),
+            "against": _against(values, responses[:, i], found),
+        }
+    return Missing(times, wrench, sigma, eta[:, 2], eta[:, :2], result)
+
+
+def _against(values, responses, found):
+    """Means of a channel of the wrench in the bins of each variable, and its share of variance."""
+    result, at = {}, 0
+    for name, variable in found.items():
+        design = responses[:, at : at + len(variable.centres)]
+        at += len(variable.centres)
+        means, errors, _ = regress(design, values, RIDGE)
+        result[name] = {
+            "label": variable.label,
+            "unit": variable.unit,
+            "centres": variable.centres,
+            "mean": means.tolist(),
+            "standard_error": errors.tolist(),
+            "share": share_explained(design, values),
+        }
+    return result
+
+
+def thrust_direction(wrench, responses, model_thrust, totals, nu):
+    """Direction and size of the force that follows the thrust command, by model and in truth.
+
+    The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS, and
+    on u and v, for damping that is wrong. The sum of both, over all lags, is the force that a lasting
+    command brings about. `responses`: what the smoother makes of the command at each lag, (n, 3,
+    lags). None when the command never changes.
+    """
+    if not totals[:, 0].std() > 0:
+        return None
+    constant = np.ones(len(wrench))
+    lags = len(COMMAND_LAGS)
+    own, missing, jackknife = [], [], []
+    for i in (0, 1):
+        coefficients = regress(np.column_stack([totals, constant]), model_thrust[:, i])[0]
+        own.append(coefficients[:lags].sum())
+        columns = np.column_stack([responses[:, i], constant, nu[:, 0], nu[:, 1]])
+        scale = np.sqrt((columns**2).mean(axis=0))
+        coefficients, _, others = regress(columns / scale, wrench[:, i])
+        missing.append((coefficients / scale)[:lags].sum())
+        jackknife.append((others / scale)[:, :lags].sum(axis=1))
+    own = np.array(own)
+    measured = own + missing
+    others = own[:, None] + np.array(jackknife)
+    angle = np.degrees(np.arctan2(measured[1], measured[0]))
+    spread = np.degrees(
+        np.angle(np.exp(1j * (np.arctan2(others[1], others[0]) - np.radians(angle))))
+    )
+    own_size, size = np.hypot(*own), np.hypot(*measured)
+    own_angle = np.degrees(np.arctan2(own[1], own[0])) if own_size > 0 else 0.0
+    off = float(np.degrees(repair.wrap(np.radians(angle - own_angle))))
+    angle_error = float(np.sqrt((BLOCKS - 1) / BLOCKS * (spread**2).sum()))
+    return {
+        "model": {"angle_deg": float(own_angle), "force_per_unit_input": float(own_size)},
+        "measured": {
+            "angle_deg": float(angle),
+            "angle_standard_error_deg": angle_error,
+            "force_per_unit_input": float(size),
+        },
+        "off_deg": off,
+        "body_axes_differ": bool(abs(off) > AXES_OFF and angle_error < AXES_OFF / 2),
+    }
+
+
+def is_named(share):
+    """Whether a share is large enough, and too large for chance, to be spoken of."""
+    return share["share"] >= CLEAR and share["p"] <= CHANCE
+
+
+def best_variable(against, what="share"):
+    """The variable that explains most, with its corrected share."""
+    name = max(against, key=lambda n: against[n][what]["share"])
+    return name, against[name][what]

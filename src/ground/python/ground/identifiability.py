@@ -1,0 +1,63 @@
+"""What a fit does not tell, in words."""
+import numpy as np
+
+POORLY = 0.03  # a parameter known better than this is known [of its value]
+MUCH_BETTER = 0.5  # a combination that is known so much better than its parts is worth a word
+
+
+def weak_directions(fit):
+    """Parameters of a fit's result that only their ratio or product tells, strongest first.
+
+    Returns dictionaries with `parameters` (two names), `known_as` ("a/b" or "a*b"), its relative
+    standard deviation and those of the two. Linear in the logarithms of the parameters, by the
+    covariance that the fit gives.
+    """
+    rows = [
+        (i, p["name"], p["deviation"] / abs(p["value"]))
+        for i, p in enumerate(fit["parameters"])
+        if p["identified"] and p["value"] != 0 and np.isfinite(p["deviation"])
+    ]
+    found = []
+    for at, (i, first, a) in enumerate(rows):
+        for j, second, b in rows[at + 1 :]:
+            sign = np.sign(fit["parameters"][i]["value"] * fit["parameters"][j]["value"])
+            together = sign * fit["correlation"][i][j]
+            known = np.sqrt(max(a * a + b * b - 2 * abs(together) * a * b, 0.0))
+            worse, better = max(a, b), min(a, b)
+            if better < POORLY or known > MUCH_BETTER * better:
+                continue
+            found.append(
+                {
+                    "parameters": [first, second],
+                    "known_as": "%s%s%s" % (first, "/" if together > 0 else "*", second),
+                    "deviation": float(known),
+                    "deviations": [float(a), float(b)],
+                    "strength": float(worse / max(known, 1e-9)),
+                }
+            )
+    return sorted(found, key=lambda w: -w["strength"])
+
+
+def sentences(fit):
+    """What to tell the user about parameters that the data do not tell."""
+    for p in fit["parameters"]:
+        if not p["identified"]:
+            yield "%s: these data do not tell it" % p["name"]
+        elif p["at_bound"]:
+            yield "%s is at its bound: the data would have it beyond" % p["name"]
+    for weak in weak_directions(fit):
+        first, second = weak["parameters"]
+        yield (
+            "%s and %s are only known as %s: that to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
+            "standard deviation); fix one of them, or record inputs that move them apart"
+            % (
+                first,
+                second,
+                weak["known_as"],
+                100 * weak["deviation"],
+                first,
+                100 * weak["deviations"][0],
+                second,
+                100 * weak["deviations"][1],
+            )
+        )

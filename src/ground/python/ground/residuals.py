@@ -1,0 +1,126 @@
+"""Whether what a model leaves over is white and free of the inputs (Ljung 1999, 16.6).
+
+Residuals of a simulation, and velocities from a smoother, are correlated by construction. What is
+tested is therefore the innovation: each measured pose against its prediction by a Kalman filter
+around the model, with a white force of the likeliest level beside it. Innovations of a true model
+are white, whatever the spacing of the stamps, and do not follow the inputs.
+"""
+from statistics import NormalDist
+
+import numpy as np
+
+from ground import _core
+
+CHANNELS = ("ahead", "starboard", "heading")
+LAGS = 40  # of the auto-correlation [samples]
+INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input came before the residual [s]
+BAND = 0.99
+
+
+def analyse(wrench_filter, run):
+    """Auto-correlation and correlation with thruster commands, with 99% bands.
+
+    Pairs never reach over a gap. Lags of the auto-correlation count samples: innovations are white
+    sample by sample.
+    """
+    nature = _core.WrenchNature.white
+    noise = wrench_filter.likeliest_noise(nature)
+    found = wrench_filter.innovations(nature, noise)
+    residual, valid = found["normalised"], np.array(found["valid"])
+    stretch = np.zeros(len(valid), int)
+    stretch[wrench_filter.stretches[1:-1]] = 1
+    stretch = np.cumsum(stretch)
+    times = np.array(run.times)
+    result = {
+        "of": "innovations of the pose, Kalman filter around the model with white force",
+        "band": BAND,
+        "samples": int(valid.sum()),
+        "noise": noise_levels(noise, "N sqrt(s)", "N m sqrt(s)"),
+        "channels": {},
+    }
+    step = float(np.median(np.diff(times)))
+    for channel, name in enumerate(CHANNELS):
+        values = np.where(valid, residual[:, channel], np.nan)
+        values = values - np.nanmean(values)
+        auto = _autocorrelation(values, stretch)
+        entry = {"autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])}
+        for command in ("sum", "difference"):
+            entry["input_" + command] = _with_input(values, stretch, run, times, command)
+        result["channels"][name] = entry
+    result["white"] = all(c["autocorrelation"]["accepted"] for c in result["channels"].values())
+    return result
+
+
+def noise_levels(noise, force_unit, moment_unit):
+    return {
+        "force": {"value": noise.force, "unit": force_unit},
+        "moment": {"value": noise.moment, "unit": moment_unit},
+        "position": {"value": noise.position, "unit": "m"},
+        "heading": {"value": noise.heading, "unit": "rad"},
+    }
+
+
+def held(run, times):
+    """Commands left, right, lift that hold at `times`, (n, 3); zero before the first."""
+    inputs = run.inputs
+    index = np.searchsorted(inputs[:, 0], times, side="right") - 1
+    return np.where(index[:, None] >= 0, inputs[np.maximum(index, 0), 1:], 0.0)
+
+
+def _autocorrelation(values, stretch):
+    variance = np.nanmean(values**2)
+    lags, found, bands = [], [], []
+    for lag in range(1, min(LAGS, len(values) // 4) + 1):
+        products = values[lag:] * values[:-lag]
+        products = products[(stretch[lag:] == stretch[:-lag]) & np.isfinite(products)]
+        if len(products) < 50:
+            break
+        lags.append(lag)
+        found.append(float(products.mean() / variance))
+        bands.append(1 / np.sqrt(len(products)))
+    return dict({"lag_samples": lags}, **_judged(found, bands))
+
+
+def _with_input(values, stretch, run, times, command):
+    """Correlation with a command that held some time before; None when it never changes."""
+    sign = 1 if command == "sum" else -1
+    good = np.isfinite(values)
+    now = held(run, times)[:, :2] @ [1, sign]
+    if not now[good].std() > 0:
+        return None
+    # Bartlett: a residual that is not white makes the correlation less certain.
+    widening = 1.0
+    centred, residual = now - now[good].mean(), np.where(good, values, 0.0)
+    for lag in range(1, min(100, len(values) // 4)):
+        widening += (
+            2
+            * np.mean(residual[lag:] * residual[:-lag])
+            / np.mean(residual**2)
+            * np.mean(centred[lag:] * centred[:-lag])
+            / np.mean(centred**2)
+        )
+    width = np.sqrt(max(1.0, widening) / good.sum())
+    found = []
+    for lag in INPUT_LAGS:
+        before = (held(run, times - lag)[:, :2] @ [1, sign])[good]
+        spread = before.std() * values[good].std()
+        found.append(
+            float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0
+        )
+    judged = _judged(found, [width] * len(found))
+    return dict({"lag_seconds": [float(lag) for lag in INPUT_LAGS]}, **judged)
+
+
+def _judged(found, widths):
+    """Values with bands; accepted unless one is further out than any of them is by chance."""
+    found, widths = np.array(found), np.array(widths)
+    quantile = NormalDist().inv_cdf(0.5 + BAND / 2)
+    outside = int((np.abs(found) > quantile * widths).sum())
+    furthest = NormalDist().inv_cdf(1 - 0.5 * (1 - BAND) / max(1, len(found)))
+    return {
+        "value": found.tolist(),
+        "band99": (quantile * widths).tolist(),
+        "outside": outside,
+        "lags": len(found),
+        "accepted": bool((np.abs(found) <= furthest * widths).all()),
+    }

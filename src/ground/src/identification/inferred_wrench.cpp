@@ -1,0 +1,372 @@
+#include "ground/identification/inferred_wrench.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include "ground/identification/prediction.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+namespace {
+
+constexpr int kSettling = 10;    // samples until a stretch's initial state is found
+constexpr double kLimit = 25.0;  // of an innovation's squared Mahalanobis distance, 3 degrees
+
+/// A wrench from outside the model, of the scalar type of the dynamics it is put into.
+class OutsideWrench final : public Effect {
+ public:
+  const EffectInfo& info() const override {
+    static const EffectInfo info{"outside wrench", "wrench that the model does not know", {}, 0};
+    return info;
+  }
+  unsigned hooks() const override { return kWrench; }
+  /// Itself: whoever sets the value is the one who steps the dynamics.
+  std::shared_ptr<const Effect> forThread() const override {
+    return std::shared_ptr<const Effect>(std::shared_ptr<const Effect>(), this);
+  }
+  void wrench(const double*, const Point<double>&, Vector3<double>&) const override {}
+  void wrench(const Jet*, const Point<Jet>&, Vector3<Jet>& wrench) const override {
+    wrench += value;
+  }
+
+  Vector3<Jet> value = Vector3<Jet>::Zero();
+};
+
+/// The state at a linearisation point, with no wrench, and which derivatives a Jet carries.
+struct Seeded {
+  RigidState<Jet> state;
+  Vector3<Jet> wrench = Vector3<Jet>::Zero();
+
+  Seeded(const RigidState<double>& at, const std::vector<int>& columns) {
+    state.eta = at.eta.cast<Jet>();
+    state.nu = at.nu.cast<Jet>();
+    for (std::size_t j = 0; j < columns.size(); ++j) {
+      const int i = columns[j];
+      (i < 3 ? state.eta(i) : i < 6 ? state.nu(i - 3) : wrench(i - 6)).v[j] = 1;
+    }
+  }
+};
+
+/// Inertia-free view of the model's wrench: what the inputs add to the acceleration, times mass.
+Vector3<double> thrustWrench(const Dynamics<Jet>& dynamics, OutsideWrench& outside, double t,
+                             const RigidState<double>& at, const Vector2<Jet>& input, double lift) {
+  const Seeded seeded(at, {6, 7, 8});
+  outside.value = seeded.wrench;
+  const Vector3<Jet> with = dynamics.derivative(Jet(t), seeded.state, input, lift).nu;
+  const Vector3<Jet> without =
+      dynamics.derivative(Jet(t), seeded.state, Vector2<Jet>::Zero(), lift).nu;
+  Matrix3<double> mobility;
+  Vector3<double> change;
+  for (int i = 0; i < 3; ++i) {
+    mobility.row(i) = with(i).v.head<3>();
+    change(i) = with(i).a - without(i).a;
+  }
+  return mobility.inverse() * change;
+}
+
+double liftAt(const InputSequence& inputs, double t) {
+  const auto next = std::upper_bound(inputs.times.begin(), inputs.times.end(), t);
+  return next == inputs.times.begin() ? 0.0 : inputs.lift[next - inputs.times.begin() - 1];
+}
+
+}  // namespace
+
+/// What the smoother needs of a forward pass, per sample.
+struct WrenchFilter::Pass {
+  explicit Pass(std::size_t count)
+      : predicted(count),
+        filtered(count),
+        predicted_covariance(count),
+        filtered_covariance(count),
+        smoothing_gain(count),
+        gain(count) {}
+
+  std::vector<Vector9> predicted, filtered;
+  std::vector<Matrix9> predicted_covariance, filtered_covariance, smoothing_gain;
+  std::vector<Eigen::Matrix<double, 9, 3>> gain;
+};
+
+WrenchFilter::WrenchFilter(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses,
+                           double max_gap)
+    : force_scale_(typical::force(model.body)), moment_scale_(typical::moment(model.body)) {
+  const auto count = static_cast<Eigen::Index>(run.times.size());
+  if (count == 0 || run.eta.rows() != count || run.nu.rows() != count || poses.rows() != count)
+    throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
+  if (!run.eta.allFinite() || !run.nu.allFinite() || !poses.allFinite())
+    throw std::invalid_argument(run.name + ": a measurement is not finite");
+  stretches_.push_back(0);
+  for (int k = 1; k < count; ++k) {
+    const double dt = run.times[k] - run.times[k - 1];
+    if (!(dt >= 0)) throw std::invalid_argument(run.name + ": times descend");
+    if (dt > max_gap) stretches_.push_back(k);
+  }
+  stretches_.push_back(static_cast<int>(count));
+  linearise(model, run, poses);
+}
+
+void WrenchFilter::linearise(const Model& model, const RunData& run,
+                             const Eigen::MatrixX3d& poses) {
+  OutsideWrench outside;
+  Model augmented = model;
+  augmented.effects.push_back({outside.forThread(), {}});
+  const Dynamics<Jet> dynamics(augmented);
+  // A Jet carries eight derivatives. The ninth, by y, only matters to effects that depend on place.
+  std::vector<std::vector<int>> passes = {{0, 2, 3, 4, 5, 6, 7, 8}};
+  if (!model.effects.empty()) passes.push_back({1});
+
+  const std::size_t count = run.times.size();
+  std::vector<RigidState<double>> along;
+  for (std::size_t k = 0; k < count; ++k)
+    along.push_back(stateSeenAs(dynamics, {run.eta.row(k), run.nu.row(k)}));
+  samples_.resize(count);
+  thrust_.resize(count, 3);
+  for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
+    const std::size_t first = stretches_[s], end = stretches_[s + 1];
+    std::vector<Simulation<Jet>> simulations(
+        passes.size(), Simulation<Jet>(dynamics, run.inputs, {}, run.times[first]));
+    for (std::size_t k = first; k < end; ++k) {
+      Sample& sample = samples_[k];
+      const Seeded here(along[k], {0, 1, 2, 3, 4, 5});
+      const Measurement<Jet> seen = dynamics.measure(here.state);
+      sample.seen.setZero();
+      for (int i = 0; i < 3; ++i) {
+        sample.deviation(i) = poses(k, i) - seen.eta(i).a;
+        sample.seen.row(i).head<6>() = seen.eta(i).v.head<6>();
+      }
+      sample.deviation(2) = wrapAngle(sample.deviation(2));
+      sample.heading = along[k].eta(2);
+      thrust_.row(k) =
+          thrustWrench(dynamics, outside, run.times[k], along[k], simulations[0].actuated(),
+                       liftAt(run.inputs, run.times[k] - dynamics.inputDelay().a));
+
+      sample.transition.setIdentity();
+      sample.offset.setZero();
+      sample.dt = 0;
+      if (k + 1 == end) continue;
+      sample.dt = run.times[k + 1] - run.times[k];
+      for (std::size_t p = 0; p < passes.size(); ++p) {
+        const Seeded seeded(along[k], passes[p]);
+        outside.value = seeded.wrench;
+        simulations[p].state() = seeded.state;
+        simulations[p].advance(run.times[k + 1]);
+        const RigidState<Jet>& to = simulations[p].state();
+        for (int i = 0; i < 3; ++i) {
+          for (std::size_t j = 0; j < passes[p].size(); ++j) {
+            sample.transition(i, passes[p][j]) = to.eta(i).v[j];
+            sample.transition(3 + i, passes[p][j]) = to.nu(i).v[j];
+          }
+          sample.offset(i) = to.eta(i).a - along[k + 1].eta(i);
+          sample.offset(3 + i) = to.nu(i).a - along[k + 1].nu(i);
+        }
+      }
+      sample.offset(2) = wrapAngle(sample.offset(2));
+      if (!sample.transition.allFinite() || !sample.offset.allFinite())
+        throw std::runtime_error("the model's motion is not finite in " + run.name + " at " +
+                                 std::to_string(run.times[k]) + " s");
+    }
+  }
+}
+
+WrenchFilter::Matrix9 WrenchFilter::initialCovariance(WrenchNature nature,
+                                                      const WrenchNoise& noise) const {
+  constexpr double kSpeed = 0.3, kYawRate = 3.0;  // errors of smoothed velocities, generously
+  Vector9 sigma;
+  sigma << 3 * noise.position, 3 * noise.position, 3 * noise.heading, kSpeed, kSpeed, kYawRate,
+      force_scale_, force_scale_, moment_scale_;
+  if (nature == WrenchNature::kWhite) sigma.tail<3>().setZero();
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
+WrenchFilter::Matrix9 WrenchFilter::processNoise(const Sample& sample, WrenchNature nature,
+                                                 const WrenchNoise& noise) const {
+  Matrix9 Q = Matrix9::Zero();
+  if (sample.dt <= 0) return Q;
+  const Vector3<double> density =
+      Vector3<double>(noise.force, noise.force, noise.moment).cwiseAbs2();
+  const Eigen::Matrix<double, 6, 3> by_wrench = sample.transition.topRightCorner<6, 3>();
+  const Eigen::Matrix<double, 6, 3> scaled = by_wrench * density.asDiagonal();
+  if (nature == WrenchNature::kWhite) {
+    Q.topLeftCorner<6, 6>() = scaled * by_wrench.transpose() / sample.dt;
+    return Q;
+  }
+  // Integrals over a step in which the response to a wrench grows in proportion to time.
+  Q.topLeftCorner<6, 6>() = scaled * by_wrench.transpose() * (sample.dt / 3);
+  Q.topRightCorner<6, 3>() = scaled * (sample.dt / 2);
+  Q.bottomLeftCorner<3, 6>() = Q.topRightCorner<6, 3>().transpose();
+  Q.bottomRightCorner<3, 3>() = (density * sample.dt).asDiagonal();
+  return Q;
+}
+
+Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, Pass* pass) const {
+  const std::size_t count = samples_.size();
+  Innovations result;
+  result.normalised.resize(count, 3);
+  result.valid.assign(count, false);
+  const Vector3<double> variance =
+      Vector3<double>(noise.position, noise.position, noise.heading).cwiseAbs2();
+  const Matrix9 start = initialCovariance(nature, noise);
+  for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
+    Vector9 x = Vector9::Zero();
+    Matrix9 P = start;
+    for (int k = stretches_[s]; k < stretches_[s + 1]; ++k) {
+      const Sample& sample = samples_[k];
+      if (pass) {
+        pass->predicted[k] = x;
+        pass->predicted_covariance[k] = P;
+      }
+      const Vector3<double> innovation = sample.deviation - sample.seen * x;
+      const Eigen::Matrix<double, 9, 3> PH = P * sample.seen.transpose();
+      Matrix3<double> S = sample.seen * PH;
+      S.diagonal() += variance;
+      Matrix3<double> inverse = S.inverse();
+      const double distance = innovation.dot(inverse * innovation);
+      const double inflation = std::max(1.0, distance / kLimit);
+      inverse /= inflation;
+      const Vector2<double> ahead = worldToBody<double>(sample.heading, innovation.head<2>());
+      const double c = std::cos(sample.heading), si = std::sin(sample.heading);
+      const double same = 2 * c * si * S(0, 1);
+      result.normalised.row(k) << ahead(0) / std::sqrt(c * c * S(0, 0) + si * si * S(1, 1) + same),
+          ahead(1) / std::sqrt(si * si * S(0, 0) + c * c * S(1, 1) - same),
+          innovation(2) / std::sqrt(S(2, 2));
+      result.normalised.row(k) /= std::sqrt(inflation);
+      if (k - stretches_[s] >= kSettling) {
+        result.valid[k] = true;
+        result.log_likelihood -= 0.5 * (std::log(S.determinant()) + 3 * std::log(inflation) +
+                                        std::min(distance, kLimit));
+      }
+      const Eigen::Matrix<double, 9, 3> K = PH * inverse;
+      x += K * innovation;
+      P -= K * PH.transpose();
+      if (pass) {
+        pass->filtered[k] = x;
+        pass->filtered_covariance[k] = P;
+        pass->gain[k] = K;
+      }
+      x = (sample.transition * x + sample.offset).eval();
+      const Matrix9 moved = sample.transition * P * sample.transition.transpose();
+      P = 0.5 * (moved + moved.transpose()) + processNoise(sample, nature, noise);
+    }
+  }
+  return result;
+}
+
+Innovations WrenchFilter::innovations(WrenchNature nature, const WrenchNoise& noise) const {
+  return filter(nature, noise, nullptr);
+}
+
+WrenchNoise WrenchFilter::likeliestNoise(WrenchNature nature) const {
+  using Levels = std::array<double, 4>;
+  const auto toNoise = [](const Levels& logs) {
+    return WrenchNoise{std::exp(logs[0]), std::exp(logs[1]), std::exp(logs[2]), std::exp(logs[3])};
+  };
+  const auto likelihood = [&](const Levels& logs) {
+    const double value = filter(nature, toNoise(logs), nullptr).log_likelihood;
+    return std::isfinite(value) ? value : -std::numeric_limits<double>::infinity();
+  };
+  const double memory = nature == WrenchNature::kWhite ? 0.1 : 1.0;
+  Levels logs = {std::log(0.3 * memory * force_scale_), std::log(0.3 * memory * moment_scale_),
+                 std::log(5e-4), std::log(5e-3)};
+  const Levels lowest = {std::log(1e-6 * force_scale_), std::log(1e-6 * moment_scale_),
+                         std::log(1e-6), std::log(1e-5)};
+  double best = likelihood(logs);
+  for (const double factor : {6.0, 2.5, 1.6, 1.25}) {
+    const double step = std::log(factor);
+    for (bool moved = true; moved;) {
+      moved = false;
+      for (std::size_t i = 0; i < logs.size(); ++i) {
+        for (const double sign : {1.0, -1.0}) {
+          Levels other = logs;
+          bool better = false;
+          for (;;) {
+            other[i] += sign * step;
+            const double value = other[i] > lowest[i] ? likelihood(other) : best;
+            if (!(value > best + 1e-3)) break;
+            best = value;
+            logs = other;
+            moved = better = true;
+          }
+          if (better) break;
+        }
+      }
+    }
+  }
+  return toNoise(logs);
+}
+
+InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::MatrixXd& acting,
+                                    const std::vector<int>& channels) const {
+  const auto count = static_cast<Eigen::Index>(samples_.size());
+  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
+      (acting.cols() > 0 && acting.rows() != count))
+    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
+  for (const int channel : channels)
+    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
+  Pass pass(samples_.size());
+  filter(WrenchNature::kRandomWalk, noise, &pass);
+
+  InferredWrench result;
+  result.wrench.resize(count, 3);
+  result.sigma.resize(count, 3);
+  for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
+    const int first = stretches_[s], last = stretches_[s + 1] - 1;
+    Vector9 x = pass.filtered[last];
+    Matrix9 P = pass.filtered_covariance[last];
+    for (int k = last; k >= first; --k) {
+      if (k < last) {
+        // Rauch, Tung, Striebel 1965; scaled, for the units' sizes are far apart
+        const Matrix9& next = pass.predicted_covariance[k + 1];
+        const Vector9 scale = next.diagonal().cwiseSqrt().cwiseInverse();
+        const Matrix9 scaled = scale.asDiagonal() * next * scale.asDiagonal();
+        const Matrix9 cross =
+            scale.asDiagonal() * samples_[k].transition * pass.filtered_covariance[k];
+        const Matrix9 gain = (scale.asDiagonal() * scaled.ldlt().solve(cross)).transpose();
+        pass.smoothing_gain[k] = gain;
+        x = pass.filtered[k] + gain * (x - pass.predicted[k + 1]);
+        P = (pass.filtered_covariance[k] + gain * (P - next) * gain.transpose()).eval();
+      }
+      result.wrench.row(k) = x.tail<3>();
+      result.sigma.row(k) = P.diagonal().tail<3>().cwiseMax(0).cwiseSqrt();
+    }
+  }
+  respond(pass, acting, channels, result.responses);
+  return result;
+}
+
+/// The filter is linear: its error when only the acting wrench is at work follows the same gains.
+void WrenchFilter::respond(const Pass& pass, const Eigen::MatrixXd& acting,
+                           const std::vector<int>& channels, Eigen::MatrixXd& responses) const {
+  constexpr int kTogether = 16;
+  using Errors = Eigen::Matrix<double, 9, kTogether>;
+  std::vector<Errors> predicted(samples_.size()), filtered(samples_.size());
+  responses.resize(static_cast<Eigen::Index>(samples_.size()), acting.cols());
+  for (Eigen::Index begin = 0; begin < acting.cols(); begin += kTogether) {
+    const Eigen::Index end = std::min<Eigen::Index>(acting.cols(), begin + kTogether);
+    for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
+      const int first = stretches_[s], last = stretches_[s + 1] - 1;
+      for (int k = first; k <= last; ++k) {
+        Errors error = Errors::Zero();
+        if (k > first) error = samples_[k - 1].transition * filtered[k - 1];
+        for (Eigen::Index j = begin; j < end; ++j)
+          error(6 + channels[j], j - begin) += acting(k, j) - (k > first ? acting(k - 1, j) : 0.0);
+        predicted[k] = error;
+        filtered[k] = error - pass.gain[k] * (samples_[k].seen * error);
+      }
+      Errors error = filtered[last];
+      for (int k = last; k >= first; --k) {
+        if (k < last)
+          error = (filtered[k] + pass.smoothing_gain[k] * (error - predicted[k + 1])).eval();
+        for (Eigen::Index j = begin; j < end; ++j)
+          responses(k, j) = acting(k, j) - error(6 + channels[j], j - begin);
+      }
+    }
+  }
+}
+
+}  // namespace ground

@@ -1,0 +1,365 @@
+"""identify compare as its users run it: does it point at what is hidden in a run?"""
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, SHARED, identify, write_bag
+
+FULL = 2 * 0.062  # thrust of the Tiny Whoover at full input [N]
+
+
+def model_with(path, effects):
+    """The Tiny Whoover's file with effects, a line of YAML each."""
+    lines = "".join("  - %s\n" % e for e in effects)
+    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n" + lines))
+    return path
+
+
+def hidden(tmp_path, *effects, noise=1.0, seed=7):
+    """A change for write_bag: the craft has effects that the nominal model does not know."""
+    from ground import _core
+
+    truth = _core.load_model(str(model_with(tmp_path / "truth.yaml", effects)))
+
+    def change(times, eta, inputs):
+        random = np.random.default_rng(seed)
+        run = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))
+        eta = run["eta"] + noise * random.normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
+        eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
+        return times, eta, inputs
+
+    return change
+
+
+def compare(folder, bags, *models, options=()):
+    """What compare writes; its words are under "words"."""
+    arguments = [a for m in models for a in ("--model", m)]
+    result = identify("compare", *bags, *arguments, "-o", folder, *options)
+    assert result.returncode == 0, result.stderr
+    assert "Traceback" not in result.stderr
+
+    def refuse(word):
+        raise AssertionError("%s is no JSON" % word)
+
+    report = json.loads((folder / "compare.json").read_text(), parse_constant=refuse)
+    report["words"] = result.stdout
+    return report
+
+
+def study(tmp_path, *effects, duration=15, **options):
+    """The nominal model against one run of a craft with hidden effects."""
+    change = hidden(tmp_path, *effects, **options)
+    bag = write_bag(tmp_path / "run.bag", duration=duration, change=change)
+    report = compare(tmp_path / "out", [bag], MODEL)
+    one = report["runs"][0]["models"]["tiny_whoover"]
+    one["words"] = report["words"]
+    return one
+
+
+def best(one, channel):
+    against = one["wrench"]["channels"][channel]["against"]
+    return max(against, key=lambda name: against[name]["share"]["share"])
+
+
+def slope(one, channel, variable):
+    """Of the missing wrench against a variable, from the means in its bins."""
+    entry = one["wrench"]["channels"][channel]["against"][variable]
+    weights = 1 / np.maximum(np.array(entry["standard_error"]), 1e-9)
+    return np.polyfit(entry["centres"], entry["mean"], 1, w=weights)[0]
+
+
+def share(one, channel, variable):
+    return one["wrench"]["channels"][channel]["against"][variable]["share"]["share"]
+
+
+def test_a_true_model_leaves_nothing(tmp_path):
+    bags = [write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=15) for s in (1, 2, 3)]
+    report = compare(tmp_path / "out", bags, MODEL)
+    outside = lags = 0
+    for run in report["runs"]:
+        one = run["models"]["tiny_whoover"]
+        assert one["residuals"]["white"], run["name"]
+        for channel in one["residuals"]["channels"].values():
+            for kind in ("autocorrelation", "input_sum", "input_difference"):
+                outside += channel[kind]["outside"]
+                lags += channel[kind]["lags"]
+            assert channel["input_sum"]["accepted"] and channel["input_difference"]["accepted"]
+        for channel in one["wrench"]["channels"].values():
+            assert channel["rms"] < 0.01 * channel["full_scale"]
+        assert not one["wrench"]["thrust"]["body_axes_differ"]
+        assert abs(one["wrench"]["thrust"]["off_deg"]) < 1
+        assert one["wrench"]["disturbances"] == []
+        assert 0.9 < one["wrench"]["noise"]["position"]["value"] / 3e-4 < 1.3
+        assert one["fit_percent"]["u"] > 90
+    assert outside / lags < 0.03, "99%% bands: %d of %d outside" % (outside, lags)
+    assert "no wrench is missing" in report["words"]
+    assert "body axes" not in report["words"]
+
+
+def test_numbers_of_a_wrong_model(tmp_path):
+    one = study(tmp_path, "{name: motor_lag, tau: 0.1}", "{name: yaw_bias, n0: 2.0e-4}")
+    horizons = one["horizons"]
+    assert [h["seconds"] for h in horizons[1:]] == [0.1, 0.25, 0.5, 1, 2, 4]
+    assert horizons[0]["seconds"] == pytest.approx(0.01, abs=1e-4), "one step"
+    for quantity in ("position_mm", "heading_deg", "r_sigma"):
+        rms = [h[quantity]["rms"] for h in horizons[:-2]]
+        assert (np.diff(rms) > 0).all(), (quantity, rms)
+    assert min(h["starts"] for h in horizons) > 50
+    assert one["prediction_error"] > one["error"] > 0.1
+    assert sum(one["error_by_channel"].values()) == pytest.approx(one["error"], rel=1e-6)
+    assert one["rms_units"] == {"u": "m/s", "v": "m/s", "r": "rad/s"}
+
+
+def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
+    """A yaw moment that the model lacks turns the craft as the closed form says."""
+    one = study(tmp_path, "{name: yaw_bias, n0: 1.0e-4}")
+    inertia, damping = 8.8e-5, 4.62e-5
+    for horizon in one["horizons"][3:5]:
+        t, rate = horizon["seconds"], damping / inertia
+        turned = 1e-4 / damping * (t - (1 - np.exp(-rate * t)) / rate)
+        assert horizon["heading_deg"]["median"] == pytest.approx(np.degrees(turned), rel=0.1)
+
+
+def test_a_constant_side_force(tmp_path):
+    one = study(tmp_path, "{name: body_force_bias, x0: 0.0, y0: 0.02}")
+    channels = one["wrench"]["channels"]
+    assert channels["Y"]["mean"] == pytest.approx(0.02, rel=0.1)
+    assert abs(channels["X"]["mean"]) < 0.002
+    assert channels["Y"]["std"] < 0.005
+    assert "missing most is side force Y" in one["words"]
+
+
+def test_thrust_across_the_body_axis_is_seen_at_once(tmp_path):
+    one = study(tmp_path, "{name: heading_offset, psi0: 1.5707963}")
+    thrust = one["wrench"]["thrust"]
+    assert thrust["body_axes_differ"]
+    assert thrust["model"]["angle_deg"] == pytest.approx(0, abs=1e-6)
+    assert thrust["model"]["force_per_unit_input"] == pytest.approx(0.062, rel=1e-6)
+    assert thrust["measured"]["angle_deg"] == pytest.approx(-90, abs=8)
+    assert thrust["measured"]["force_per_unit_input"] == pytest.approx(0.062, rel=0.1)
+    assert "body axes differ: measured thrust acts at -" in one["words"]
+    assert "from the model's body x axis" in one["words"]
+    offset = float(one["words"].split("heading_offset of ")[1].split()[0])
+    assert offset == pytest.approx(np.pi / 2, abs=0.15), "as it was made"
+
+
+def test_turned_thrust_follows_the_total_thrust(tmp_path):
+    one = study(tmp_path, "{name: thrust_misalignment, angle: 0.35}")
+    thrust = one["wrench"]["thrust"]
+    assert thrust["off_deg"] == pytest.approx(np.degrees(0.35), abs=3)
+    assert not thrust["body_axes_differ"], "20 degrees are a matter of the model, not of axes"
+    assert best(one, "Y") == "u_L+u_R"
+    assert share(one, "Y", "u_L+u_R") > 0.8
+    assert slope(one, "Y", "u_L+u_R") == pytest.approx(0.062 * np.sin(0.35), rel=0.1)
+    assert "total thrust u_L+u_R explains" in one["words"]
+
+
+def test_a_side_force_of_unequal_thrusts(tmp_path):
+    one = study(tmp_path, "{name: differential_side_force, c: 0.5}")
+    assert best(one, "Y") == "u_L-u_R"
+    assert share(one, "Y", "u_L-u_R") > 0.8
+    assert slope(one, "Y", "u_L-u_R") == pytest.approx(0.5 * 0.062, rel=0.15)
+    assert share(one, "X", "u_L-u_R") < 0.2
+
+
+def test_drag_follows_the_velocity(tmp_path):
+    one = study(tmp_path, "{name: momentum_drag, q: 0.05}", duration=25)
+    assert best(one, "X") == "u" and best(one, "Y") == "v"
+    assert slope(one, "X", "u") == pytest.approx(-0.05, rel=0.25)
+    assert slope(one, "Y", "v") == pytest.approx(-0.05, rel=0.25)
+
+
+def test_wind_follows_the_heading(tmp_path):
+    one = study(tmp_path, "{name: wind, wx: 1.0, wy: 0.0}", duration=25)
+    assert best(one, "Y") == "heading"
+    entry = one["wrench"]["channels"]["Y"]["against"]["heading"]
+    # Y_v times the wind's component to starboard
+    expected = -0.0271 * np.sin(np.radians(entry["centres"]))
+    assert np.corrcoef(entry["mean"], expected)[0, 1] > 0.95
+    assert np.ptp(entry["mean"]) == pytest.approx(2 * 0.0271, rel=0.35)
+
+
+def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
+    one = study(tmp_path, "{name: motor_lag, tau: 0.15}")
+    assert not one["residuals"]["white"]
+    heading = one["residuals"]["channels"]["heading"]
+    assert not heading["autocorrelation"]["accepted"]
+    assert not heading["input_difference"]["accepted"]
+    measured = one["wrench"]["thrust"]["measured"]
+    assert measured["force_per_unit_input"] == pytest.approx(0.062, rel=0.1), "late, but not less"
+    assert "residuals" in one["words"] and "still follow u_L" in one["words"]
+
+
+def test_error_is_put_where_it_is(tmp_path):
+    """A floor that is rough on one side of the room only."""
+    one = study(
+        tmp_path,
+        "{name: rough, expression: {X: '-c*(x>0.3 ? 1 : 0)*u', Y: '-c*(x>0.3 ? 1 : 0)*v'},"
+        " parameters: {c: {value: 0.4, unit: N s/m, lower: 0, upper: 1}}}",
+        duration=30,
+    )
+    where = one["where"]["x"]
+    centres, error = np.array(where["centres"]), np.array(where["error"]["u"])
+    assert error[centres > 0.3].mean() > 4 * error[centres < 0.1].mean()
+    shares = {n: e["share_of_sum"]["share"] for n, e in one["where"].items()}
+    assert max(shares[n] for n in ("x", "y", "position")) > shares["heading"]
+
+
+def test_a_push_is_left_out_and_said(tmp_path):
+    change = hidden(tmp_path, "{name: differential_side_force, c: 0.5}")
+
+    def pushed(times, eta, inputs):
+        times, eta, inputs = change(times, eta, inputs)
+        eta[:, 0] += 0.15 * np.clip((times - 9) / 0.06, 0, 1)  # 2.5 m/s for 60 ms
+        return times, eta, inputs
+
+    bag = write_bag(tmp_path / "run.bag", duration=15, change=pushed)
+    report = compare(tmp_path / "out", [bag], MODEL, options=["--all"])
+    one = report["runs"][0]["models"]["tiny_whoover"]
+    (event,) = one["wrench"]["disturbances"]
+    assert event["start"] < 9 < event["end"] and event["end"] - event["start"] < 2.5
+    assert best(one, "Y") == "u_L-u_R" and share(one, "Y", "u_L-u_R") > 0.7
+    assert "no input explains" in report["words"]
+
+
+def test_gaps_are_no_residuals(tmp_path):
+    def change(times, eta, inputs):
+        seen = (times < 4) | (times > 4.3)
+        seen &= (times < 9) | (times > 10.6)
+        return times[seen], eta[seen], inputs
+
+    bag = write_bag(tmp_path / "run.bag", duration=20, change=change)
+    report = compare(tmp_path / "out", [bag], MODEL)
+    one = report["runs"][0]["models"]["tiny_whoover"]
+    assert one["residuals"]["white"]
+    assert max(c["rms"] / c["full_scale"] for c in one["wrench"]["channels"].values()) < 0.02
+    assert all(h["position_mm"]["rms"] < 200 for h in one["horizons"][:5])
+
+
+def test_fit_and_held_out_runs_are_kept_apart(tmp_path):
+    change = hidden(tmp_path, "{name: quadratic_drag, cx: 0.03, cy: 0.03, cr: 0.0}")
+    bags = [
+        write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=10, change=change) for s in (1, 2, 3)
+    ]
+    fitted = tmp_path / "fitted.yaml"
+    assert identify("fit", *bags[:2], "--model", MODEL, "-o", fitted).returncode == 0
+    report = compare(tmp_path / "out", bags, MODEL, fitted)
+    roles = [run["models"]["fitted"]["role"] for run in report["runs"]]
+    assert roles == ["fit", "fit", "held_out"]
+    assert {run["models"]["tiny_whoover"]["role"] for run in report["runs"]} == {"held_out"}
+    errors = [run["models"]["fitted"]["error"] for run in report["runs"]]
+    pooled = report["pooled"]["fitted"]
+    assert pooled["fit"]["error"] == pytest.approx(np.mean(errors[:2]), rel=0.05)
+    assert pooled["held_out"]["error"] == pytest.approx(errors[2], rel=1e-9)
+    assert report["pooled"]["tiny_whoover"]["fit"] is None
+    assert pooled["all"]["error"] < report["pooled"]["tiny_whoover"]["all"]["error"]
+    assert "held out" in report["words"] and "all runs" in report["words"]
+
+
+def test_files_and_pictures(tmp_path):
+    bag = write_bag(tmp_path / "run.bag", duration=6)
+    out = tmp_path / "out"
+    report = compare(
+        out, [bag], MODEL, model_with(tmp_path / "other.yaml", ["{name: yaw_bias, n0: 0.0}"])
+    )
+    names = {p.name for p in out.iterdir()}
+    assert names == {"compare.json", "run.png", "run.where.png", "run.residuals.png"} | {
+        "run.wrench.%s.%s" % (m, kind) for m in ("tiny_whoover", "other") for kind in ("png", "csv")
+    }
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in out.glob("*.png"))
+    series = np.genfromtxt(out / "run.wrench.other.csv", delimiter=",", names=True)
+    assert len(series) > 500 and np.isfinite(series.view(float)).all()
+    assert report["schema"] == "ground/compare/1"
+
+    before = {p: p.read_bytes() for p in out.iterdir()}
+    again = identify("compare", bag, "--model", MODEL, "-o", out)
+    assert again.returncode == 1 and "exists" in again.stderr and "--force" in again.stderr
+    assert {p: p.read_bytes() for p in out.iterdir()} == before
+    drawn = tmp_path / "drawn"
+    result = identify("compare", bag, "--model", MODEL, "-o", drawn, "--format", "svg", "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout) == json.loads((drawn / "compare.json").read_text())
+    assert len(list(drawn.glob("*.svg"))) == 4
+    assert all("<svg" in p.read_text()[:1000] for p in drawn.glob("*.svg"))
+
+
+def test_bad_input_is_refused_with_one_sentence(tmp_path):
+    bag = write_bag(tmp_path / "run.bag", duration=6)
+    short = write_bag(tmp_path / "short.bag", duration=0.5)
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(MODEL.read_text().replace("effects: []", "effects: []\nwheels: 4"))
+    occupied = tmp_path / "occupied"
+    occupied.write_text("a file")
+    out = tmp_path / "out"
+    stiff = tmp_path / "stiff.yaml"
+    stiff.write_text(MODEL.read_text().replace("4.62e-5", "1e300").replace("8.8e-5", "1e-300"))
+    for arguments, words in (
+        ((bag, "--model", bad, "-o", out), ["bad.yaml", "wheels"]),
+        ((bag, "--model", tmp_path / "none.yaml", "-o", out), ["none.yaml"]),
+        ((tmp_path / "none.bag", "--model", MODEL, "-o", out), ["none.bag", "no such file"]),
+        ((short, "--model", MODEL, "-o", out), ["short", "too short"]),
+        ((bag, "--model", MODEL, "--model", MODEL, "-o", out), ["model", "twice"]),
+        ((bag, bag, "--model", MODEL, "-o", out), ["bag", "twice"]),
+        ((bag, "--model", MODEL, "-o", occupied), ["occupied", "folder"]),
+        ((bag, "--model", stiff, "-o", out), ["stiff", "not finite"]),
+    ):
+        result = identify("compare", *arguments)
+        assert result.returncode == 1, (arguments, result.stdout)
+        assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+        for word in words:
+            assert word in result.stderr, result.stderr
+        assert not list(out.glob("*"))
+    assert occupied.read_text() == "a file"
+    for arguments in ((bag, "-o", out), (bag, "--model", MODEL), (bag, "--format", "gif")):
+        result = identify("compare", *arguments)
+        assert result.returncode == 2 and "usage" in result.stderr
+
+
+def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
+    bags = {}
+    for stamp in recordings:
+        bags[stamp] = tmp_path / (stamp + ".bag")
+        pair = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
+        assert identify("import", *pair, "-o", bags[stamp]).returncode == 0
+    fitted = tmp_path / "fitted.yaml"
+    second = [b for s, b in bags.items() if s.startswith("2019-04-16")]
+    assert identify("fit", *second, "--model", MODEL, "-o", fitted).returncode == 0
+    report = compare(tmp_path / "out", bags.values(), fitted)
+    for run in report["runs"]:
+        one = run["models"]["fitted"]
+        first_day = run["name"].startswith("2019-04-11")
+        thrust = one["wrench"]["thrust"]
+        assert thrust["body_axes_differ"] == first_day, (run["name"], thrust)
+        assert any("body axes differ" in s for s in one["summary"]) == first_day
+        assert one["role"] == ("held_out" if first_day else "fit")
+        if first_day:
+            assert thrust["off_deg"] == pytest.approx(-90, abs=20), run["name"]
+            assert 0.04 < thrust["measured"]["force_per_unit_input"] < 0.12
+        else:
+            assert abs(thrust["off_deg"]) < 20, run["name"]
+    pooled = report["pooled"]["fitted"]
+    assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
+
+
+def test_shares_are_not_given_to_chance():
+    """Two series that drift, each by itself, explain nothing of each other; a cause does."""
+    from ground import failure
+
+    named = 0
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        drift = np.zeros((1500, 2))
+        for i in range(1, len(drift)):
+            drift[i] = 0.95 * drift[i - 1] + random.normal(size=2)
+        bins = np.clip(
+            np.digitize(drift[:, 1], np.quantile(drift[:, 1], [0.2, 0.4, 0.6, 0.8])), 0, 4
+        )
+        design = (bins[:, None] == np.arange(5)).astype(float)
+        share = failure.share_explained(design, drift[:, 0])
+        named += failure.is_named(share)
+        assert share["raw"] >= share["share"] >= 0
+        cause = failure.share_explained(design, design @ [0, 1, 2, 3, 4.0] * 3 + drift[:, 0])
+        variance = np.var(design @ [0, 1, 2, 3, 4.0] * 3)
+        expected = variance / (variance + np.var(drift[:, 0]))
+        assert cause["share"] == pytest.approx(expected, abs=0.2)
+    assert named <= 3
