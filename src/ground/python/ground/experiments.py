@@ -160,8 +160,8 @@ def simulate(
 def read_schedule(path):
     """A CSV file of inputs: bits, or rows with a header time,left,right or time,left,right,lift.
 
-    Gives ("bits", list of pairs) or ("timed", rows of 3 or 4 columns). Raises IdentifyError that
-    names file and line.
+    Gives ("bits", list of pairs), or ("timed", rows) without and ("lifted", rows) with a column lift.
+    Raises IdentifyError that names file and line.
     """
     try:
         with open(path) as file:
@@ -170,7 +170,8 @@ def read_schedule(path):
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
     header = [cell.strip() for cell in lines[0].split(",")] if lines else []
     if header[:1] == ["time"]:
-        return "timed", _timed_rows(path, header, lines)
+        rows = _timed_rows(path, header, lines)
+        return ("lifted" if rows.shape[1] == 4 else "timed"), rows
     try:
         return "bits", _core.read_prbs(path)
     except RuntimeError as error:

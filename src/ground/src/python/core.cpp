@@ -155,7 +155,7 @@ py::dict toDict(const FitResult& result) {
 
 PYBIND11_MODULE(_core, module) {
   using namespace ground;
-  module.doc() = "The C++ core: model, smoother, fit by simulation error.";
+  module.doc() = "The C++ core: model, smoother, fit by simulation error, experiments.";
 
   py::class_<Provenance>(module, "Provenance")
       .def(py::init<>())

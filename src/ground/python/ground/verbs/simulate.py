@@ -10,14 +10,13 @@ from ground.verbs import common
 
 NAME = "simulate"
 SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
-# input: its rows of time, left, right, and the options that it takes
 PATTERNS = {
-    "prbs": (experiments.prbs, ["clock", "order", "levels"]),
-    "steps": (experiments.steps, ["hold", "levels"]),
-    "coast-down": (experiments.coast_down, ["hold", "levels"]),
-    "spin": (experiments.spin, ["hold", "levels"]),
-    "single-thruster": (experiments.single_thruster, ["hold", "levels"]),
+    "steps": experiments.steps,
+    "coast-down": experiments.coast_down,
+    "spin": experiments.spin,
+    "single-thruster": experiments.single_thruster,
 }
+KINDS = ["prbs"] + list(PATTERNS) + ["tracking"]
 STAIRS = ["steps", "single-thruster"]  # take any number of levels
 DURATION = 20.0  # [s]
 
@@ -68,10 +67,20 @@ def _dest(option):
 
 
 CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
+LIFT = ["lift", "lift_time"]
 PATTERN = ["clock", "order", "levels", "hold"]
 TRACKING = ["reference", "origin", "end", "sharp", "controller_model"] + [
     _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
 ]
+# which of these options an input takes; bits, timed and lifted are what a CSV file may hold
+TAKES = {
+    "prbs": ["clock", "order", "levels"] + LIFT,
+    "tracking": TRACKING + LIFT,
+    "bits": ["clock", "levels"] + LIFT,
+    "timed": LIFT,
+    "lifted": [],
+}
+TAKES.update({kind: ["hold", "levels"] + LIFT for kind in PATTERNS})
 
 
 def configure(parser):
@@ -83,7 +92,7 @@ def configure(parser):
         type=_kind,
         required=True,
         metavar="KIND",
-        help=", ".join(PATTERNS) + ", tracking or FILE.csv (below)",
+        help=", ".join(KINDS) + " or FILE.csv (below)",
     )
     parser.add_argument("-o", "--output", metavar="RUN.bag", required=True)
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
@@ -172,18 +181,12 @@ def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
     believed = common.load(arguments.controller_model) if arguments.controller_model else None
+    name = os.path.splitext(os.path.basename(arguments.output))[0]
+    drive, mocap = _drive(arguments), _filled(_core.MocapParams(), MOCAP, arguments)
+    start = arguments.start_pose, arguments.start_velocity
     try:
         _core.AxisMapping(arguments.axes)
-        run = experiments.simulate(
-            model,
-            _drive(arguments),
-            os.path.splitext(os.path.basename(arguments.output))[0],
-            arguments.start_pose,
-            arguments.start_velocity,
-            _filled(_core.MocapParams(), MOCAP, arguments),
-            arguments.seed,
-            believed,
-        )
+        run = experiments.simulate(model, drive, name, *start, mocap, arguments.seed, believed)
     except ValueError as error:
         arguments.refuse(str(error))
     counts = bags.write(run, arguments.output, arguments.axes, arguments.force)
@@ -217,28 +220,25 @@ def run(arguments):
 
 def _drive(arguments):
     """What drives the craft; ends with bad usage when an option does not go with the input."""
-    if arguments.input == "tracking":
-        _refuse_unused(arguments, TRACKING + ["lift", "lift_time"])
+    kind, content = arguments.input, None
+    if kind not in KINDS:
+        kind, content = experiments.read_schedule(arguments.input)
+    _refuse_unused(arguments, kind)
+    if kind == "tracking":
         return _tracking(arguments)
     duration = arguments.duration or DURATION
-    if arguments.input in PATTERNS:
-        make, takes = PATTERNS[arguments.input]
-        options = _given(arguments, takes)
-        if arguments.input == "prbs":
-            options["seed"] = arguments.seed
-        rows = make(duration, **options)
+    options = _given(arguments, [name for name in TAKES[kind] if name in PATTERN])
+    if kind == "prbs":
+        rows = experiments.prbs(duration, seed=arguments.seed, **options)
+    elif kind == "bits":
+        rows = experiments.bits(content, duration, **options)
+    elif kind in ("timed", "lifted"):
+        rows, duration = content, arguments.duration or content[-1, 0]
     else:
-        kind, rows = experiments.read_schedule(arguments.input)
-        takes = ["clock", "levels"] if kind == "bits" else []
-        if kind == "bits":
-            rows = experiments.bits(rows, duration, **_given(arguments, takes))
-        else:
-            duration = arguments.duration or rows[-1, 0]
-    if rows.shape[1] == 4:
-        _refuse_unused(arguments, takes)
+        rows = PATTERNS[kind](duration, **options)
+    if kind == "lifted":
         return experiments.as_given(rows, duration)
-    _refuse_unused(arguments, takes + ["lift", "lift_time"])
-    return experiments.with_lift(rows, duration, **_given(arguments, ["lift", "lift_time"]))
+    return experiments.with_lift(rows, duration, **_given(arguments, LIFT))
 
 
 def _tracking(arguments):
@@ -246,7 +246,7 @@ def _tracking(arguments):
     params.start, params.tail = experiments.LEAD, experiments.TAIL
     params.duration = arguments.duration or DURATION
     _filled(params, CONTROL, arguments)
-    for name, value in _given(arguments, ["lift", "lift_time"]).items():
+    for name, value in _given(arguments, LIFT).items():
         setattr(params, name, value)
     _filled(params.gains, GAINS, arguments)
     reference = _filled(params.reference, REFERENCE, arguments)
@@ -285,24 +285,23 @@ def _given(arguments, names):
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _refuse_unused(arguments, used):
-    for name in PATTERN + TRACKING + ["lift", "lift_time"]:
-        if name not in used and getattr(arguments, name) not in (None, False):
+def _refuse_unused(arguments, kind):
+    for name in PATTERN + TRACKING + LIFT:
+        value = getattr(arguments, name)
+        if name not in TAKES[kind] and value is not None and value is not False:
             arguments.refuse(
                 "--%s does not go with --input %s" % (name.replace("_", "-"), arguments.input)
             )
-    if arguments.levels is None or arguments.input in STAIRS:
-        return
-    if len(arguments.levels) != 2 or arguments.levels[0] > arguments.levels[1]:
-        arguments.refuse("--levels: --input %s takes LOW and HIGH" % arguments.input)
+    levels = arguments.levels
+    if levels is not None and kind not in STAIRS:
+        if len(levels) != 2 or levels[0] > levels[1]:
+            arguments.refuse("--levels: --input %s takes LOW and HIGH" % arguments.input)
 
 
 def _kind(text):
-    if text in PATTERNS or text == "tracking":
-        return text
-    if not text.lower().endswith(".csv"):
+    if text not in KINDS and not text.lower().endswith(".csv"):
         raise argparse.ArgumentTypeError(
-            "'%s' is none of %s, tracking or a .csv file" % (text, ", ".join(PATTERNS))
+            "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
         )
     return text
 
