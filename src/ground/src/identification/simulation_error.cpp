@@ -146,6 +146,10 @@ class WindowCost : public ceres::CostFunction {
 
 using Initials = std::vector<Eigen::VectorXd>;
 
+/// Relative change of the cost at which a descent ends: coarse where another one follows. An exact
+/// fit has no use for the fine one, its cost falls until nothing is left of it.
+constexpr double kCoarse = 1e-5, kFine = 1e-8;
+
 /// Losses to descend by, one after the other. Plain squares come first, they have the widest basin;
 /// absolute values are approached from them.
 std::vector<double> lossesOf(FitOptions::Objective objective) {
@@ -212,7 +216,7 @@ void solveInitial(const SimulationError& problem, const Model& model, const Free
 
 /// One solve; `scaled` and `initial` are start and result.
 ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
-                             const Robust& robust, int iterations, int threads,
+                             const Robust& robust, double tolerance, int iterations, int threads,
                              std::vector<double>& scaled, Initials& initial) {
   ceres::Problem ceres_problem;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
@@ -232,7 +236,9 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = iterations;
   options.num_threads = threadCount(threads);
-  options.function_tolerance = 1e-10;
+  // Steps are cut off at the bounds; to search along each would cost as much as the steps do.
+  options.max_num_line_search_step_size_iterations = 0;
+  options.function_tolerance = tolerance;
   options.parameter_tolerance = 1e-10;
   options.gradient_tolerance = 1e-12;
   options.logging_type = ceres::SILENT;
@@ -279,7 +285,8 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
     free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
     // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
-    if (free.lower.back() == std::numeric_limits<double>::min())
+    const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
+    if (infinite || free.lower.back() == std::numeric_limits<double>::min())
       free.lower.back() = 1e-6 * free.scale.back();
   }
   const auto has = [&names](const char* name) {
@@ -337,7 +344,8 @@ std::string checkFinite(const SimulationError& problem, const Model& model, cons
 /// other parameters still have to go; so those that have come to a bound are held there while the
 /// others go on, and are let go when the cost falls inwards (active set).
 void descend(const SimulationError& problem, const Model& model, const Free& free,
-             const Robust& robust, const FitOptions& options, Solution& solution) {
+             const Robust& robust, double tolerance, const FitOptions& options,
+             Solution& solution) {
   const std::size_t n = free.index.size();
   std::vector<bool> held(n, false), let_go(n, false);
   for (bool first = true;; first = false) {
@@ -352,7 +360,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
       moving.upper.push_back(free.upper[i]);
       scaled.push_back(solution.scaled[i]);
     }
-    const auto summary = solve(problem, model, moving, robust, options.max_iterations,
+    const auto summary = solve(problem, model, moving, robust, tolerance, options.max_iterations,
                                options.threads, scaled, solution.initial);
     solution.cost = summary.final_cost;
     solution.iterations += static_cast<int>(summary.iterations.size());
@@ -391,7 +399,8 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   if (!solution.message.empty()) return solution;
   for (const double delta : losses) {
     solution.delta = delta;
-    descend(problem, model, free, {delta}, options, solution);
+    const bool last = delta == losses.back() && std::isfinite(delta);
+    descend(problem, model, free, {delta}, last ? kFine : kCoarse, options, solution);
     if (!solution.usable) break;
   }
   return solution;
@@ -782,9 +791,12 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     const double at = coordinates[free.index[i]];
     const double spread = u.identified[i] ? deviation(i) * free.scale[i] : kInfinity;
     const double half = quantile * spread;
-    double low = info.fromCoordinate(std::max(at - half, free.lower[i]));
-    double high = info.fromCoordinate(std::min(at + half, free.upper[i]));
-    if (low > high) std::swap(low, high);
+    double low = info.lower, high = info.upper;
+    if (u.identified[i]) {
+      low = info.fromCoordinate(std::max(at - half, free.lower[i]));
+      high = info.fromCoordinate(std::min(at + half, free.upper[i]));
+      if (low > high) std::swap(low, high);
+    }
     const double value = values[free.index[i]];
     const double slope = info.coordinate == Coordinate::kReciprocal ? value * value : 1;
     const double margin = 1e-4 * free.scale[i];

@@ -38,6 +38,7 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   const T* p = coordinates_.data();
   for (T* value : {&body_.m, &body_.l, &body_.I_z, &body_.X_u, &body_.Y_v, &body_.N_r, &body_.k})
     *value = *p++;
+  body_.I_z = 1.0 / body_.I_z;  // its coordinate
   body_.input_max = model.body.input_max;
 
   mass_ = Vector3<T>(body_.m, body_.m, body_.I_z).asDiagonal();
@@ -88,11 +89,10 @@ Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& drive, const Vector3<T>
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::acceleration(const T& t, const RigidState<T>& state,
+Vector3<T> Dynamics<T>::acceleration(const T& t, const Vector3<T>& eta, const Vector3<T>& nu,
                                      const Vector2<T>& input, double lift) const {
-  const Vector3<T>& nu = state.nu;
-  Point<T> point{t, state.eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
-  if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(state.eta.z(), air_);
+  Point<T> point{t, eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
+  if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(eta.z(), air_);
   Vector2<T> thrust = point.thrust;
   for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
   point.thrust = thrust;
@@ -111,17 +111,15 @@ Vector3<T> Dynamics<T>::acceleration(const T& t, const RigidState<T>& state,
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::drift(const RigidState<T>& state) const {
-  Vector3<T> rate;
-  rate.template head<2>() = bodyToWorld<T>(state.eta.z(), Vector2<T>(state.nu.x(), state.nu.y()));
-  rate.z() = state.nu.z();
-  return rate;
+Vector3<T> Dynamics<T>::drift(const Vector3<T>& eta, const Vector3<T>& nu) const {
+  const Vector2<T> over_floor = bodyToWorld<T>(eta.z(), Vector2<T>(nu.x(), nu.y()));
+  return {over_floor.x(), over_floor.y(), nu.z()};
 }
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
                                       const Vector2<T>& input, double lift) const {
-  return {drift(state), acceleration(t, state, input, lift)};
+  return {drift(state.eta, state.nu), acceleration(t, state.eta, state.nu, input, lift)};
 }
 
 template <typename T>
@@ -130,36 +128,28 @@ RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const St
                                 const H& h) const {
   const bool nominal = inputs.held && isNominal();
   const Vector2<T> constant = nominal ? drive(body_.k * inputs.thrusters[0]) : Vector2<T>();
-  const auto rates = [&](const H& after, const RigidState<T>& from, const Vector2<T>& input) {
-    RigidState<T> rate;
-    if constexpr (kPose) rate.eta = drift(from);
-    rate.nu = nominal ? accelerationBy(constant, from.nu, from.nu)
-                      : acceleration(t + after, from, input, inputs.lift);
-    return rate;
-  };
-  const auto moved = [&](const RigidState<T>& rate, const H& dt) {
-    RigidState<T> to = state;
-    for (int i = 0; i < 3; ++i) {
-      if constexpr (kPose) to.eta(i) += dt * rate.eta(i);
-      to.nu(i) += dt * rate.nu(i);
+  RigidState<T> at = state, next = state;
+  // One stage: its share of the step is added up, and the next stage's state is made of its rates.
+  const auto stage = [&](const H& after, const H& share, const H& to, const Vector2<T>& input) {
+    const Vector3<T> nu_dot = nominal ? accelerationBy(constant, at.nu, at.nu)
+                                      : acceleration(t + after, at.eta, at.nu, input, inputs.lift);
+    if constexpr (kPose) {
+      const Vector3<T> eta_dot = drift(at.eta, at.nu);
+      for (int i = 0; i < 3; ++i) {
+        next.eta(i) += share * eta_dot(i);
+        at.eta(i) = state.eta(i) + to * eta_dot(i);
+      }
     }
-    return to;
+    for (int i = 0; i < 3; ++i) {
+      next.nu(i) += share * nu_dot(i);
+      at.nu(i) = state.nu(i) + to * nu_dot(i);
+    }
   };
-  const auto& u = inputs.thrusters;
-  const H half = h * 0.5;
-  const auto k1 = rates(H(0.0), state, u[0]);
-  const auto k2 = rates(half, moved(k1, half), u[1]);
-  const auto k3 = rates(half, moved(k2, half), u[1]);
-  const auto k4 = rates(h, moved(k3, h), u[2]);
-  const H sixth = h / 6.0;
-  const auto mean = [](const T& a, const T& b, const T& c, const T& d) {
-    return a + 2.0 * (b + c) + d;
-  };
-  RigidState<T> next = state;
-  for (int i = 0; i < 3; ++i) {
-    if constexpr (kPose) next.eta(i) += sixth * mean(k1.eta(i), k2.eta(i), k3.eta(i), k4.eta(i));
-    next.nu(i) += sixth * mean(k1.nu(i), k2.nu(i), k3.nu(i), k4.nu(i));
-  }
+  const H half = h * 0.5, third = h / 3.0, sixth = h / 6.0;
+  stage(H(0.0), sixth, half, inputs.thrusters[0]);
+  stage(half, third, half, inputs.thrusters[1]);
+  stage(half, third, h, inputs.thrusters[1]);
+  stage(h, sixth, h, inputs.thrusters[2]);
   return next;
 }
 

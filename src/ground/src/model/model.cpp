@@ -29,10 +29,15 @@ const std::vector<ParameterInfo>& bodyParameters() {
     return info;
   };
   const double positive = std::numeric_limits<double>::min();
+  // Accelerations are linear in 1/I_z: fits that start far away find the way.
+  ParameterInfo inertia =
+      entry("I_z", "kg m^2", "moment of inertia about the centre of mass", positive, &B::I_z);
+  inertia.coordinate = Coordinate::kReciprocal;
+  inertia.scale = [](const B& b) { return 1 / b.I_z; };
   static const std::vector<ParameterInfo> infos = {
       entry("m", "kg", "mass", positive, &B::m),
       entry("l", "m", "lever arm of the thrusters", positive, &B::l),
-      entry("I_z", "kg m^2", "moment of inertia about the centre of mass", positive, &B::I_z),
+      inertia,
       entry("X_u", "N s/m", "surge damping", 0, &B::X_u),
       entry("Y_v", "N s/m", "sway damping", 0, &B::Y_v),
       entry("N_r", "N m s", "yaw damping", 0, &B::N_r),

@@ -84,10 +84,12 @@ template <bool kPose, typename H>
 void Simulation<T>::step(int steps, const H& h) {
   const Vector2<T> held = command();
   StepInputs<T> acting{{held, held, held}, lift(), true};
+  T now = time_;
   for (int i = 0; i < steps; ++i) {
     if (dynamics_.hasActuators())
       acting = dynamics_.actuate(held, lift(), T(h), actuator_states_.data());
-    state_ = dynamics_.template step<kPose>(time_ + h * double(i), state_, acting, h);
+    state_ = dynamics_.template step<kPose>(now, state_, acting, h);
+    now += h;
   }
 }
 

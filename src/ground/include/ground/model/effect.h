@@ -15,7 +15,7 @@ namespace ground {
 /// How a parameter is stored in the vector that solvers and effects see.
 enum class Coordinate {
   kValue,      ///< as it is
-  kReciprocal  ///< as 1/value, for time constants whose neutral value is infinite
+  kReciprocal  ///< as 1/value: time constants whose neutral value is infinite, the inertia
 };
 
 /// One parameter of a model. Numbers are values as the model file has them, not coordinates.
