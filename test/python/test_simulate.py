@@ -370,3 +370,10 @@ def test_bad_models_and_runs(tmp_path):
     fails(run(MODEL, "--start-velocity", 1e200, 0, 1e200), "not finite")
     fails(identify("simulate", "--model", MODEL, "--input", "prbs", "-o", "/no/x.bag"), "no folder")
     assert not out.exists()
+
+
+def test_help_names_every_input():
+    result = identify("simulate", "--help")
+    assert result.returncode == 0
+    for kind in ("prbs", "steps", "coast-down", "spin", "single-thruster", "tracking", "FILE.csv"):
+        assert "\n  %s " % kind in result.stdout
