@@ -140,4 +140,13 @@ ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amp
   return std::make_shared<Sinusoid>(start, speed, amplitude, rate);
 }
 
+ReferencePtr makeReference(const ReferenceParams& p) {
+  if (p.kind == "circle") return makeCircle(p.origin, p.size, p.rate_of_turn);
+  if (p.kind == "line") return makeLine(p.origin, p.end, p.speed, p.smooth);
+  if (p.kind == "rhodonea") return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn);
+  if (p.kind == "sinusoid") return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn);
+  throw std::invalid_argument("reference must be circle, line, rhodonea or sinusoid, not '" +
+                              p.kind + "'");
+}
+
 }  // namespace ground

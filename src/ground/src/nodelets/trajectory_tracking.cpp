@@ -38,19 +38,14 @@ class TrajectoryTracking : public Controller {
     return {c.k_e, c.k_z, c.k_phi_1, c.k_phi_2, c.delta_1, c.delta_2};
   }
 
-  static ReferencePtr makeReference(const Config& c) {
-    const Vector2<double> origin(c.x, c.y);
-    if (c.reference == "circle") return makeCircle(origin, c.size, c.rate_of_turn);
-    if (c.reference == "line") return makeLine(origin, {c.end_x, c.end_y}, c.speed, c.smooth);
-    if (c.reference == "rhodonea") return makeRhodonea(origin, c.size, c.petals, c.rate_of_turn);
-    if (c.reference == "sinusoid") return makeSinusoid(origin, c.speed, c.size, c.rate_of_turn);
-    throw std::invalid_argument("reference must be circle, line, rhodonea or sinusoid, not '" +
-                                c.reference + "'");
+  static ReferenceParams reference(const Config& c) {
+    return {c.reference, {c.x, c.y},         c.size,  c.rate_of_turn, c.petals,
+            c.speed,     {c.end_x, c.end_y}, c.smooth};
   }
 
   static std::string wrong(const Config& c) {
     try {
-      makeReference(c);
+      makeReference(reference(c));
     } catch (const std::invalid_argument& error) {
       return error.what();
     }
@@ -69,7 +64,7 @@ class TrajectoryTracking : public Controller {
     config_ = c;
     setParams({c.lift, c.lift_time, c.state_timeout, c.rate});
     if (!changed) return;
-    reference_ = makeReference(c);
+    reference_ = makeReference(reference(c));
     reference_start_ = ros::Time();
     publishPath();
   }

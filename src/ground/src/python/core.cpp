@@ -11,6 +11,7 @@
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
+#include "ground/simulation/experiment.h"
 
 namespace py = pybind11;
 
@@ -83,6 +84,44 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   return d;
 }
 
+/// Rows of a log, each filled by fill(entry, row).
+template <typename Entry, typename Fill>
+Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill) {
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(entries.size()), columns);
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    rows.row(i) = fill(entries[static_cast<std::size_t>(i)]);
+  return rows;
+}
+
+py::dict toDict(const ExperimentLog& log) {
+  py::dict d;
+  d["frames"] = toRows(log.frames, 5, [](const MocapFrame& f) {
+    return (Eigen::RowVectorXd(5) << f.captured, f.delivered, f.eta.transpose()).finished();
+  });
+  d["commands"] = toRows(log.commands, 4, [](const ExperimentLog::Command& c) {
+    return Eigen::RowVector4d(c.time, c.left, c.right, c.lift);
+  });
+  d["truth"] = toRows(log.truth, 10, [](const ExperimentLog::Truth& t) {
+    return (Eigen::RowVectorXd(10) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
+            t.nu_dot.transpose())
+        .finished();
+  });
+  d["references"] = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
+    return (Eigen::RowVectorXd(9) << r.time, r.point.p.transpose(), r.point.p_dot.transpose(),
+            r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
+        .finished();
+  });
+  d["stopped"] = log.stopped;
+  return d;
+}
+
+ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
+                                  const MocapParams& mocap, unsigned long seed) {
+  if (!eta.allFinite() || !nu.allFinite())
+    throw std::invalid_argument("the initial state is not finite");
+  return {{eta, nu}, mocap, seed};
+}
+
 py::dict toDict(const FitResult& result) {
   py::list parameters;
   for (const FittedParameter& p : result.parameters) {
@@ -116,7 +155,7 @@ py::dict toDict(const FitResult& result) {
 
 PYBIND11_MODULE(_core, module) {
   using namespace ground;
-  module.doc() = "The C++ core: model, smoother, fit by simulation error.";
+  module.doc() = "The C++ core: model, smoother, fit by simulation error, experiments.";
 
   py::class_<Provenance>(module, "Provenance")
       .def(py::init<>())
@@ -174,6 +213,79 @@ PYBIND11_MODULE(_core, module) {
              "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
              "of time, left, right, lift.");
 
+  py::class_<MocapParams>(module, "MocapParams", "Quality of the simulated motion capture.")
+      .def(py::init<>())
+      .def_readwrite("rate", &MocapParams::rate)
+      .def_readwrite("position_noise", &MocapParams::position_noise)
+      .def_readwrite("heading_noise", &MocapParams::heading_noise)
+      .def_readwrite("latency", &MocapParams::latency)
+      .def_readwrite("loss", &MocapParams::loss)
+      .def_readwrite("gap_rate", &MocapParams::gap_rate)
+      .def_readwrite("gap_length", &MocapParams::gap_length);
+  py::class_<ReferenceParams>(module, "ReferenceParams", "A reference trajectory.")
+      .def(py::init<>())
+      .def_readwrite("kind", &ReferenceParams::kind)
+      .def_readwrite("origin", &ReferenceParams::origin)
+      .def_readwrite("size", &ReferenceParams::size)
+      .def_readwrite("rate_of_turn", &ReferenceParams::rate_of_turn)
+      .def_readwrite("petals", &ReferenceParams::petals)
+      .def_readwrite("speed", &ReferenceParams::speed)
+      .def_readwrite("end", &ReferenceParams::end)
+      .def_readwrite("smooth", &ReferenceParams::smooth);
+  py::class_<TrackingGains>(module, "TrackingGains", "Gains of the tracking law (4.7).")
+      .def(py::init<>())
+      .def_readwrite("k_e", &TrackingGains::k_e)
+      .def_readwrite("k_z", &TrackingGains::k_z)
+      .def_readwrite("k_phi_1", &TrackingGains::k_phi_1)
+      .def_readwrite("k_phi_2", &TrackingGains::k_phi_2)
+      .def_readwrite("delta_1", &TrackingGains::delta_1)
+      .def_readwrite("delta_2", &TrackingGains::delta_2);
+  py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
+      .def(py::init<>())
+      .def_readwrite("reference", &TrackingParams::reference)
+      .def_readwrite("gains", &TrackingParams::gains)
+      .def_readwrite("rate", &TrackingParams::rate)
+      .def_readwrite("start", &TrackingParams::start)
+      .def_readwrite("lift", &TrackingParams::lift)
+      .def_readwrite("lift_time", &TrackingParams::lift_time)
+      .def_readwrite("duration", &TrackingParams::duration)
+      .def_readwrite("tail", &TrackingParams::tail);
+  module.def(
+      "play_schedule",
+      [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+         unsigned long seed) {
+        const InputSequence inputs = toInputs(schedule);
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = playSchedule(model, inputs, duration, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"),
+      "Craft and mocap under rows of time, left, right, lift (0..1). Gives frames (captured, "
+      "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot).");
+  module.def(
+      "track_reference",
+      [](const Model& model, const Model& believed, const TrackingParams& tracking,
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+         unsigned long seed) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = trackReference(model, believed, tracking, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"),
+      "The same with the tracking controller in the loop; besides, references (time, p, p_dot, "
+      "p_ddot, p_dddot) and why it stopped early, empty when it did not.");
+
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");
   module.def("read_prbs", &readPrbs, py::arg("path"));
@@ -181,6 +293,16 @@ PYBIND11_MODULE(_core, module) {
   py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
       .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
            py::arg("heading_offset") = 0.0)
+      .def(
+          "to_mocap",
+          [](const AxisMapping& mapping, const Vector3<double>& eta, double height) {
+            Eigen::Vector3d p;
+            Eigen::Quaterniond q;
+            mapping.toMocap(eta, height, p, q);
+            return py::make_tuple(p, Eigen::Vector4d(q.x(), q.y(), q.z(), q.w()));
+          },
+          py::arg("eta"), py::arg("height"),
+          "Position and quaternion x, y, z, w in the mocap's frame.")
       .def(
           "to_planar",
           [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {

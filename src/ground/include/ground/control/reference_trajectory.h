@@ -38,4 +38,19 @@ ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, doubl
 ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude,
                           double rate);
 
+/// A reference by its kind; each kind takes what it needs.
+struct ReferenceParams {
+  std::string kind = "circle";                       ///< circle, line, rhodonea or sinusoid
+  Vector2<double> origin = Vector2<double>::Zero();  ///< centre or start, world_ned [m]
+  double size = 2.0;                                 ///< radius or amplitude [m]
+  double rate_of_turn = 0.6;                         ///< [rad/s]
+  double petals = 1.5;                               ///< rhodonea: rate of the radius per turn
+  double speed = 0.5;                                ///< line, sinusoid [m/s]
+  Vector2<double> end{2.5, 2.5};                     ///< line: world_ned [m]
+  bool smooth = true;                                ///< line: start and stop smoothly
+};
+
+/// Throws std::invalid_argument when the kind is unknown or cannot be drawn with these numbers.
+ReferencePtr makeReference(const ReferenceParams& params);
+
 }  // namespace ground

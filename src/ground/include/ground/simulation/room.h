@@ -58,6 +58,12 @@ class Room {
   void setMocap(const MocapParams& mocap);
 
   double time() const { return time_; }
+  /// When the mocap exposes its next frame, lost or not [s].
+  double nextCapture() const { return next_frame_; }
+  /// The earliest instant at which takeFrames() may have something new [s].
+  double nextDelivery() const {
+    return on_their_way_.empty() ? next_frame_ + mocap_.latency : on_their_way_.front().delivered;
+  }
   const RigidState<double>& state() const { return simulation_.state(); }
   RigidState<double> derivative() const { return simulation_.derivative(); }
   /// Whether the craft's own watchdog has stopped the motors.

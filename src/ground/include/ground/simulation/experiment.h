@@ -1,0 +1,71 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "ground/control/reference_trajectory.h"
+#include "ground/control/tracking_law.h"
+#include "ground/estimation/motion_filter.h"
+#include "ground/simulation/room.h"
+
+namespace ground {
+
+/// Craft and mocap of an experiment; its clock starts at 0 s.
+struct ExperimentParams {
+  RigidState<double> initial;  ///< of the craft
+  MocapParams mocap;
+  unsigned long seed = 1;  ///< of the mocap's noise and losses
+};
+
+/// The tracking controller as the nodelets run it: lift alone first, then the law at `rate` on the
+/// states that the estimator makes of the delivered frames.
+struct TrackingParams {
+  ReferenceParams reference;
+  TrackingGains gains;
+  EstimatorParams estimator;
+  double rate = 50.0;      ///< of control [Hz]
+  double start = 0.5;      ///< lift on, or later when there is no valid state yet [s]
+  double lift = 1.0;       ///< input of the lift fan, 0..1
+  double lift_time = 1.0;  ///< lift alone before the thrusters start [s]
+  double duration = 20.0;  ///< of tracking [s]
+  double tail = 0.5;       ///< recorded after the end [s]
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// What a recorder notes of an experiment, and the truth that only a simulator knows.
+struct ExperimentLog {
+  struct Command {
+    double time;               ///< at which it is issued and reaches the craft [s]
+    double left, right, lift;  ///< 0..1
+  };
+  struct Truth {
+    double time;  ///< [s]
+    RigidState<double> state;
+    Vector3<double> nu_dot;  ///< body [m/s^2, m/s^2, rad/s^2]
+  };
+  struct Reference {
+    double time;  ///< stamp of the state that was compared with it [s]
+    ReferencePoint point;
+  };
+
+  std::vector<MocapFrame> frames;  ///< in the order of delivery; psi in (-pi, pi]
+  std::vector<Command> commands;
+  std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
+  std::vector<Reference> references;  ///< when tracking
+  std::string stopped;  ///< why the controller stopped before its end; empty when it did not
+};
+
+/// Plays commands, repeated every 20 ms as the open-loop controller does, for `duration` [s].
+/// Inputs of `schedule` are 0..1. Runs in lockstep: the same arguments give the same log, bit by
+/// bit. Throws std::invalid_argument on bad parameters, std::runtime_error when the state is no
+/// longer finite.
+ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
+                           const ExperimentParams& params);
+
+/// Tracks a reference with the controller that believes in `believed`. The log ends early when the
+/// controller stops itself: without a valid state for 0.2 s, as the nodelet does. Throws alike.
+ExperimentLog trackReference(const Model& model, const Model& believed,
+                             const TrackingParams& tracking, const ExperimentParams& params);
+
+}  // namespace ground

@@ -1,0 +1,95 @@
+"""Writing simulated runs to bags like those that launch/record.launch records."""
+import numpy as np
+
+from ground import _core, files
+
+POSE = "/vrpn_client_node/hovercraft/pose"
+CONTROLS = "/controls"
+TRUTH = "/simulator/truth"
+REFERENCE = "/reference"
+MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
+NS = 10**9
+
+
+def write(run, path, axes="x, z, -y", force=False):
+    """Writes a SimulatedRun to a bag; the same run gives the same bytes.
+
+    Poses are in the mocap's axes. Header stamps are times of measurement, record times those of
+    delivery. Gives the number of messages by topic; raises IdentifyError when the file exists.
+    """
+    import genpy
+    import rosbag
+
+    def time(seconds):
+        return genpy.Time(*divmod(int(round(seconds * NS)), NS))
+
+    counts = {}
+    with files.new_file(path, force) as temporary:
+        with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+            for received, topic, stamp, message in _in_order(run, axes):
+                message.header.seq = counts.get(topic, 0)
+                message.header.stamp = time(stamp)
+                bag.write(topic, message, time(received))
+                counts[topic] = counts.get(topic, 0) + 1
+    return counts
+
+
+def _in_order(run, axes):
+    """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
+    series = [
+        (TRUTH, run.truth_times, run.truth_times, _truths(run)),
+        (POSE, run.delivered, run.pose_times, _poses(run, axes)),
+        (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
+        (CONTROLS, run.control_times, run.control_times, _controls(run)),
+    ]
+    received = np.concatenate([s[1] for s in series])
+    source = np.repeat(np.arange(len(series)), [len(s[1]) for s in series])
+    rows = [zip(s[1], s[2], s[3]) for s in series]
+    for which in source[np.argsort(received, kind="stable")]:
+        at, stamp, message = next(rows[which])
+        yield at, series[which][0], stamp, message
+
+
+def _poses(run, axes):
+    from geometry_msgs.msg import PoseStamped
+
+    mapping = _core.AxisMapping(axes)
+    for eta in run.eta:
+        message = PoseStamped()
+        message.header.frame_id = "mocap"
+        position, orientation = mapping.to_mocap(eta, MARKER_HEIGHT)
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = position
+        q.x, q.y, q.z, q.w = orientation
+        yield message
+
+
+def _controls(run):
+    from ground_msgs.msg import Controls
+
+    for left, right, lift in run.controls:
+        yield Controls(left=left, right=right, lift=lift)
+
+
+def _truths(run):
+    from ground_msgs.msg import State
+
+    for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
+        message = State(eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
+        message.header.frame_id = "world_ned"
+        yield message
+
+
+def _reference_times(run):
+    """When references are published: with the command that a state causes, on its delivery."""
+    delivered = dict(zip(run.pose_times, run.delivered))
+    return np.array([delivered[stamp] for stamp in run.references[:, 0]], float)
+
+
+def _references(run):
+    from ground_msgs.msg import Reference
+
+    for row in run.references:
+        message = Reference(p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9])
+        message.header.frame_id = "world_ned"
+        yield message

@@ -1,0 +1,331 @@
+"""identify simulate: a recording of a simulated experiment."""
+import argparse
+import os
+import sys
+
+import numpy as np
+
+from ground import _core, bags, experiments, files
+from ground.verbs import common
+
+NAME = "simulate"
+SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
+PATTERNS = {
+    "steps": experiments.steps,
+    "coast-down": experiments.coast_down,
+    "spin": experiments.spin,
+    "single-thruster": experiments.single_thruster,
+}
+KINDS = ["prbs"] + list(PATTERNS) + ["tracking"]
+STAIRS = ["steps", "single-thruster"]  # take any number of levels
+DURATION = 20.0  # [s]
+
+DETAILS = """
+inputs:
+  prbs             both thrusters by a binary sequence at --clock between two --levels
+  steps            both thrusters through the --levels in turn, each for --hold
+  coast-down       both thrusters high for --hold, off for three times that, and again
+  spin             left high for --hold, off for three times that, then right, and again
+  single-thruster  the left one alone through the --levels, then the right one
+  tracking         the tracking controller follows a reference, on what the mocap delivers
+  FILE.csv         bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
+                   rows under time,left,right or time,left,right,lift, each held until the next
+
+Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
+with everything off. A file with a column lift is played as it is. The same command line gives the
+same bag, bit by bit. The topics are those of record.launch; simulator/truth has the true motion.
+"""
+
+# option, its place in _core's parameters, metavar, help
+MOCAP = [
+    ("--rate", "rate", "HZ", "frames per second"),
+    ("--position-noise", "position_noise", "M", "noise of x and y, 1 sigma"),
+    ("--heading-noise", "heading_noise", "RAD", "noise of the heading, 1 sigma"),
+    ("--latency", "latency", "S", "from capture to delivery"),
+    ("--loss", "loss", "SHARE", "share of single frames lost, 0..1"),
+    ("--gap-rate", "gap_rate", "1/S", "losses of tracking per second"),
+    ("--gap-length", "gap_length", "S", "mean duration of a loss of tracking"),
+]
+REFERENCE = [
+    ("--size", "size", "M", "radius or amplitude"),
+    ("--rate-of-turn", "rate_of_turn", "RAD/S", "angular rate of the reference"),
+    ("--petals", "petals", "N", "rhodonea: rate of the radius per rate of turn"),
+    ("--speed", "speed", "M/S", "line, sinusoid"),
+]
+GAINS = [
+    ("--k-e", "k_e", "KG/S", "position error"),
+    ("--k-z", "k_z", "NMS", "yaw rate error"),
+    ("--k-phi-1", "k_phi_1", "K", "surge velocity error"),
+    ("--k-phi-2", "k_phi_2", "K", "sway velocity error"),
+    ("--delta-1", "delta_1", "M/S", "velocity offset along surge, not 0"),
+    ("--delta-2", "delta_2", "M/S", "velocity offset along sway"),
+]
+
+
+def _dest(option):
+    return option.strip("-").replace("-", "_")
+
+
+CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
+LIFT = ["lift", "lift_time"]
+PATTERN = ["clock", "order", "levels", "hold"]
+TRACKING = ["reference", "origin", "end", "sharp", "controller_model"] + [
+    _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
+]
+# which of these options an input takes; bits, timed and lifted are what a CSV file may hold
+TAKES = {
+    "prbs": ["clock", "order", "levels"] + LIFT,
+    "tracking": TRACKING + LIFT,
+    "bits": ["clock", "levels"] + LIFT,
+    "timed": LIFT,
+    "lifted": [],
+}
+TAKES.update({kind: ["hold", "levels"] + LIFT for kind in PATTERNS})
+
+
+def configure(parser):
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="moves the craft")
+    parser.add_argument(
+        "--input",
+        type=_kind,
+        required=True,
+        metavar="KIND",
+        help=", ".join(KINDS) + " or FILE.csv (below)",
+    )
+    parser.add_argument("-o", "--output", metavar="RUN.bag", required=True)
+    parser.add_argument("--force", action="store_true", help="overwrite the bag")
+    parser.add_argument(
+        "--seed",
+        type=_seed,
+        default=1,
+        help="of the mocap's noise and losses, and of where the PRBS starts (%(default)s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=_between(0.1, experiments.LONGEST),
+        metavar="S",
+        help="of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
+    )
+    parser.add_argument(
+        "--lift", type=_between(0, 1), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
+    )
+    parser.add_argument(
+        "--lift-time", type=_between(0, 30), metavar="S", help="lift alone before thrust [s] (1)"
+    )
+    parser.add_argument(
+        "--start-pose",
+        type=_number,
+        nargs=3,
+        metavar=("X", "Y", "PSI"),
+        default=[0.0, 0.0, 0.0],
+        help="world_ned [m, m, rad] (0 0 0)",
+    )
+    parser.add_argument(
+        "--start-velocity",
+        type=_number,
+        nargs=3,
+        metavar=("U", "V", "R"),
+        default=[0.0, 0.0, 0.0],
+        help="body, as the recording starts [m/s, m/s, rad/s] (0 0 0)",
+    )
+    pattern = parser.add_argument_group("input")
+    pattern.add_argument(
+        "--clock", type=_between(0.1, 500), metavar="HZ", help="bits per second: prbs, bits (15)"
+    )
+    pattern.add_argument(
+        "--order", type=int, choices=range(2, 21), metavar="2..20", help="prbs: 2^N - 1 bits (9)"
+    )
+    pattern.add_argument(
+        "--levels",
+        type=_between(0, 1),
+        nargs="+",
+        metavar="LEVEL",
+        help="inputs, 0..1: low and high, for steps and single-thruster any number "
+        "(0 1; steps 0 0.25 0.5 0.75 1)",
+    )
+    pattern.add_argument(
+        "--hold",
+        type=_between(0.01, experiments.LONGEST),
+        metavar="S",
+        help="how long a level is held [s] (1)",
+    )
+    mocap = parser.add_argument_group("motion capture")
+    _add_numbers(mocap, MOCAP, _core.MocapParams())
+    mocap.add_argument(
+        "--axes", default="x, z, -y", help="world_ned x, y, z in the mocap's axes (%(default)s)"
+    )
+    defaults = _core.TrackingParams()
+    tracking = parser.add_argument_group("tracking")
+    tracking.add_argument(
+        "--reference", choices=["circle", "line", "rhodonea", "sinusoid"], help="(circle)"
+    )
+    tracking.add_argument(
+        "--origin", type=_number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
+    )
+    tracking.add_argument(
+        "--end", type=_number, nargs=2, metavar=("X", "Y"), help="of a line [m] (2.5 2.5)"
+    )
+    tracking.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
+    _add_numbers(tracking, REFERENCE, defaults.reference)
+    _add_numbers(tracking, GAINS, defaults.gains)
+    _add_numbers(tracking, CONTROL, defaults)
+    tracking.add_argument(
+        "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
+    )
+    parser.set_defaults(refuse=parser.error)
+
+
+def run(arguments):
+    files.refuse_existing(arguments.output, arguments.force)
+    model = common.load(arguments.model)
+    believed = common.load(arguments.controller_model) if arguments.controller_model else None
+    name = os.path.splitext(os.path.basename(arguments.output))[0]
+    drive, mocap = _drive(arguments), _filled(_core.MocapParams(), MOCAP, arguments)
+    start = arguments.start_pose, arguments.start_velocity
+    try:
+        _core.AxisMapping(arguments.axes)
+        run = experiments.simulate(model, drive, name, *start, mocap, arguments.seed, believed)
+    except ValueError as error:
+        arguments.refuse(str(error))
+    counts = bags.write(run, arguments.output, arguments.axes, arguments.force)
+    result = {
+        "bag": arguments.output,
+        "input": arguments.input,
+        "seed": arguments.seed,
+        "duration": float(run.truth_times[-1] - run.truth_times[0]),
+        "messages": counts,
+        "frames_not_delivered": len(run.truth_times) - len(run.pose_times),
+        "stopped": run.stopped or None,
+        "tracking_error": _tracking_error(run),
+    }
+    common.say(
+        arguments,
+        "%s: %.2f s, %d poses (%d frames not delivered), %d commands"
+        % (
+            arguments.output,
+            result["duration"],
+            len(run.pose_times),
+            result["frames_not_delivered"],
+            len(run.control_times),
+        ),
+    )
+    if result["tracking_error"] is not None:
+        common.say(arguments, "tracking error: %.3f m rms" % result["tracking_error"])
+    if run.stopped:
+        print("identify simulate: the controller stopped: %s" % run.stopped, file=sys.stderr)
+    return result
+
+
+def _drive(arguments):
+    """What drives the craft; ends with bad usage when an option does not go with the input."""
+    kind, content = arguments.input, None
+    if kind not in KINDS:
+        kind, content = experiments.read_schedule(arguments.input)
+    _refuse_unused(arguments, kind)
+    if kind == "tracking":
+        return _tracking(arguments)
+    duration = arguments.duration or DURATION
+    options = _given(arguments, [name for name in TAKES[kind] if name in PATTERN])
+    if kind == "prbs":
+        rows = experiments.prbs(duration, seed=arguments.seed, **options)
+    elif kind == "bits":
+        rows = experiments.bits(content, duration, **options)
+    elif kind in ("timed", "lifted"):
+        rows, duration = content, arguments.duration or content[-1, 0]
+    else:
+        rows = PATTERNS[kind](duration, **options)
+    if kind == "lifted":
+        return experiments.as_given(rows, duration)
+    return experiments.with_lift(rows, duration, **_given(arguments, LIFT))
+
+
+def _tracking(arguments):
+    params = _core.TrackingParams()
+    params.start, params.tail = experiments.LEAD, experiments.TAIL
+    params.duration = arguments.duration or DURATION
+    _filled(params, CONTROL, arguments)
+    for name, value in _given(arguments, LIFT).items():
+        setattr(params, name, value)
+    _filled(params.gains, GAINS, arguments)
+    reference = _filled(params.reference, REFERENCE, arguments)
+    reference.smooth = not arguments.sharp
+    for name, value in _given(arguments, ["origin", "end"]).items():
+        setattr(reference, name, value)
+    reference.kind = arguments.reference or reference.kind
+    return params
+
+
+def _tracking_error(run):
+    """Root mean square of the true distance from the reference [m]; None without one."""
+    if not len(run.references):
+        return None
+    at = np.searchsorted(run.truth_times, run.references[:, 0])
+    off = run.truth_eta[at, :2] - run.references[:, 1:3]
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def _add_numbers(group, options, defaults):
+    for option, name, metavar, text in options:
+        text = "%s (%g)" % (text, getattr(defaults, name))
+        group.add_argument(option, type=_number, metavar=metavar, help=text)
+
+
+def _filled(params, options, arguments):
+    for option, name, _, _ in options:
+        value = getattr(arguments, _dest(option))
+        if value is not None:
+            setattr(params, name, value)
+    return params
+
+
+def _given(arguments, names):
+    values = {name: getattr(arguments, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _refuse_unused(arguments, kind):
+    for name in PATTERN + TRACKING + LIFT:
+        value = getattr(arguments, name)
+        if name not in TAKES[kind] and value is not None and value is not False:
+            arguments.refuse(
+                "--%s does not go with --input %s" % (name.replace("_", "-"), arguments.input)
+            )
+    levels = arguments.levels
+    if levels is not None and kind not in STAIRS:
+        if len(levels) != 2 or levels[0] > levels[1]:
+            arguments.refuse("--levels: --input %s takes LOW and HIGH" % arguments.input)
+
+
+def _kind(text):
+    if text not in KINDS and not text.lower().endswith(".csv"):
+        raise argparse.ArgumentTypeError(
+            "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
+        )
+    return text
+
+
+def _number(text):
+    value = float(text)
+    if not np.isfinite(value):
+        raise argparse.ArgumentTypeError("%s is not finite" % text)
+    return value
+
+
+def _between(low, high):
+    def parse(text):
+        value = float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError("%s is not between %g and %g" % (text, low, high))
+        return value
+
+    parse.__name__ = "number"
+    return parse
+
+
+def _seed(text):
+    value = int(text)
+    if not 0 <= value < 2**63:
+        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
+    return value

@@ -1,0 +1,379 @@
+"""identify simulate as its users run it, and the recordings that come of it."""
+import hashlib
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import MODEL, SHARED, identify
+from test_identify import fails
+
+POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
+BITS = "1,-1\n-1,1\n1,1\n-1,-1\n"
+TIMED = "time,left,right\n0,0.2,0.8\n0.5,0.9,0\n2,0,0\n"
+LIFTED = "time,left,right,lift\n0,0,0,1\n1,0.5,0.5,1\n3,0,0,0.5\n4,0,0,0\n"
+
+
+def simulate(folder, kind, *options, name="run.bag"):
+    """The bag and what --json says of it."""
+    out = folder / name
+    result = identify("simulate", "--model", MODEL, "--input", kind, "-o", out, "--json", *options)
+    assert result.returncode == 0, result.stderr
+    return out, json.loads(result.stdout)
+
+
+def messages(path):
+    import rosbag
+
+    found = {}
+    with rosbag.Bag(str(path)) as bag:
+        for topic, message, received in bag.read_messages():
+            found.setdefault(topic, []).append((received.to_sec(), message))
+    return found
+
+
+def commands(path):
+    """Rows of time since the lift began, left, right, lift."""
+    rows = [(t, m.left, m.right, m.lift) for t, m in messages(path)["/controls"]]
+    return np.array(rows) - [1000.5, 0, 0, 0]
+
+
+def driven(path):
+    """Rows of time since thrust may begin, left, right, while it may."""
+    rows = commands(path)
+    rows[:, 0] -= 1
+    return rows[(rows[:, 0] > -1e-9) & (rows[:, 3] > 0)][:, :3]
+
+
+def levels_at(rows, times):
+    return rows[np.searchsorted(rows[:, 0], np.array(times) + 1e-6) - 1, 1:]
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_the_bag_has_what_a_recording_has(tmp_path):
+    path, result = simulate(
+        tmp_path, "prbs", "--duration", 4, "--latency", 0.05, "--start-pose", 1, -2, 3
+    )
+    found = messages(path)
+    assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
+    assert set(found) == {POSE, "/controls", TRUTH}
+    kinds = {topic: rows[0][1]._type for topic, rows in found.items()}
+    assert kinds[POSE] == "geometry_msgs/PoseStamped"
+    assert kinds["/controls"] == "ground_msgs/Controls"
+    assert kinds[TRUTH] == "ground_msgs/State"
+    for received, message in found[POSE]:
+        assert received - message.header.stamp.to_sec() == pytest.approx(0.05, abs=1e-6)
+    for received, message in found["/controls"] + found[TRUTH]:
+        assert received == message.header.stamp.to_sec()
+    everything = sorted(t for rows in found.values() for t, _ in rows)
+    assert everything[0] == 1000 and everything[-1] == pytest.approx(1006, abs=0.02)
+    # rest, lift alone, thrust, everything off
+    rows = commands(path)
+    assert (rows[rows[:, 0] < -1e-9, 1:] == 0).all()
+    alone = (rows[:, 0] > -1e-9) & (rows[:, 0] < 1 - 1e-9)
+    assert (rows[alone, 1:] == [0, 0, 1]).all() and alone.sum() >= 50
+    assert (rows[rows[:, 0] > 5, 1:] == 0).all() and (rows[:, 0] > 5).sum() >= 20
+    assert np.diff(rows[:, 0]).max() < 0.021, "commands are repeated at 50 Hz"
+
+
+def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):
+    from ground.recording import read_bag
+
+    path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
+    read = read_bag(str(path), "z, x, y")
+    truth = {m.header.stamp.to_nsec(): m for _, m in messages(path)[TRUTH]}
+    at = [truth[int(round(t * 1e9))] for t in read.pose_times]
+    off = read.eta - [m.eta for m in at]
+    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
+    assert off.std(axis=0) == pytest.approx([2e-3, 2e-3, 5e-3], rel=0.06)
+    assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))
+
+
+def test_the_function_gives_what_the_bag_has(tmp_path):
+    from ground import _core, experiments
+    from ground.recording import Recording, read_bag
+
+    path, _ = simulate(tmp_path, "spin", "--seed", 7, "--loss", 0.1, "--duration", 5)
+    mocap = _core.MocapParams()
+    mocap.loss = 0.1
+    drive = experiments.with_lift(experiments.spin(5), 5)
+    run = experiments.simulate(_core.load_model(str(MODEL)), drive, mocap=mocap, seed=7)
+    assert isinstance(run, Recording)
+    read = read_bag(str(path))
+    for name in ("pose_times", "eta", "control_times", "controls"):
+        np.testing.assert_allclose(getattr(read, name), getattr(run, name), atol=2e-9)
+    assert 0.8 < len(run.pose_times) / len(run.truth_times) < 0.97
+
+
+@pytest.mark.parametrize(
+    "kind", ["prbs", "steps", "coast-down", "spin", "single-thruster", "tracking", "bits", "timed"]
+)
+def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
+    if kind in ("bits", "timed"):
+        path = tmp_path / (kind + ".csv")
+        path.write_text(BITS if kind == "bits" else TIMED)
+        kind = path
+    options = ["--duration", 3, "--loss", 0.05, "--seed", 3]
+    first, _ = simulate(tmp_path, kind, *options, name="first.bag")
+    again, _ = simulate(tmp_path, kind, *options, name="again.bag")
+    other, _ = simulate(tmp_path, kind, *options[:-1], 4, name="other.bag")
+    assert digest(first) == digest(again)
+    assert digest(first) != digest(other)
+    info = identify("info", first, "--json")
+    assert info.returncode == 0, info.stderr
+
+
+def test_prbs_of_any_clock_and_levels(tmp_path):
+    options = ["--clock", 25, "--levels", 0.1, 0.7, "--order", 5, "--lift-time", 1, "--duration", 3]
+    first, _ = simulate(tmp_path, "prbs", *options, name="first.bag")
+    rows = driven(first)
+    assert set(np.unique(rows[:, 1:])) == {0.1, 0.7}
+    changes = rows[1:, 0][(np.diff(rows[:, 1:], axis=0) != 0).any(axis=1)]
+    assert len(changes) > 20
+    assert changes * 25 == pytest.approx(np.round(changes * 25), abs=1e-5)
+    bits = levels_at(rows, np.arange(62) / 25)
+    assert (bits[:31] == bits[31:]).all(), "the sequence repeats after 31 bits"
+    other, _ = simulate(tmp_path, "prbs", *options, "--seed", 2, name="other.bag")
+    assert (levels_at(driven(other), np.arange(62) / 25) != bits).any()
+
+
+def test_patterns(tmp_path):
+    middle = np.arange(0.5, 8) * 0.5
+    path, _ = simulate(tmp_path, "steps", "--hold", 0.5, "--duration", 4, name="steps.bag")
+    stairs = [0, 0.25, 0.5, 0.75, 1, 0, 0.25, 0.5]
+    np.testing.assert_array_equal(levels_at(driven(path), middle), np.column_stack([stairs] * 2))
+
+    path, _ = simulate(tmp_path, "coast-down", "--hold", 0.5, "--duration", 4, name="coast.bag")
+    pulses = [1, 0, 0, 0, 1, 0, 0, 0]
+    np.testing.assert_array_equal(levels_at(driven(path), middle), np.column_stack([pulses] * 2))
+
+    options = ["--hold", 0.5, "--duration", 4, "--levels", 0.2, 0.6]
+    path, _ = simulate(tmp_path, "spin", *options, name="spin.bag")
+    left, right = [0.6] + 7 * [0.2], 4 * [0.2] + [0.6] + 3 * [0.2]
+    np.testing.assert_array_equal(levels_at(driven(path), middle), np.column_stack([left, right]))
+
+    options = ["--hold", 0.5, "--duration", 4, "--levels", 0.4, 0.8]
+    path, _ = simulate(tmp_path, "single-thruster", *options, name="single.bag")
+    left, right = [0.4, 0.8, 0, 0] * 2, [0, 0, 0.4, 0.8] * 2
+    np.testing.assert_array_equal(levels_at(driven(path), middle), np.column_stack([left, right]))
+
+
+def test_a_push_by_hand(tmp_path):
+    path, _ = simulate(
+        tmp_path, "coast-down", "--levels", 0, 0, "--start-velocity", 1.5, 0, 0, "--duration", 5
+    )
+    truth = messages(path)[TRUTH]
+    t, u = truth[-1][0] - 1000, truth[-1][1].nu[0]
+    assert u == pytest.approx(1.5 * math.exp(-0.0055 / 0.0583 * t), rel=1e-6)
+
+
+def test_csv_of_bits(tmp_path):
+    csv = tmp_path / "bits.csv"
+    csv.write_text(BITS)
+    path, _ = simulate(tmp_path, csv, "--clock", 4, "--levels", 0, 0.5, "--duration", 2)
+    expected = [[0.5, 0], [0, 0.5], [0.5, 0.5], [0, 0]] * 2
+    np.testing.assert_array_equal(levels_at(driven(path), np.arange(0.5, 8) / 4), expected)
+
+
+def test_csv_of_times(tmp_path):
+    csv = tmp_path / "timed.csv"
+    csv.write_text(TIMED)
+    path, result = simulate(tmp_path, csv, "--lift", 0.8)
+    rows = driven(path)
+    np.testing.assert_array_equal(levels_at(rows, [0, 0.49, 0.51]), [[0.2, 0.8]] * 2 + [[0.9, 0]])
+    assert result["duration"] == pytest.approx(0.5 + 1 + 2 + 0.5, abs=0.02)
+    assert commands(path)[:, 3].max() == 0.8
+    csv.write_text(LIFTED)
+    path, result = simulate(tmp_path, csv, name="lifted.bag")
+    rows = commands(path)
+    at = rows[np.searchsorted(rows[:, 0], [0.5, 1.5, 3.5, 4.2]) - 1, 1:]
+    np.testing.assert_array_equal(at, [[0, 0, 1], [0.5, 0.5, 1], [0, 0, 0.5], [0, 0, 0]])
+
+
+def test_sequences_of_the_real_experiments(tmp_path, recordings):
+    path, _ = simulate(tmp_path, SHARED / "differential_prbs_50Hz.csv", "--clock", 50)
+    rows = driven(path)
+    assert (rows[rows[:, 0] < 19.99, 1:].sum(axis=1) == 1).all(), "one thruster at a time"
+
+
+@pytest.fixture
+def guess(tmp_path):
+    path = tmp_path / "guess.yaml"
+    path.write_text(
+        "schema: ground/model/1\nname: guess\nbody: {m: 0.0583, l: 0.0325, I_z: 2.0e-4, X_u: 0.03,"
+        " Y_v: 0.01, N_r: 1.0e-4, k: 0.1, input_max: 1}\neffects: []\n"
+    )
+    return path
+
+
+def test_fit_finds_the_parameters_again_and_compare_agrees(tmp_path, guess):
+    bags = [
+        simulate(tmp_path, "prbs", "--seed", s, "--gap-rate", 0.2, name="run%d.bag" % s)[0]
+        for s in (1, 2)
+    ]
+    out = tmp_path / "fitted.yaml"
+    result = identify("fit", *bags, "--model", guess, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    parameters = json.loads(result.stdout)["parameters"]
+    truth = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
+    for name, value in truth.items():
+        tolerance = 0.1 if name == "X_u" else 0.02
+        assert parameters[name]["value"] == pytest.approx(value, rel=tolerance), name
+    result = identify("compare", bags[0], "--model", MODEL, "-o", tmp_path / "compare", "--json")
+    assert result.returncode == 0, result.stderr
+
+
+def test_the_controller_in_the_loop(tmp_path):
+    options = ["--duration", 30, "--size", 1, "--rate-of-turn", 0.8, "--origin", 0.5, 0]
+    path, result = simulate(tmp_path, "tracking", *options)
+    assert result["stopped"] is None
+    found = messages(path)
+    references = [m for _, m in found["/reference"]]
+    assert len(references) == pytest.approx(1500, abs=5)
+    assert np.hypot(*(np.array([m.p for m in references]) - [0.5, 0]).T) == pytest.approx(1)
+    truth = {m.header.stamp.to_nsec(): m for _, m in found[TRUTH]}
+    off = [np.array(truth[m.header.stamp.to_nsec()].eta[:2]) - m.p for m in references]
+    rms = math.sqrt(np.mean(np.sum(np.square(off), axis=1)))
+    assert result["tracking_error"] == pytest.approx(rms, rel=1e-6)
+    assert rms < 0.7, "the craft follows, as well as gains (4.11) let it"
+    # each command of the law comes with the delivery of the pose that caused it
+    delivered = {t for t, _ in found[POSE]}
+    law = [t for t, m in found["/controls"] if m.left or m.right]
+    assert set(law) <= delivered
+
+
+def test_what_the_controller_believes_matters(tmp_path):
+    truth = MODEL.parent / "mvwt.yaml"
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(truth.read_text().replace("Y_v: 4.5", "Y_v: 2.0"))
+    options = ["--reference", "circle", "--size", 1.5, "--rate-of-turn", 0.3, "--duration", 40]
+    options += ["--start-pose", 1.5, 0, 1.5708, "--start-velocity", 0.45, 0, 0.3]
+    options += ["--k-e", 4, "--k-z", 0.6, "--k-phi-1", 1.5, "--k-phi-2", 1.5, "--delta-1", -0.1]
+    errors = []
+    for believed in (truth, wrong):
+        out = tmp_path / (believed.stem + ".bag")
+        result = identify(
+            *["simulate", "--model", truth, "--controller-model", believed, "--input", "tracking"],
+            *["-o", out, "--json", *options],
+        )
+        assert result.returncode == 0, result.stderr
+        errors.append(json.loads(result.stdout)["tracking_error"])
+    assert errors[1] > 2 * errors[0]
+
+
+@pytest.mark.parametrize("reference", ["line", "rhodonea", "sinusoid"])
+def test_other_references(tmp_path, reference):
+    options = ["--reference", reference, "--duration", 10, "--start-pose", 0, 0, 0.8]
+    _, result = simulate(tmp_path, "tracking", *options)
+    assert result["stopped"] is None
+    assert result["messages"]["/reference"] == pytest.approx(500, abs=5)
+
+
+def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
+    out = tmp_path / "run.bag"
+    result = identify(
+        *["simulate", "--model", MODEL, "--input", "tracking", "-o", out, "--json"],
+        *["--gap-rate", 0.3, "--gap-length", 1],
+    )
+    assert result.returncode == 0
+    assert "the controller stopped: the state is stale" in result.stderr
+    summary = json.loads(result.stdout)
+    assert summary["stopped"] == "the state is stale" and summary["duration"] < 20
+    assert messages(out)["/controls"][-1][1].lift == 0
+
+
+def test_existing_bags_are_left_alone(tmp_path):
+    path, _ = simulate(tmp_path, "prbs", "--duration", 2)
+    before = digest(path)
+    again = ["simulate", "--model", MODEL, "--input", "prbs", "-o", path, "--duration", 3]
+    fails(identify(*again), "exists", "--force")
+    assert digest(path) == before
+    assert identify(*again, "--force").returncode == 0
+    assert digest(path) != before
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--input", "sine"], ["'sine' is neither one of prbs, steps"]),
+        (["--input", "prbs", "--duration", "-3"], ["--duration", "not between"]),
+        (["--input", "prbs", "--duration", "nan"], ["--duration", "not between"]),
+        (["--input", "prbs", "--levels", "0", "1.2"], ["--levels", "1.2 is not between 0 and 1"]),
+        (["--input", "prbs", "--levels", "1", "0"], ["--levels", "LOW and HIGH"]),
+        (["--input", "prbs", "--levels", "0.5"], ["--levels", "LOW and HIGH"]),
+        (["--input", "prbs", "--order", "30"], ["--order"]),
+        (["--input", "prbs", "--clock", "1e9"], ["--clock"]),
+        (["--input", "prbs", "--seed", "-1"], ["--seed"]),
+        (["--input", "prbs", "--loss", "1.5"], ["loss must be between 0 and 1"]),
+        (["--input", "prbs", "--rate", "0"], ["rate must be between 1 and 2000 Hz"]),
+        (["--input", "prbs", "--axes", "x, y"], ["axes"]),
+        (["--input", "prbs", "--hold", "1"], ["--hold does not go with --input prbs"]),
+        (["--input", "spin", "--clock", "9"], ["--clock does not go with --input spin"]),
+        (["--input", "prbs", "--size", "1"], ["--size does not go with --input prbs"]),
+        (["--input", "tracking", "--levels", "0", "1"], ["--levels does not go with"]),
+        (["--input", "tracking", "--reference", "square"], ["--reference"]),
+        (["--input", "tracking", "--size", "-1"], ["positive radius"]),
+        (["--input", "tracking", "--k-e", "-1"], ["k_e"]),
+        (["--input", "tracking", "--control-rate", "0"], ["control rate"]),
+        (["--input", "prbs", "--start-pose", "0", "0", "inf"], ["not finite"]),
+        ([], ["--input"]),
+    ],
+)
+def test_bad_usage(tmp_path, options, words):
+    out = tmp_path / "run.bag"
+    fails(identify("simulate", "--model", MODEL, "-o", out, *options), "usage", *words, status=2)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (None, ["input.csv", "No such file"]),
+        ("", ["input.csv", "empty"]),
+        ("a,b\n1,2\n", ["input.csv, line 1", "time,left,right"]),
+        ("1,-1\n1,3\n", ["input.csv, line 2", "'1,3'"]),
+        ("time,left\n0,1\n", ["line 1", "time,left,right"]),
+        ("time,left,right\n0,0,0\n0.5,1\n", ["line 3", "2 values for 3 columns"]),
+        ("time,left,right\n0,0,0\n0.5,1,x\n", ["line 3", "not all numbers"]),
+        ("time,left,right\n0,0,0\n0.5,1,nan\n", ["line 3", "not finite"]),
+        ("time,left,right\n0,0,0\n0.5,1,2\n", ["line 3", "between 0 and 1"]),
+        ("time,left,right\n1,0,0\n0.5,1,1\n", ["line 3", "grow"]),
+        ("time,left,right\n1,0,0\n", ["only 1 rows"]),
+        ("time,left,right\n1,0,0\n1555406701,1,1\n", ["1.55541e+09 s", "3600 s"]),
+    ],
+)
+def test_bad_csv(tmp_path, text, words):
+    csv, out = tmp_path / "input.csv", tmp_path / "run.bag"
+    if text is not None:
+        csv.write_text(text)
+    fails(identify("simulate", "--model", MODEL, "--input", csv, "-o", out), *words)
+    assert not out.exists()
+
+
+def test_bad_models_and_runs(tmp_path):
+    out = tmp_path / "run.bag"
+
+    def run(model, *options):
+        return identify("simulate", "--model", model, "--input", "prbs", "-o", out, *options)
+
+    fails(run(tmp_path / "none.yaml"), "none.yaml")
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(MODEL.read_text().replace("  k: 0.062", "  kk: 1\n  k: 0.062"))
+    fails(run(bad), "bad.yaml, line", "unknown key 'kk'")
+    wild = tmp_path / "wild.yaml"
+    wild.write_text(MODEL.read_text().replace("8.8e-5", "1e-9").replace("4.62e-5", "1.0"))
+    fails(run(wild), "not finite at")
+    fails(run(MODEL, "--loss", 1), "0 of", "nothing to record")
+    fails(run(MODEL, "--start-velocity", 1e200, 0, 1e200), "not finite")
+    fails(identify("simulate", "--model", MODEL, "--input", "prbs", "-o", "/no/x.bag"), "no folder")
+    assert not out.exists()
+
+
+def test_help_names_every_input():
+    result = identify("simulate", "--help")
+    assert result.returncode == 0
+    for kind in ("prbs", "steps", "coast-down", "spin", "single-thruster", "tracking", "FILE.csv"):
+        assert "\n  %s " % kind in result.stdout

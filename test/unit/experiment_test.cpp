@@ -1,0 +1,284 @@
+// Whole experiments in process: determinism, the controllers' life, the mocap in between.
+#include "ground/simulation/experiment.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "ground/control/prbs.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+
+namespace ground {
+namespace {
+
+Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+Model mvwt() { return loadModel("cfg/hovercraft/mvwt.yaml"); }
+
+/// Rest, lift from 0.5 s on, a PRBS from 1.5 s to the end.
+InputSequence prbs(double end) {
+  PrbsParams params;
+  params.duration = end;
+  const PrbsSignal signal(makePrbs(9, 11), params);
+  InputSequence schedule;
+  schedule.add(0, 0, 0, 0);
+  schedule.add(0.5, 0, 0, 1);
+  for (double t = 0; t + 1.5 < end; t = signal.nextChange(t))
+    schedule.add(t + 1.5, signal.at(t).x(), signal.at(t).y(), 1);
+  return schedule;
+}
+
+TrackingParams mvwtCircle() {
+  TrackingParams tracking;
+  tracking.reference.size = 1.5;
+  tracking.reference.rate_of_turn = 0.3;
+  tracking.gains = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
+  tracking.duration = 60;
+  return tracking;
+}
+
+/// Largest distance of the true craft from the reference, from `settled` [s] on.
+double worst(const ExperimentLog& log, double settled) {
+  double largest = 0;
+  auto truth = log.truth.begin();
+  for (const auto& reference : log.references) {
+    while (truth->time < reference.time) ++truth;
+    EXPECT_EQ(truth->time, reference.time);
+    if (reference.time < settled) continue;
+    largest = std::max(largest, (truth->state.eta.head<2>() - reference.point.p).norm());
+  }
+  EXPECT_GT(log.references.back().time, settled + 10);
+  return largest;
+}
+
+void expectSame(const ExperimentLog& a, const ExperimentLog& b) {
+  ASSERT_EQ(a.frames.size(), b.frames.size());
+  ASSERT_EQ(a.commands.size(), b.commands.size());
+  ASSERT_EQ(a.truth.size(), b.truth.size());
+  for (std::size_t i = 0; i < a.frames.size(); ++i) {
+    EXPECT_EQ(a.frames[i].delivered, b.frames[i].delivered);
+    EXPECT_EQ(a.frames[i].eta, b.frames[i].eta);
+  }
+  for (std::size_t i = 0; i < a.commands.size(); ++i) {
+    EXPECT_EQ(a.commands[i].time, b.commands[i].time);
+    EXPECT_EQ(a.commands[i].left, b.commands[i].left);
+    EXPECT_EQ(a.commands[i].right, b.commands[i].right);
+  }
+  for (std::size_t i = 0; i < a.truth.size(); ++i)
+    EXPECT_EQ(a.truth[i].state.nu, b.truth[i].state.nu);
+}
+
+TEST(Experiment, SameArgumentsGiveTheSameLog) {
+  ExperimentParams params;
+  params.mocap.loss = 0.05;
+  params.mocap.gap_rate = 0.3;
+  params.mocap.gap_length = 0.05;
+  params.seed = 4;
+  const InputSequence schedule = prbs(8);
+  expectSame(playSchedule(tinyWhoover(), schedule, 8, params),
+             playSchedule(tinyWhoover(), schedule, 8, params));
+  TrackingParams tracking;
+  tracking.duration = 8;
+  const ExperimentLog tracked = trackReference(tinyWhoover(), tinyWhoover(), tracking, params);
+  expectSame(tracked, trackReference(tinyWhoover(), tinyWhoover(), tracking, params));
+  params.seed = 5;
+  const ExperimentLog other = trackReference(tinyWhoover(), tinyWhoover(), tracking, params);
+  EXPECT_NE(tracked.frames.front().eta, other.frames.front().eta);
+  EXPECT_NE(tracked.truth.back().state.eta, other.truth.back().state.eta);
+}
+
+TEST(Experiment, PlaysTheScheduleAtItsInstantsAndRepeatsIt) {
+  const InputSequence schedule = prbs(5);
+  const ExperimentLog log = playSchedule(tinyWhoover(), schedule, 5, {});
+  std::size_t due = 0;
+  double last = 0;
+  for (const auto& command : log.commands) {
+    EXPECT_LE(command.time - last, 0.02 + 1e-9);
+    last = command.time;
+    while (due < schedule.size() && schedule.times[due] <= command.time) {
+      EXPECT_EQ(schedule.times[due], command.time) << "a change was late";
+      ++due;
+    }
+    EXPECT_EQ(command.left, schedule.thrusters[due - 1].x());
+    EXPECT_EQ(command.right, schedule.thrusters[due - 1].y());
+    EXPECT_EQ(command.lift, schedule.lift[due - 1]);
+  }
+  EXPECT_EQ(due, schedule.size());
+  EXPECT_NEAR(last, 5, 0.03);
+}
+
+TEST(Experiment, TruthIsTheModelUnderTheCommandsOfTheLog) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("motor_lag"));
+  model.setValue("motor_lag.tau", 0.06);
+  ExperimentParams params;
+  params.initial.eta << 0.3, -0.2, 1;
+  params.initial.nu << 0.1, 0.05, -0.4;
+  const ExperimentLog log = playSchedule(model, prbs(6), 6, params);
+  InputSequence inputs;
+  for (const auto& c : log.commands) inputs.add(c.time, c.left, c.right, c.lift);
+  const Dynamics<double> dynamics(model);
+  Simulation<double> simulation(dynamics, inputs, params.initial, 0);
+  for (const auto& truth : log.truth) {
+    simulation.advance(truth.time);
+    EXPECT_LT((simulation.state().nu - truth.state.nu).norm(), 1e-5) << truth.time;
+  }
+  EXPECT_EQ(log.truth.front().state.eta, params.initial.eta);
+}
+
+TEST(Experiment, InputsAreSharesOfTheLargestInput) {
+  InputSequence full;
+  full.add(0, 1, 1, 1);
+  const ExperimentLog log = playSchedule(mvwt(), full, 1, {});
+  const Body<double> b = mvwt().body;
+  EXPECT_NEAR(log.truth.back().nu_dot.x(),
+              (2 * b.k * b.input_max - b.X_u * log.truth.back().state.nu.x()) / b.m, 1e-9);
+}
+
+TEST(Experiment, FramesAreTheTruthWithTheNoiseAskedFor) {
+  ExperimentParams params;
+  params.mocap.position_noise = 2e-3;
+  params.mocap.heading_noise = 0.02;
+  params.mocap.latency = 0.03;
+  params.mocap.loss = 0.25;
+  const ExperimentLog log = playSchedule(tinyWhoover(), prbs(60), 60, params);
+  EXPECT_NEAR(log.truth.size(), 6000, 1);
+  EXPECT_NEAR(log.frames.size(), 4500, 150);
+  Vector3<double> square = Vector3<double>::Zero(), mean = square;
+  auto truth = log.truth.begin();
+  for (const MocapFrame& frame : log.frames) {
+    while (truth->time < frame.captured) ++truth;
+    ASSERT_EQ(truth->time, frame.captured);
+    EXPECT_DOUBLE_EQ(frame.delivered, frame.captured + 0.03);
+    EXPECT_LE(std::abs(frame.eta.z()), M_PI);
+    Vector3<double> off = frame.eta - truth->state.eta;
+    off.z() = wrapAngle(off.z());
+    square += off.cwiseAbs2();
+    mean += off;
+  }
+  const double n = log.frames.size();
+  const Vector3<double> sigma = (square / n).cwiseSqrt();
+  EXPECT_NEAR(sigma.x(), 2e-3, 1e-4);
+  EXPECT_NEAR(sigma.y(), 2e-3, 1e-4);
+  EXPECT_NEAR(sigma.z(), 0.02, 1e-3);
+  EXPECT_LT((mean / n).cwiseQuotient(sigma).norm(), 5 / std::sqrt(n));
+}
+
+TEST(Experiment, TheScheduleGoesOnWhileTheMocapIsLost) {
+  ExperimentParams params;
+  params.mocap.gap_rate = 0.3;
+  params.mocap.gap_length = 0.6;
+  const ExperimentLog log = playSchedule(tinyWhoover(), prbs(30), 30, params);
+  double longest = 0;
+  for (std::size_t i = 1; i < log.frames.size(); ++i)
+    longest = std::max(longest, log.frames[i].captured - log.frames[i - 1].captured);
+  EXPECT_GT(longest, 0.6);
+  EXPECT_LT(log.frames.size(), 0.95 * log.truth.size());
+  EXPECT_NEAR(log.commands.back().time, 30, 0.03);
+  EXPECT_EQ(log.stopped, "");
+}
+
+TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
+  TrackingParams tracking;
+  tracking.duration = 5;
+  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tracking, {});
+  EXPECT_EQ(log.stopped, "");
+  EXPECT_NEAR(log.truth.back().time, 0.5 + 1 + 5 + 0.5, 0.05);
+  double driven = 0;
+  for (const auto& c : log.commands) {
+    if (c.time < 0.5) {
+      EXPECT_EQ(c.lift, 0);
+    } else if (c.time > 0.55 && c.time < 6.45) {
+      EXPECT_EQ(c.lift, 1);
+    } else if (c.time > 6.55) {
+      EXPECT_EQ(c.lift, 0);
+    }
+    if (c.time < 1.5 || c.time > 6.55) {
+      EXPECT_EQ(c.left + c.right, 0) << c.time;
+    }
+    driven += c.left + c.right > 0;
+  }
+  EXPECT_NEAR(driven, 250, 25);  // at 50 Hz
+  EXPECT_NEAR(log.references.size(), 250, 3);
+}
+
+TEST(Experiment, TracksACircleAsWithTheExactStateWhenTheMocapIsExact) {
+  ExperimentParams params;
+  params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
+  params.mocap.rate = 1000;
+  TrackingParams tracking = mvwtCircle();
+  tracking.rate = 500;
+  const double right = worst(trackReference(mvwt(), mvwt(), tracking, params), 40);
+  EXPECT_NEAR(right, 11.588e-3, 0.1e-3);  // tracking_test
+  Model wrong = mvwt();
+  wrong.setValue("Y_v", 3.0);
+  EXPECT_GT(worst(trackReference(mvwt(), wrong, tracking, params), 40), 3 * right);
+}
+
+TEST(Experiment, TracksACircleOnWhatTheMocapDelivers) {
+  // With delta_1 of (4.10), -0.01 m/s, the law answers noise of the velocity with wild turns.
+  TrackingParams tracking = mvwtCircle();
+  tracking.gains.delta_1 = -0.1;
+  EXPECT_LT(worst(trackReference(mvwt(), mvwt(), tracking, {}), 40), 0.1);
+
+  // The Tiny Whoover's gains (4.11) saturate all the time: within the size of its circle.
+  tracking = {};
+  tracking.duration = 60;
+  for (unsigned long seed = 1; seed <= 5; ++seed) {
+    ExperimentParams params;
+    params.seed = seed;
+    EXPECT_LT(worst(trackReference(tinyWhoover(), tinyWhoover(), tracking, params), 20), 1.5)
+        << "seed " << seed;
+  }
+}
+
+TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
+  ExperimentParams params;
+  params.mocap.gap_rate = 0.2;
+  params.mocap.gap_length = 1;
+  const ExperimentLog log = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
+  EXPECT_EQ(log.stopped, "the state is stale");
+  EXPECT_LT(log.truth.back().time, 30);
+  const double last_seen = log.references.back().time;
+  for (const auto& c : log.commands)
+    if (c.time > last_seen + 0.23) {
+      EXPECT_EQ(c.left + c.right + c.lift, 0) << c.time;
+    }
+  EXPECT_NEAR(log.truth.back().time, last_seen + 0.2 + 0.5, 0.03);
+
+  params.mocap.loss = 1;
+  const ExperimentLog blind = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
+  EXPECT_EQ(blind.stopped, "there was no valid state to start with");
+  EXPECT_TRUE(blind.frames.empty());
+}
+
+TEST(Experiment, RefusesNonsense) {
+  const Model model = tinyWhoover();
+  InputSequence schedule;
+  schedule.add(0, 1.1, 0, 1);
+  EXPECT_THROW(playSchedule(model, schedule, 5, {}), std::invalid_argument);
+  EXPECT_THROW(playSchedule(model, prbs(5), -1, {}), std::invalid_argument);
+  EXPECT_THROW(playSchedule(model, prbs(5), NAN, {}), std::invalid_argument);
+  ExperimentParams params;
+  params.mocap.rate = 0;
+  EXPECT_THROW(playSchedule(model, prbs(5), 5, params), std::invalid_argument);
+  TrackingParams tracking;
+  tracking.reference.kind = "square";
+  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
+  tracking = {};
+  tracking.gains.delta_1 = 0;
+  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
+  Model wild = model;
+  wild.setValue("I_z", 1e-9);
+  wild.setValue("N_r", 1);
+  EXPECT_THROW(playSchedule(wild, prbs(5), 5, {}), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
