@@ -29,17 +29,17 @@ def recordings():
     return sorted(p.stem[len("pose_") :] for p in SHARED.glob("pose_*.csv"))
 
 
-def simulate_run(duration=8.0, seed=1, noise=1.0):
-    """Stamps, poses (x, y, psi) and commands of a PRBS run of the Tiny Whoover."""
+def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=(0, 0, 0)):
+    """Stamps, poses (x, y, psi) and commands of a PRBS run, by default of the Tiny Whoover."""
     from ground import _core
 
-    model = _core.load_model(str(MODEL))
+    model = _core.load_model(str(model))
     clock = 15.0
     bits = np.array(_core.make_prbs(9, seed), float)
     edges = np.arange(int(duration * clock)) / clock
-    inputs = np.column_stack([edges, bits[: len(edges)], np.ones(len(edges))])
+    inputs = np.column_stack([edges, strength * bits[: len(edges)], np.ones(len(edges))])
     times = np.arange(0, duration, 0.01)
-    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+    run = _core.simulate(model, inputs, times, np.zeros(3), np.array(nu, float))
     random = np.random.default_rng(seed)
     eta = run["eta"] + noise * random.normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))

@@ -103,13 +103,77 @@ def test_fit_with_the_thesis_objective_over_its_span(tmp_path, bag, guess):
     assert _core.load_model(str(out)).value("k") == pytest.approx(TRUTH["k"], rel=0.03)
 
 
-def test_fit_several_runs_each(tmp_path, guess):
-    bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s, duration=5) for s in (1, 2)]
-    result = identify("fit", *bags, "--model", guess, "-o", tmp_path / "f.yaml", "--each", "--json")
+def test_fit_says_how_runs_agree_and_what_is_held_out(tmp_path, guess):
+    bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s) for s in (1, 20, 300)]
+    # another craft among them: its heavier twin
+    heavy = tmp_path / "heavy.yaml"
+    heavy.write_text(MODEL.read_text().replace("I_z: 8.8e-5", "I_z: 1.3e-4"))
+    other = write_bag(tmp_path / "other.bag", seed=41, model=heavy)
+    out = tmp_path / "f.yaml"
+    result = identify(
+        "fit", *bags, other, "--model", guess, "-o", out, "--holdout", other, "--json"
+    )
+    fails(result, "both to fit to and to hold out")
+    result = identify("fit", *bags, "--model", guess, "-o", out, "--holdout", other, "--json")
+    assert result.returncode == 0, result.stderr
     fit = json.loads(result.stdout)
-    assert [r["run"] for r in fit["runs"]] == ["run1", "run2"]
+    assert [r["run"] for r in fit["runs"]] == ["run1", "run20", "run300"]
     for run in fit["runs"]:
         assert run["parameters"]["k"] == pytest.approx(TRUTH["k"], rel=0.05)
+        assert run["disagrees_in"] == []
+        assert run["heldout_error"] < 0.06
+    error = fit["error"]
+    assert error["after"] < error["heldout_runs"] < 1.3 * error["after"]
+    assert error["blocks"]["after"] < error["blocks"]["heldout"] < 0.1 * error["blocks"]["before"]
+    assert error["holdout"]["after"] > 3 * error["heldout_runs"]
+    mixed = identify("fit", *bags, other, "--model", guess, "-o", out, "--force", "--json")
+    runs = {r["run"]: r for r in json.loads(mixed.stdout)["runs"]}
+    assert "I_z" in runs["other"]["disagrees_in"]
+    text = identify("fit", *bags, other, "--model", guess, "-o", out, "--force").stdout
+    assert "other disagrees with the others in" in text and "spread" in text
+
+
+def test_fit_to_poses_is_sharper_where_the_model_is_right(tmp_path, bag, guess):
+    off = {}
+    for target in ("velocities", "poses"):
+        out = tmp_path / (target + ".yaml")
+        result = identify("fit", bag, "--model", guess, "-o", out, "--target", target, "--json")
+        assert result.returncode == 0, result.stderr
+        found = json.loads(result.stdout)["parameters"]
+        off[target] = sum(abs(found[n]["value"] / truth - 1) for n, truth in TRUTH.items())
+        for name, truth in TRUTH.items():
+            limit = 0.01 if target == "poses" else 0.03
+            assert found[name]["value"] == pytest.approx(truth, rel=limit), (target, name)
+    assert off["poses"] < 0.5 * off["velocities"]
+
+
+def test_fit_says_which_combination_the_data_know(tmp_path):
+    # A spin that hardly any thrust slows or speeds tells how fast it decays, N_r / I_z.
+    spin = write_bag(tmp_path / "spin.bag", strength=0.02, nu=(0.3, 0, 15))
+    arguments = ["fit", spin, "--model", MODEL, "--free", "I_z", "N_r"]
+    result = identify(*arguments, "-o", tmp_path / "f.yaml", "--json")
+    assert result.returncode == 0, result.stderr
+    weak = json.loads(result.stdout)["weak"]
+    assert [w["parameters"] for w in weak] == [["I_z", "N_r"]]
+    assert weak[0]["known_as"] == "I_z/N_r"
+    assert weak[0]["deviation"] < 0.3 * min(weak[0]["deviations"])
+    text = identify(*arguments, "-o", tmp_path / "g.yaml").stdout
+    assert "I_z and N_r are only known as I_z/N_r" in text
+
+
+def test_fit_says_which_parameters_cannot_be_told_apart(tmp_path, bag):
+    # With the lift always on, the air that its fan takes in is damping in surge and sway.
+    model = tmp_path / "drags.yaml"
+    model.write_text(
+        MODEL.read_text().replace("effects: []", "effects:\n  - {name: momentum_drag, q: 0.01}")
+    )
+    free = ["X_u", "Y_v", "momentum_drag.q"]
+    result = identify(
+        "fit", bag, "--model", model, "-o", tmp_path / "f.yaml", "--free", *free, "k", "--json"
+    )
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)["parameters"]
+    assert [found[name]["identified"] for name in free + ["k"]] == [False] * 3 + [True]
 
 
 def test_fit_from_several_starts(tmp_path, bag, guess):

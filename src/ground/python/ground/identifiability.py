@@ -8,8 +8,8 @@ MUCH_BETTER = 0.5  # a combination that is known so much better than its parts i
 def weak_directions(fit):
     """Parameters of a fit's result that only their ratio or product tells, strongest first.
 
-    Returns dictionaries with `parameters` (two names), `known_as` ("a/b" or "a*b"), its relative
-    standard deviation and those of the two. Linear in the logarithms of the parameters, by the
+    Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for
+    some weights), its relative standard deviation and those of the two. Linear in the logarithms of the parameters, by the
     covariance that the fit gives.
     """
     rows = [
@@ -29,7 +29,7 @@ def weak_directions(fit):
             found.append(
                 {
                     "parameters": [first, second],
-                    "known_as": "%s%s%s" % (first, "/" if together > 0 else "*", second),
+                    "known_as": ("%s/%s" if together > 0 else "%s + %s") % (first, second),
                     "deviation": float(known),
                     "deviations": [float(a), float(b)],
                     "strength": float(worse / max(known, 1e-9)),
@@ -41,9 +41,7 @@ def weak_directions(fit):
 def sentences(fit):
     """What to tell the user about parameters that the data do not tell."""
     for p in fit["parameters"]:
-        if not p["identified"]:
-            yield "%s: these data do not tell it" % p["name"]
-        elif p["at_bound"]:
+        if p["identified"] and p["at_bound"]:
             yield "%s is at its bound: the data would have it beyond" % p["name"]
     for weak in weak_directions(fit):
         first, second = weak["parameters"]

@@ -10,6 +10,7 @@ LATE = 0.05  # a stamp that comes more after its frame is a late one [s]
 SHORTEST = 0.3  # no shorter stretch is of use [s]
 MOVED = 0.01  # a craft that has moved by more does not rest [m]
 CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw moment
+CONTACT_NOISE = 6.0  # nor less than this many times its noise
 CONTACT_MARGIN = 0.1  # left out before and after one [s]
 LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
 IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
@@ -33,7 +34,7 @@ class Run:
             raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
         reply = _reply(recording, motion)
-        contacts = _contacts(motion, reply)
+        contacts = _contacts(recording, motion, reply)
         self.reply = None if reply is None else {"lag": reply["lag"], "share": reply["share"]}
         self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
         self.active = self._active()
@@ -271,7 +272,7 @@ def _middle(times, margin=0.06):
     return inside
 
 
-def _contacts(motion, reply):
+def _contacts(recording, motion, reply):
     """Spans of time in which the craft accelerates as no input within its bounds explains."""
     if reply is None:
         return [(t, t) for t in motion.times[motion.jumps]]
@@ -283,7 +284,10 @@ def _contacts(motion, reply):
     turn = np.abs(by_input[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
-    scale = np.array([thrust, thrust, turn])
+    # Noise is no contact, however little the commands (both alike, say) tell of what they can do.
+    rest = wanted - _commands_at(recording, motion.times - reply["lag"]) @ by_input
+    noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
+    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
     levels = np.linspace(0, 1, 6)
     beyond = np.full(len(wanted), np.inf)
     for left in levels:

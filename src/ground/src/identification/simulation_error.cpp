@@ -84,12 +84,15 @@ struct Free {
   std::vector<double> base;  ///< coordinates of all parameters, the free ones at their start
   std::vector<int> index;
   std::vector<double> scale, lower, upper;  ///< bounds in coordinates
+  std::vector<bool> reciprocal;             ///< the value is one over the coordinate
 
   std::vector<double> coordinates(const double* scaled) const {
     std::vector<double> all = base;
     for (std::size_t i = 0; i < index.size(); ++i) all[index[i]] = scaled[i] * scale[i];
     return all;
   }
+  /// Whether the value grows with the coordinate, or falls.
+  double sign(int i) const { return reciprocal[i] ? -1 : 1; }
   /// Sign of the way from the bound that a value sits on into the range; 0 inside the range.
   int inward(std::size_t i, double scaled) const {
     return scaled * scale[i] <= lower[i] ? 1 : scaled * scale[i] >= upper[i] ? -1 : 0;
@@ -282,6 +285,7 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     const double scale = std::max(std::abs(model.coordinates()[index]), info.scale(model.body));
     free.index.push_back(index);
     free.scale.push_back(scale > 0 ? scale : 1.0);
+    free.reciprocal.push_back(reciprocal);
     free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
     free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
     // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
@@ -780,7 +784,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j)
       if (i != j && deviation(i) * deviation(j) > 0)
-        result.correlation(i, j) = u.covariance(i, j) / (deviation(i) * deviation(j));
+        result.correlation(i, j) =
+            free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
   const Eigen::VectorXd eigen =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(u.information).eigenvalues();
   result.condition = eigen(0) > 0 ? eigen(n - 1) / eigen(0) : kInfinity;

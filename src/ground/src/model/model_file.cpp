@@ -268,7 +268,7 @@ std::string format(double value) {
     std::ostringstream text;
     text.precision(digits);
     text << value;
-    if (digits >= 17 || std::stod(text.str()) == value) return text.str();
+    if (digits >= 17 || std::strtod(text.str().c_str(), nullptr) == value) return text.str();
   }
 }
 

@@ -181,13 +181,13 @@ def _lines(arguments, runs, result, report):
     """What is printed: parameters, errors, runs one by one, and what the data do not tell."""
     yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
     for p in result["parameters"]:
-        yield "%-18s %12.4g %12.4g   [%.4g, %.4g] %s" % (
+        interval = "[%.4g, %.4g]" % p["ci95"] if p["identified"] else "these data do not tell it"
+        yield "%-18s %12.4g %12.4g   %s %s" % (
             p["name"],
             p["start"],
             p["value"],
-            p["ci95"][0],
-            p["ci95"][1],
-            p["unit"],
+            interval,
+            p["unit"] if p["identified"] else "",
         )
     yield ""
     yield "%-46s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
