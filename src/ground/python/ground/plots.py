@@ -167,8 +167,9 @@ def where(path, studies, force=False):
             if column == 0:
                 axis.set_ylabel(LABELS[row].split(" [")[0] + "\nmean |error| / sigma")
         entry = shown["where"]["position"]
-        _draw_map(figure, axes[row, -1], entry, entry["error"][channel], row == 2)
-    axes[0, -1].set_title("map of %s" % shown["label"], fontsize=9)
+        bar = _draw_map(figure, axes[row, -1], entry, entry["error"][channel], row == 2)
+        if row == 0:
+            bar.set_label("map of %s" % shown["label"], fontsize=9)
     axes[0, 0].legend(
         *axes[0, 0].get_legend_handles_labels(),
         loc="lower left",
@@ -420,9 +421,9 @@ def _draw_map(figure, axis, entry, values, last):
         axis.set_xlabel("y [m] (world_ned)", fontsize=9)
     else:
         axis.tick_params(labelbottom=False)
-    figure.colorbar(points, ax=axis, location="left", fraction=0.08, pad=0.04).ax.tick_params(
-        labelsize=7
-    )
+    bar = figure.colorbar(points, ax=axis, location="top", fraction=0.06, pad=0.03)
+    bar.ax.tick_params(labelsize=7)
+    return bar
 
 
 def _small(axis, entry, last, first):
