@@ -18,7 +18,8 @@
 namespace ground {
 namespace {
 
-constexpr int kPass = 8;  // derivatives that a Jet carries
+constexpr int kPass = 8;        // derivatives that a Jet carries
+constexpr double kBrief = 0.3;  // windows so short are fitted first [s]
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// True state whose measured pose is the given one; nu is the true velocity. A fixed point, reached
@@ -149,9 +150,10 @@ class WindowCost : public ceres::CostFunction {
 
 using Initials = std::vector<Eigen::VectorXd>;
 
-/// Relative change of the cost at which a descent ends: coarse where another one follows. An exact
-/// fit has no use for the fine one, its cost falls until nothing is left of it.
-constexpr double kCoarse = 1e-5, kFine = 1e-8;
+/// Relative change of the cost at which a descent ends: rough to come near, coarse where another
+/// one follows. An exact fit has no use for the fine one, its cost falls until nothing is left of
+/// it.
+constexpr double kRough = 1e-2, kCoarse = 1e-5, kFine = 1e-8;
 
 /// Losses to descend by, one after the other. Plain squares come first, they have the widest basin;
 /// absolute values are approached from them.
@@ -395,7 +397,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
 /// Descends from `scaled` by one loss after the other.
 Solution descend(const SimulationError& problem, const Model& model, const Free& free,
                  const std::vector<double>& losses, const FitOptions& options,
-                 std::vector<double> scaled, Initials initial) {
+                 std::vector<double> scaled, Initials initial, double coarse = kCoarse) {
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
@@ -404,10 +406,50 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   for (const double delta : losses) {
     solution.delta = delta;
     const bool last = delta == losses.back() && std::isfinite(delta);
-    descend(problem, model, free, {delta}, last ? kFine : kCoarse, options, solution);
+    descend(problem, model, free, {delta}, last ? kFine : coarse, options, solution);
     if (!solution.usable) break;
   }
   return solution;
+}
+
+/// Windows cut into pieces of at most `length` seconds.
+std::vector<Window> pieces(const SimulationError& problem, double length) {
+  std::vector<Window> all;
+  for (const Window& w : problem.windows()) {
+    const RunData& run = problem.runs()[w.run];
+    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], length);
+    all.insert(all.end(), found.begin(), found.end());
+  }
+  return all.empty() ? problem.windows() : all;
+}
+
+/// Half the sum of squares with the measured initial states; infinite when not finite.
+double costOf(const SimulationError& problem, const Model& model, const Free& free,
+              const std::vector<double>& scaled) {
+  const Initials initial = measuredInitials(problem);
+  const std::vector<double> coordinates = free.coordinates(scaled.data());
+  double sum = 0;
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    Eigen::VectorXd r;
+    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w], r,
+                           nullptr))
+      return kInfinity;
+    sum += r.squaredNorm() / 2;
+  }
+  return sum;
+}
+
+/// Values nearer to the data than the given ones, where there are any: those that fit short pieces
+/// of the windows. Over a short time a simulation depends little on what came before, and the cost
+/// has hardly any minimum but one.
+std::vector<double> approach(const SimulationError& whole, const SimulationError& brief,
+                             const Model& model, const Free& free, const FitOptions& options,
+                             const std::vector<double>& from) {
+  const Solution near =
+      descend(brief, model, free, {kInfinity}, options, from, measuredInitials(brief), kRough);
+  const bool better =
+      near.usable && costOf(whole, model, free, near.scaled) < costOf(whole, model, free, from);
+  return better ? near.scaled : from;
 }
 
 /// The model's own values, then as many others as asked for: positive ones up to ten times smaller
@@ -729,8 +771,10 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   Solution best;
   std::vector<double> costs;
   std::string failure;
+  const SimulationError brief(runs_, pieces(*this, kBrief), target_);
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
-    const Solution found = descend(*this, model, free, lossesOf(options.objective), options, from,
+    const std::vector<double> near = approach(*this, brief, model, free, options, from);
+    const Solution found = descend(*this, model, free, lossesOf(options.objective), options, near,
                                    measuredInitials(*this));
     if (!found.usable) {
       // The start values of the model itself have to work: they are what the user gave.
