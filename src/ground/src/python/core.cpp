@@ -385,10 +385,12 @@ PYBIND11_MODULE(_core, module) {
       .def(
           "fit",
           [](const SimulationError& problem, const Model& model,
-             const std::vector<std::string>& free, FitOptions::Objective objective, int starts) {
+             const std::vector<std::string>& free, FitOptions::Objective objective, int starts,
+             int threads) {
             FitOptions options;
             options.free = free;
             options.starts = starts;
+            options.threads = threads;
             options.objective = objective;
             FitResult result;
             {
@@ -398,7 +400,8 @@ PYBIND11_MODULE(_core, module) {
             return toDict(result);
           },
           py::arg("model"), py::arg("free"),
-          py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1);
+          py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
+          py::arg("threads") = 0);
 
   module.def(
       "predict",
