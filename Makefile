@@ -26,8 +26,10 @@ test: build
 
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)
-	@$(in_workspace) for rate in 100 240; do \
-	  roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
+	@$(in_workspace) rosrun ground table_3_1 && echo && \
+	  /usr/bin/python3 test/bench/fit_speed.py && echo && \
+	  for rate in 100 240; do \
+	    roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
 
 build/CMakeCache.txt: $(installed)
 	@$(in_ros) cmake -S . -B build > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }

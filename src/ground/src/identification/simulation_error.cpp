@@ -332,20 +332,6 @@ std::string notFinite(const SimulationError& problem, int window) {
   return out.str();
 }
 
-/// Says which window cannot be simulated, or nothing. The solver would say it on stderr, in its
-/// words.
-std::string checkFinite(const SimulationError& problem, const Model& model, const Free& free,
-                        const std::vector<double>& scaled, const Initials& initial) {
-  const std::vector<double> coordinates = free.coordinates(scaled.data());
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    Eigen::VectorXd r;
-    const int window = static_cast<int>(w);
-    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
-      return notFinite(problem, window);
-  }
-  return "";
-}
-
 /// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
 /// other parameters still have to go; so those that have come to a bound are held there while the
 /// others go on, and are let go when the cost falls inwards (active set).
@@ -401,8 +387,6 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
-  solution.message = checkFinite(problem, model, free, solution.scaled, solution.initial);
-  if (!solution.message.empty()) return solution;
   for (const double delta : losses) {
     solution.delta = delta;
     const bool last = delta == losses.back() && std::isfinite(delta);
@@ -423,7 +407,8 @@ std::vector<Window> pieces(const SimulationError& problem, double length) {
   return all.empty() ? problem.windows() : all;
 }
 
-/// Half the sum of squares with the measured initial states; infinite when not finite.
+/// Half the sum of squares with the measured initial states. Throws std::runtime_error when a
+/// window's simulation is not finite; the solver would say it on stderr, in its words.
 double costOf(const SimulationError& problem, const Model& model, const Free& free,
               const std::vector<double>& scaled) {
   const Initials initial = measuredInitials(problem);
@@ -431,9 +416,9 @@ double costOf(const SimulationError& problem, const Model& model, const Free& fr
   double sum = 0;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     Eigen::VectorXd r;
-    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w], r,
-                           nullptr))
-      return kInfinity;
+    const int window = static_cast<int>(w);
+    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
+      throw std::runtime_error(notFinite(problem, window));
     sum += r.squaredNorm() / 2;
   }
   return sum;
@@ -441,15 +426,20 @@ double costOf(const SimulationError& problem, const Model& model, const Free& fr
 
 /// Values nearer to the data than the given ones, where there are any: those that fit short pieces
 /// of the windows. Over a short time a simulation depends little on what came before, and the cost
-/// has hardly any minimum but one.
+/// has hardly any minimum but one. Throws std::runtime_error when the given ones cannot be
+/// simulated.
 std::vector<double> approach(const SimulationError& whole, const SimulationError& brief,
                              const Model& model, const Free& free, const FitOptions& options,
                              const std::vector<double>& from) {
+  const double far = costOf(whole, model, free, from);
   const Solution near =
       descend(brief, model, free, {kInfinity}, options, from, measuredInitials(brief), kRough);
-  const bool better =
-      near.usable && costOf(whole, model, free, near.scaled) < costOf(whole, model, free, from);
-  return better ? near.scaled : from;
+  try {
+    if (near.usable && costOf(whole, model, free, near.scaled) < far) return near.scaled;
+  } catch (const std::runtime_error&) {
+    // what suits short windows need not suit long ones
+  }
+  return from;
 }
 
 /// The model's own values, then as many others as asked for: positive ones up to ten times smaller
@@ -770,17 +760,18 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.model = model;
   Solution best;
   std::vector<double> costs;
-  std::string failure;
   const SimulationError brief(runs_, pieces(*this, kBrief), target_);
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
-    const std::vector<double> near = approach(*this, brief, model, free, options, from);
-    const Solution found = descend(*this, model, free, lossesOf(options.objective), options, near,
-                                   measuredInitials(*this));
-    if (!found.usable) {
+    Solution found;
+    try {
+      const std::vector<double> near = approach(*this, brief, model, free, options, from);
+      found = descend(*this, model, free, lossesOf(options.objective), options, near,
+                      measuredInitials(*this));
+      if (!found.usable) throw std::runtime_error(found.message);
+    } catch (const std::runtime_error& error) {
+      if (!costs.empty()) continue;
       // The start values of the model itself have to work: they are what the user gave.
-      if (costs.empty())
-        throw std::runtime_error("the fit failed at its start values: " + found.message);
-      continue;
+      throw std::runtime_error(std::string("the fit failed at its start values: ") + error.what());
     }
     if (costs.empty() || found.cost < best.cost) best = found;
     costs.push_back(found.cost);
