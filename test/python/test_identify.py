@@ -328,6 +328,11 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     fails(identify("info", no_bag), "text.bag", "not a bag")
     fails(identify("info", empty), "empty.bag", "no poses")
     fails(identify("info", other), "no poses", "speed (std_msgs/Float64)")
+    silent = tmp_path / "silent.bag"
+    with rosbag.Bag(str(bag)) as source, rosbag.Bag(str(silent), "w") as file:
+        for topic, message, stamp in source.read_messages("pose"):
+            file.write(topic, message, stamp)
+    fails(identify("fit", silent, "--model", guess, "-o", out), "silent.bag", "no controls")
     bad = tmp_path / "bad.yaml"
     bad.write_text(guess.read_text().replace("k: 0.1", "k: 0.1, kk: 2"))
     fails(identify("fit", bag, "--model", bad, "-o", out), "bad.yaml, line 3", "unknown key 'kk'")
@@ -353,6 +358,7 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
         ["guess"],
         ["fit", "a.bag", "--model", "m", "-o", "o", "--window", "-1"],
         ["fit", "a.bag", "--model", "m", "-o", "o", "--starts", "0"],
+        ["fit", "a.bag", "--model", "m", "-o", "o", "--free"],
         ["fit", "a.bag", "--model", "m", "-o", "o", "--from", "nan"],
         ["info"],
     ],

@@ -1,0 +1,346 @@
+#include <ceres/ceres.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <boost/math/distributions/students_t.hpp>
+#include <cmath>
+#include <random>
+#include <stdexcept>
+
+#include "uncertainty.h"
+#include "window_cost.h"
+
+namespace ground {
+namespace {
+
+constexpr double kBrief = 0.3;  // windows so short are fitted first [s]
+
+/// Relative change of the cost at which a descent ends: rough to come near, coarse where another
+/// one follows. An exact fit has no use for the fine one, its cost falls until nothing is left of
+/// it.
+constexpr double kRough = 1e-2, kCoarse = 1e-5, kFine = 1e-8;
+
+/// One solve; `scaled` and `initial` are start and result.
+ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
+                             const Robust& robust, double tolerance, int iterations, int threads,
+                             std::vector<double>& scaled, Initials& initial) {
+  ceres::Problem ceres_problem;
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    auto* cost = new WindowCost(problem, model, free, static_cast<int>(w), robust);
+    std::vector<double*> blocks = {initial[w].data()};
+    if (!scaled.empty()) blocks.insert(blocks.begin(), scaled.data());
+    ceres_problem.AddResidualBlock(cost, nullptr, blocks);
+  }
+  for (std::size_t i = 0; i < scaled.size(); ++i) {
+    const int at = static_cast<int>(i);
+    if (std::isfinite(free.lower[i]))
+      ceres_problem.SetParameterLowerBound(scaled.data(), at, free.lower[i] / free.scale[i]);
+    if (std::isfinite(free.upper[i]))
+      ceres_problem.SetParameterUpperBound(scaled.data(), at, free.upper[i] / free.scale[i]);
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.max_num_iterations = iterations;
+  options.num_threads = threadCount(threads);
+  // Steps are cut off at the bounds; to search along each would cost as much as the steps do.
+  options.max_num_line_search_step_size_iterations = 0;
+  options.function_tolerance = tolerance;
+  options.parameter_tolerance = 1e-10;
+  options.gradient_tolerance = 1e-12;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &ceres_problem, &summary);
+  return summary;
+}
+
+/// Where a descent ended.
+struct Solution {
+  std::vector<double> scaled;
+  Initials initial;
+  double delta = kInfinity;  ///< of the last loss
+  double cost = kInfinity;
+  int iterations = 0;
+  bool usable = false, converged = false;
+  std::string message;
+};
+
+Free makeFree(const Model& model, const std::vector<std::string>& names) {
+  Free free;
+  free.base = model.coordinates();
+  const auto infos = model.parameters();
+  for (const std::string& name : names) {
+    const int index = model.index(name);
+    if (std::find(free.index.begin(), free.index.end(), index) != free.index.end())
+      throw std::invalid_argument("parameter " + name + " is named twice");
+    const ParameterInfo& info = infos[index];
+    const bool reciprocal = info.coordinate == Coordinate::kReciprocal;
+    const double scale = std::max(std::abs(model.coordinates()[index]), info.scale(model.body));
+    free.index.push_back(index);
+    free.scale.push_back(scale > 0 ? scale : 1.0);
+    free.reciprocal.push_back(reciprocal);
+    free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
+    free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
+    // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
+    const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
+    if (infinite || free.lower.back() == std::numeric_limits<double>::min())
+      free.lower.back() = 1e-6 * free.scale.back();
+  }
+  const auto has = [&names](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  if (has("k") && has("I_z") && (has("m") || has("l")))
+    throw std::invalid_argument(
+        "m or l cannot be free together with k and I_z: velocities only tell k/m, k l/I_z and the "
+        "dampings over m and I_z; weigh the craft and measure its lever");
+  return free;
+}
+
+/// Derivatives of the cost by the scaled free parameters.
+Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, const Free& free,
+                         const Robust& robust, const Solution& at) {
+  const auto n = static_cast<Eigen::Index>(free.index.size());
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
+  const std::vector<double> coordinates = free.coordinates(at.scaled.data());
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    Eigen::VectorXd r;
+    Eigen::MatrixXd J;
+    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), at.initial[w], r,
+                           &J))
+      continue;
+    for (double& x : r) x = robust.score(x);
+    sum += J.leftCols(n).transpose() * r;
+  }
+  return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
+}
+
+/// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
+/// other parameters still have to go; so those that have come to a bound are held there while the
+/// others go on, and are let go when the cost falls inwards (active set).
+void descend(const SimulationError& problem, const Model& model, const Free& free,
+             const Robust& robust, double tolerance, const FitOptions& options,
+             Solution& solution) {
+  const std::size_t n = free.index.size();
+  std::vector<bool> held(n, false), let_go(n, false);
+  for (bool first = true;; first = false) {
+    Free moving;
+    moving.base = free.coordinates(solution.scaled.data());
+    std::vector<double> scaled;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (held[i]) continue;
+      moving.index.push_back(free.index[i]);
+      moving.scale.push_back(free.scale[i]);
+      moving.lower.push_back(free.lower[i]);
+      moving.upper.push_back(free.upper[i]);
+      scaled.push_back(solution.scaled[i]);
+    }
+    const auto summary = solve(problem, model, moving, robust, tolerance, options.max_iterations,
+                               options.threads, scaled, solution.initial);
+    solution.cost = summary.final_cost;
+    solution.iterations += static_cast<int>(summary.iterations.size());
+    solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
+    solution.converged = summary.termination_type == ceres::CONVERGENCE;
+    solution.message = summary.message;
+    if (!solution.usable) return;
+    bool changed = false;
+    for (std::size_t i = 0, j = 0; i < n; ++i) {
+      if (held[i]) continue;
+      solution.scaled[i] = scaled[j++];
+      if (free.inward(i, solution.scaled[i]) != 0) changed = held[i] = true;
+    }
+    if (changed) continue;
+    if (first) return;  // no bound was met
+    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
+    for (std::size_t i = 0; i < n; ++i) {
+      if (!held[i] || let_go[i]) continue;
+      if (slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost)) {
+        held[i] = false;
+        changed = let_go[i] = true;  // once: no going round in circles
+      }
+    }
+    if (!changed) return;
+  }
+}
+
+/// Descends from `scaled` by one loss after the other.
+Solution descend(const SimulationError& problem, const Model& model, const Free& free,
+                 const std::vector<double>& losses, const FitOptions& options,
+                 std::vector<double> scaled, Initials initial, double coarse = kCoarse) {
+  Solution solution;
+  solution.scaled = std::move(scaled);
+  solution.initial = std::move(initial);
+  for (const double delta : losses) {
+    solution.delta = delta;
+    const bool last = delta == losses.back() && std::isfinite(delta);
+    descend(problem, model, free, {delta}, last ? kFine : coarse, options, solution);
+    if (!solution.usable) break;
+  }
+  return solution;
+}
+
+/// Windows cut into pieces of at most `length` seconds.
+std::vector<Window> pieces(const SimulationError& problem, double length) {
+  std::vector<Window> all;
+  for (const Window& w : problem.windows()) {
+    const RunData& run = problem.runs()[w.run];
+    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], length);
+    all.insert(all.end(), found.begin(), found.end());
+  }
+  return all.empty() ? problem.windows() : all;
+}
+
+/// Half the sum of squares with the measured initial states. Throws std::runtime_error when a
+/// window's simulation is not finite; the solver would say it on stderr, in its words.
+double costOf(const SimulationError& problem, const Model& model, const Free& free,
+              const std::vector<double>& scaled) {
+  const Initials initial = measuredInitials(problem);
+  const std::vector<double> coordinates = free.coordinates(scaled.data());
+  double sum = 0;
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    Eigen::VectorXd r;
+    const int window = static_cast<int>(w);
+    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
+      throw std::runtime_error(notFinite(problem, window));
+    sum += r.squaredNorm() / 2;
+  }
+  return sum;
+}
+
+/// Values nearer to the data than the given ones, where there are any: those that fit short pieces
+/// of the windows. Over a short time a simulation depends little on what came before, and the cost
+/// has hardly any minimum but one. Throws std::runtime_error when the given ones cannot be
+/// simulated.
+std::vector<double> approach(const SimulationError& whole, const SimulationError& brief,
+                             const Model& model, const Free& free, const FitOptions& options,
+                             const std::vector<double>& from) {
+  const double far = costOf(whole, model, free, from);
+  const Solution near =
+      descend(brief, model, free, {kInfinity}, options, from, measuredInitials(brief), kRough);
+  try {
+    if (near.usable && costOf(whole, model, free, near.scaled) < far) return near.scaled;
+  } catch (const std::runtime_error&) {
+    // what suits short windows need not suit long ones
+  }
+  return from;
+}
+
+/// The model's own values, then as many others as asked for: positive ones up to ten times smaller
+/// or larger, the others as far off as they are typically large.
+std::vector<std::vector<double>> startsOf(const Free& free, int count) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::vector<std::vector<double>> starts;
+  for (int s = 0; s < count; ++s) {
+    std::vector<double> scaled(free.index.size());
+    for (std::size_t i = 0; i < scaled.size(); ++i) {
+      const double given = free.base[free.index[i]] / free.scale[i];
+      const double lower = free.lower[i] / free.scale[i], upper = free.upper[i] / free.scale[i];
+      const double way = s == 0 ? 0 : uniform(random);
+      scaled[i] = s == 0       ? given
+                  : lower >= 0 ? std::max(given, 0.1) * std::pow(10, way)
+                               : given + way;
+      scaled[i] = std::min(std::max(scaled[i], lower), upper);
+    }
+    starts.push_back(scaled);
+  }
+  return starts;
+}
+
+}  // namespace
+
+FitResult SimulationError::fit(const Model& model, const FitOptions& options) const {
+  if (options.free.empty()) throw std::invalid_argument("no parameter is free");
+  if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
+  const Free free = makeFree(model, options.free);
+  const int n = static_cast<int>(free.index.size());
+  FitResult result;
+  result.model = model;
+  Solution best;
+  std::vector<double> costs;
+  const SimulationError brief(runs_, pieces(*this, kBrief), target_);
+  for (const std::vector<double>& from : startsOf(free, options.starts)) {
+    Solution found;
+    try {
+      const std::vector<double> near = approach(*this, brief, model, free, options, from);
+      found = descend(*this, model, free, lossesOf(options.objective), options, near,
+                      measuredInitials(*this));
+      if (!found.usable) throw std::runtime_error(found.message);
+    } catch (const std::runtime_error& error) {
+      if (!costs.empty()) continue;
+      // The start values of the model itself have to work: they are what the user gave.
+      throw std::runtime_error(std::string("the fit failed at its start values: ") + error.what());
+    }
+    if (costs.empty() || found.cost < best.cost) best = found;
+    costs.push_back(found.cost);
+  }
+  result.starts = static_cast<int>(costs.size());
+  result.starts_at_best = static_cast<int>(std::count_if(costs.begin(), costs.end(), [&](double c) {
+    return c <= best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
+  }));
+  if (options.objective == FitOptions::Objective::kLeastSquares) {
+    std::vector<double> sizes;
+    for (std::size_t w = 0; w < windows_.size(); ++w) {
+      Eigen::VectorXd r;
+      if (residuals(model, free.coordinates(best.scaled.data()), free.index, static_cast<int>(w),
+                    best.initial[w], r, nullptr))
+        for (double x : r) sizes.push_back(std::abs(x));
+    }
+    const double delta = sizes.empty() ? kInfinity : 2 * deviationOf(sizes);
+    // An exact fit has no outliers.
+    if (delta > 1e-9 && std::isfinite(delta)) {
+      const Solution robust =
+          descend(*this, model, free, {delta}, options, best.scaled, best.initial);
+      if (robust.usable) {
+        const int before = best.iterations;
+        best = robust;
+        best.iterations += before;
+      }
+    }
+  }
+  result.iterations = best.iterations;
+  result.converged = best.converged;
+  result.message = best.message;
+
+  const std::vector<double> coordinates = free.coordinates(best.scaled.data());
+  const auto infos = model.parameters();
+  std::vector<double> values = model.values();
+  for (int i = 0; i < n; ++i)
+    values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
+  result.model.setValues(values);
+  result.objective = objective(simulateFrom(result.model, best.initial));
+
+  const Uncertainty u =
+      uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);
+  const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  result.correlation = Eigen::MatrixXd::Identity(n, n);
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      if (i != j && deviation(i) * deviation(j) > 0)
+        result.correlation(i, j) =
+            free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
+  const Eigen::VectorXd eigen =
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(u.information).eigenvalues();
+  result.condition = eigen(0) > 0 ? eigen(n - 1) / eigen(0) : kInfinity;
+  const boost::math::students_t t(std::max(1, u.blocks - n));
+  const double quantile = boost::math::quantile(t, 0.975);
+  for (int i = 0; i < n; ++i) {
+    const ParameterInfo& info = infos[free.index[i]];
+    const double at = coordinates[free.index[i]];
+    const double spread = u.identified[i] ? deviation(i) * free.scale[i] : kInfinity;
+    const double half = quantile * spread;
+    double low = info.lower, high = info.upper;
+    if (u.identified[i]) {
+      low = info.fromCoordinate(std::max(at - half, free.lower[i]));
+      high = info.fromCoordinate(std::min(at + half, free.upper[i]));
+      if (low > high) std::swap(low, high);
+    }
+    const double value = values[free.index[i]];
+    const double slope = info.coordinate == Coordinate::kReciprocal ? value * value : 1;
+    const double margin = 1e-4 * free.scale[i];
+    result.parameters.push_back(
+        {info.name, info.unit, model.values()[free.index[i]], value, low, high, slope * spread,
+         at - free.lower[i] < margin || free.upper[i] - at < margin, bool(u.identified[i])});
+  }
+  return result;
+}
+
+}  // namespace ground

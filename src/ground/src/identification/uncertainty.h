@@ -1,0 +1,28 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "window_cost.h"
+
+namespace ground {
+
+/// How well the free parameters are known, in scaled coordinates.
+struct Uncertainty {
+  Eigen::MatrixXd information, covariance;
+  std::vector<bool> identified;  ///< false: the data say nothing, the variance is infinite
+  int blocks = 0;
+};
+
+/// Jackknife over blocks of time, inside which residuals may be correlated: each block is left out
+/// once, and one Newton step says where the estimate, the initial velocities with it, would go.
+/// Unlike the sum of squared scores it is not fooled by residuals that the fit has made small
+/// (MacKinnon and White 1985, HC3).
+Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
+                        const std::vector<double>& coordinates, const Initials& initial,
+                        const Robust& robust, double block);
+
+/// Standard deviation that the median of absolute residuals stands for.
+double deviationOf(std::vector<double> sizes);
+
+}  // namespace ground

@@ -1,0 +1,132 @@
+// What the solvers of the fit share: residuals of one window as a cost, and the loss on them.
+#pragma once
+
+#include <ceres/cost_function.h>
+
+#include <Eigen/Core>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "ground/identification/simulation_error.h"
+
+namespace ground {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// Pseudo-Huber: square for residuals below delta, absolute value above, as a residual of its own.
+struct Robust {
+  double delta = kInfinity;
+
+  double operator()(double r) const { return r * factor(r); }
+  double derivative(double r) const {
+    if (std::isinf(delta)) return 1;
+    const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
+    return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
+  }
+  /// Half the derivative of the loss by the residual.
+  double score(double r) const {
+    return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
+  }
+  /// Half the second derivative of the loss, averaged over about `width` (no less than delta):
+  /// absolute values have all their curvature at zero, where few residuals are.
+  double curvature(double r, double width) const {
+    return std::isinf(delta) ? 1 : delta / width * std::pow(1 + r * r / (width * width), -1.5);
+  }
+
+ private:
+  double factor(double r) const {
+    return std::isinf(delta) ? 1 : std::sqrt(2 / (1 + std::sqrt(1 + r * r / (delta * delta))));
+  }
+};
+
+/// Scaling between solver variables of order one and coordinates of the model.
+struct Free {
+  std::vector<double> base;  ///< coordinates of all parameters, the free ones at their start
+  std::vector<int> index;
+  std::vector<double> scale, lower, upper;  ///< bounds in coordinates
+  std::vector<bool> reciprocal;             ///< the value is one over the coordinate
+
+  std::vector<double> coordinates(const double* scaled) const {
+    std::vector<double> all = base;
+    for (std::size_t i = 0; i < index.size(); ++i) all[index[i]] = scaled[i] * scale[i];
+    return all;
+  }
+  /// Whether the value grows with the coordinate, or falls.
+  double sign(int i) const { return reciprocal[i] ? -1 : 1; }
+  /// Sign of the way from the bound that a value sits on into the range; 0 inside the range.
+  int inward(std::size_t i, double scaled) const {
+    return scaled * scale[i] <= lower[i] ? 1 : scaled * scale[i] >= upper[i] ? -1 : 0;
+  }
+};
+
+/// Residuals of one window after the loss; parameter blocks are the free parameters, scaled, if
+/// there are any, and the initial state.
+class WindowCost : public ceres::CostFunction {
+ public:
+  WindowCost(const SimulationError& problem, const Model& model, const Free& free, int window,
+             const Robust& robust)
+      : problem_(problem), model_(model), free_(free), window_(window), robust_(robust) {
+    const Window& w = problem.windows()[window];
+    set_num_residuals(3 * (w.last - w.first + 1));
+    if (!free.index.empty())
+      mutable_parameter_block_sizes()->push_back(static_cast<int>(free.index.size()));
+    mutable_parameter_block_sizes()->push_back(problem.initialSize());
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    const int count = static_cast<int>(free_.index.size());
+    const int initial_block = count > 0 ? 1 : 0;
+    const int initial_size = problem_.initialSize();
+    const std::vector<double> coordinates = free_.coordinates(parameters[0]);
+    const Eigen::Map<const Eigen::VectorXd> initial(parameters[initial_block], initial_size);
+    Eigen::VectorXd r;
+    Eigen::MatrixXd J;
+    if (!problem_.residuals(model_, coordinates, free_.index, window_, initial, r,
+                            jacobians ? &J : nullptr))
+      return false;
+    for (Eigen::Index i = 0; i < r.size(); ++i) {
+      residuals[i] = robust_(r(i));
+      if (jacobians) J.row(i) *= robust_.derivative(r(i));
+    }
+    if (!jacobians) return true;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    if (count > 0 && jacobians[0]) {
+      Eigen::Map<RowMajor> out(jacobians[0], r.size(), count);
+      for (int i = 0; i < count; ++i) out.col(i) = J.col(i) * free_.scale[i];
+    }
+    if (jacobians[initial_block])
+      Eigen::Map<RowMajor>(jacobians[initial_block], r.size(), initial_size) =
+          J.rightCols(initial_size);
+    return true;
+  }
+
+ private:
+  const SimulationError& problem_;
+  const Model& model_;
+  const Free& free_;
+  int window_;
+  Robust robust_;
+};
+
+using Initials = std::vector<Eigen::VectorXd>;
+
+/// The initial states that were measured.
+Initials measuredInitials(const SimulationError& problem);
+
+/// Losses to descend by, one after the other. Plain squares come first, they have the widest basin;
+/// absolute values are approached from them.
+inline std::vector<double> lossesOf(FitOptions::Objective objective) {
+  if (objective == FitOptions::Objective::kLeastSquares) return {kInfinity};
+  return {kInfinity, 1.0, 0.3, 0.1, 0.03, 0.01};
+}
+
+/// "The model's motion is not finite in …".
+std::string notFinite(const SimulationError& problem, int window);
+
+/// Number of threads: all cores for 0.
+int threadCount(int wanted);
+
+}  // namespace ground
