@@ -383,7 +383,7 @@ def _draw_force_map(axis, missing):
     quiver = axis.quiver(centres[:, 1], centres[:, 0], mean[:, 1], mean[:, 0], color=MODELS[0])
     size = float("%.1g" % np.hypot(*mean.T).max())
     if size > 0:
-        axis.quiverkey(quiver, 0.9, -0.2, size, "%g N" % size, labelpos="W")
+        axis.quiverkey(quiver, 0.8, 0.04, size, "%g N" % size, labelpos="W")
     axis.set_aspect("equal")
     axis.margins(0.15)
     axis.set_xlabel("y [m] (world_ned)", fontsize=9)

@@ -190,9 +190,9 @@ def _lines(arguments, runs, result, report):
             p["unit"] if p["identified"] else "",
         )
     yield ""
-    yield "%-46s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
+    yield "%-50s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
     for words, values in _errors(arguments, report):
-        yield "  %-44s %8s %8s %9s" % (
+        yield "  %-48s %8s %8s %9s" % (
             (words,) + tuple("" if v is None else "%.3f" % v for v in values)
         )
     if report["runs"]:
@@ -210,7 +210,8 @@ def _lines(arguments, runs, result, report):
 def _errors(arguments, report):
     """What the error is of, and the error of the start values, of the fit, and held out."""
     errors, thesis = report["error"], report["thesis_objective"]
-    yield "the runs; held out: each by a fit to the others", (
+    several = "all runs; held out: each by a fit to the others"
+    yield several if report["runs"] else "the run", (
         errors["before"],
         errors["after"],
         errors["heldout_runs"],
