@@ -1,5 +1,6 @@
 """The identification tool as its users run it: command line, real files, bad input."""
 import json
+import subprocess
 
 import numpy as np
 import pytest
@@ -233,6 +234,36 @@ def test_reads_our_own_topics(tmp_path, guess):
     result = identify("fit", path, "--model", guess, "-o", tmp_path / "f.yaml", "--json")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["parameters"]["k"]["value"] == pytest.approx(0.062, rel=0.03)
+
+
+def test_reads_the_topics_of_the_original_system(tmp_path, bag, guess):
+    import rosbag
+
+    path = tmp_path / "original.bag"
+    with rosbag.Bag(str(bag)) as source, rosbag.Bag(str(path), "w") as file:
+        for topic, message, stamp in source.read_messages():
+            file.write({"pose": "eta"}.get(topic, topic), message, stamp)
+            if topic == "pose":
+                file.write("nu", message, stamp)  # differentiated there; not needed
+    values = []
+    for number, source in enumerate((bag, path)):
+        out = tmp_path / ("%d.yaml" % number)
+        result = identify("fit", source, "--model", guess, "-o", out, "--json")
+        values.append(json.loads(result.stdout)["parameters"]["k"]["value"])
+    assert values[0] == values[1]
+
+
+def test_a_reader_that_leaves_is_no_error_message(bag):
+    command = "rosrun ground identify info %s | head -n 1" % bag
+    result = subprocess.run(
+        command,
+        shell=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=60,
+    )
+    assert result.stderr == "" and result.stdout == "run\n"
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(tmp_path, guess):

@@ -1,6 +1,7 @@
 """The identification tool's command line: rosrun ground identify VERB."""
 import argparse
 import json
+import os
 import sys
 
 from ground import files, verbs
@@ -18,10 +19,22 @@ def main(argv=None):
     except KeyboardInterrupt:
         print("identify %s: interrupted" % arguments.verb, file=sys.stderr)
         return 1
-    if arguments.json:
-        json.dump(files.plain(result), sys.stdout, indent=1, allow_nan=False)
-        print()
+    except BrokenPipeError:
+        return _nobody_reads()
+    try:
+        if arguments.json:
+            json.dump(files.plain(result), sys.stdout, indent=1, allow_nan=False)
+            print()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _nobody_reads()
     return 0
+
+
+def _nobody_reads():
+    """Whoever read the output has gone, as head does; the interpreter shall not complain at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
 
 
 def _parser():
