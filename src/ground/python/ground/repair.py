@@ -58,25 +58,30 @@ def repair(recording):
         repairs["stamps replaced by the frame clock"] = len(times)
         times = clock.times
     noise = POLLED_NOISE if clock is None and polled(times) else _noise(times, eta)
-    params = _core.EstimatorParams()
-    params.position_noise, params.heading_noise = noise
-    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
-    params.gate, params.max_gap = GATE, MAX_GAP
-    smooth = _core.smooth(times, eta, params)
-    spikes = ~np.asarray(smooth["used"])
-    jumps = np.asarray(smooth["starts"]) & (np.diff(times, prepend=-np.inf) <= MAX_GAP)
+    smoothed = smooth(times, eta, noise)
+    spikes = ~np.asarray(smoothed["used"])
+    jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= MAX_GAP)
     return Motion(
         times,
         eta,
-        smooth["eta"],
-        smooth["nu"],
-        smooth["nu_dot"],
+        smoothed["eta"],
+        smoothed["nu"],
+        smoothed["nu_dot"],
         noise,
         spikes,
         jumps,
         clock,
         repairs,
     )
+
+
+def smooth(times, eta, noise):
+    """_core.smooth with poses of that noise (position [m], heading [rad])."""
+    params = _core.EstimatorParams()
+    params.position_noise, params.heading_noise = noise
+    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
+    params.gate, params.max_gap = GATE, MAX_GAP
+    return _core.smooth(times, eta, params)
 
 
 def polled(times):

@@ -1,6 +1,8 @@
 """What the verbs of the command line share."""
 import argparse
+import datetime
 import os
+import shlex
 import sys
 
 import numpy as np
@@ -82,7 +84,10 @@ def load(path):
 
 
 def prepare(arguments, model, bags=None):
-    """Every bag (of the arguments, if none are given) read and repaired: quality.Run and the _core.RunData of the part that is asked for."""
+    """Every bag (of the arguments, if none are given) read and repaired.
+
+    Returns quality.Run and the _core.RunData of the part that is asked for, of each.
+    """
     if not model.input_max > 0:
         raise IdentifyError("the model's input_max is not positive")
     runs = [quality.Run(r) for r in read(arguments, bags)]
@@ -91,3 +96,24 @@ def prepare(arguments, model, bags=None):
 
 def data(arguments, run, model):
     return run.data(model, arguments.start, arguments.end, arguments.all)
+
+
+def refuse_twice(runs):
+    """Raises IdentifyError when a run is given both to fit to and to hold out."""
+    names = [r.name for r in runs]
+    if len(set(names)) < len(names):
+        raise IdentifyError("a run is given both to fit to and to hold out")
+
+
+def write_model(arguments, model, error_before, error_after, parameters):
+    """Writes a fitted model with where its numbers come from; errors are by kind of runs."""
+    provenance = model.provenance
+    provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+    provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
+    provenance.bags = [os.path.basename(b) for b in arguments.bags]
+    provenance.error_before, provenance.error_after = error_before, error_after
+    provenance.confidence_95 = {name: p["ci95"] for name, p in parameters.items()}
+    try:
+        _core.save_model(model, arguments.output, arguments.force)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))

@@ -1,18 +1,15 @@
 """identify fit: a model's parameters from recordings."""
-import datetime
-import os
-import shlex
 import sys
 
 import numpy as np
 
-from ground import _core, comparison, files, identifiability, quality, validation, windows
+from ground import _core, comparison, files, identifiability, quality, study, validation, windows
 from ground.errors import IdentifyError
 from ground.verbs import common
 
 NAME = "fit"
 SUMMARY = "fits a model's parameters to recordings by simulation error"
-FREE = ["I_z", "X_u", "Y_v", "N_r", "k"]
+FREE = list(study.FIVE)
 
 
 def configure(parser):
@@ -72,9 +69,7 @@ def run(arguments):
     model = common.load(arguments.model)
     prepared, runs = common.prepare(arguments, model)
     held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
-    names = [r.name for r in runs + held]
-    if len(set(names)) < len(names):
-        raise IdentifyError("a run is given both to fit to and to hold out")
+    common.refuse_twice(runs + held)
 
     cut = windows.cut(runs, arguments.window)
     result = _fit(arguments, runs, model, cut, arguments.starts)
@@ -165,16 +160,7 @@ def _write(arguments, fitted, report):
         before["blocks"], after["blocks"] = errors["blocks"]["before"], errors["blocks"]["heldout"]
     if errors["holdout"]:
         before["heldout"], after["heldout"] = (errors["holdout"][k] for k in ("before", "after"))
-    provenance = fitted.provenance
-    provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-    provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
-    provenance.bags = [os.path.basename(b) for b in arguments.bags]
-    provenance.error_before, provenance.error_after = before, after
-    provenance.confidence_95 = {name: p["ci95"] for name, p in report["parameters"].items()}
-    try:
-        _core.save_model(fitted, arguments.output, arguments.force)
-    except RuntimeError as error:
-        raise IdentifyError(str(error))
+    common.write_model(arguments, fitted, before, after, report["parameters"])
 
 
 def _lines(arguments, runs, result, report):

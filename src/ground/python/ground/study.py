@@ -1,0 +1,140 @@
+"""A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
+from dataclasses import dataclass
+from typing import Any, Dict
+
+import numpy as np
+
+from ground import _core, repair, windows
+from ground.errors import IdentifyError
+
+PARTS = 4  # held out one after the other, where one run is all there is
+FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
+# Angles all round have several minima: they are sought from several starts [rad].
+STARTS = {"heading_offset.psi0": (np.pi / 2, np.pi, -np.pi / 2)}
+
+
+@dataclass
+class Fit:
+    """A model fitted to all windows of a study."""
+
+    model: Any  # _core.Model
+    parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
+    error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows fitted to
+    heldout: np.ndarray  # (3,) the same over all windows, each by a fit to the other parts
+
+
+class Study:
+    """Runs (_core.RunData), their windows, and the parts that are held out together.
+
+    Parts are runs, or quarters of a single run. Raises IdentifyError when runs are too short.
+    """
+
+    def __init__(self, runs):
+        self.runs = runs
+        self.windows = windows.cut(runs)
+        self.problem = windows.problem(runs, self.windows)
+        if len(runs) > 1:
+            self.parts = [[w for w in self.windows if w.run == i] for i in range(len(runs))]
+        else:
+            count = min(PARTS, len(self.windows))
+            if count < 2:
+                raise IdentifyError(
+                    "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
+                    % (runs[0].name, windows.WINDOW)
+                )
+            edges = np.arange(count + 1) * len(self.windows) // count
+            self.parts = [self.windows[a:b] for a, b in zip(edges[:-1], edges[1:])]
+
+    def fit(self, model, free, also=()):
+        """Fits the free parameters, and once more without each part in turn.
+
+        The fit starts from the model's values and from those of the models in `also`, and keeps the
+        best: what was fitted without an effect may be far from what is right with it.
+        """
+        starts = [start for given in (model,) + tuple(also) for start in _turned(given, free)]
+        result = min((self._fit(self.problem, s, free) for s in starts), key=_objective)
+        fitted = result["model"]
+        heldout = []
+        for at, part in enumerate(self.parts):
+            rest = [w for i, other in enumerate(self.parts) if i != at for w in other]
+            refitted = self._fit(windows.problem(self.runs, rest), fitted, free)["model"]
+            heldout.append(channel_errors(self.runs, part, refitted))
+        samples = [sum(w.last - w.first + 1 for w in part) for part in self.parts]
+        return Fit(
+            fitted,
+            {p["name"]: p for p in result["parameters"]},
+            channel_errors(self.runs, self.windows, fitted),
+            np.average(heldout, axis=0, weights=samples),
+        )
+
+    def _fit(self, problem, model, free):
+        try:
+            return problem.fit(model, free)
+        except (ValueError, RuntimeError) as error:
+            raise IdentifyError(str(error))
+
+
+def _objective(result):
+    return result["objective"]
+
+
+def _turned(model, free):
+    """The model, and others whose free angles start elsewhere."""
+    yield model
+    for name, angles in STARTS.items():
+        if name in free and model.value(name) == 0:
+            for angle in angles:
+                other = model.copy()
+                other.set_value(name, angle)
+                yield other
+
+
+def free_parameters(model):
+    """The five nominal parameters and all those of a model's effects."""
+    return list(FIVE) + [
+        p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
+    ]
+
+
+def channel_errors(runs, chosen, model, truth=None):
+    """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
+
+    Their sum is the error of DESIGN 8. Raises IdentifyError when the model cannot be simulated.
+    """
+    problem = windows.problem(runs, chosen)
+    scale = windows.problem(truth or runs, chosen)
+    try:
+        simulated = problem.simulate(model)["nu"]
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+    errors = []
+    for window, nu in zip(chosen, simulated):
+        measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
+        errors.append(np.abs(nu - measured) / scale.sigma(window.run))
+    return np.vstack(errors).mean(axis=0)
+
+
+def noise_floor(runs, model, seed=1):
+    """Mean |e|/s of u, v, r (3,) that the poses' noise alone would leave, were the model the truth.
+
+    The model is run along each stretch without a gap, its poses get the noise that was measured and
+    are smoothed as the recording was; s is that of the recording.
+    """
+    random = np.random.default_rng(seed)
+    artificial = [_artificial(run, model, random) for run in runs]
+    return channel_errors(artificial, windows.cut(runs), model, truth=runs)
+
+
+def _artificial(run, model, random):
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
+    inputs, noise = np.array(run.inputs), np.array(run.noise)
+    poses = np.empty_like(eta)
+    breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP) + 1
+    for stretch in np.split(np.arange(len(times)), breaks):
+        start = stretch[0]
+        found = _core.simulate(model, inputs, times[stretch], eta[start], nu[start])
+        poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
+    if not np.isfinite(poses).all():
+        raise IdentifyError("the model's motion along %s is not finite" % run.name)
+    smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
+    return _core.RunData(run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise)

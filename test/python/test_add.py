@@ -1,0 +1,128 @@
+"""identify add as a user runs it: the error falls, and to where."""
+import json
+
+import pytest
+from conftest import MODEL, identify, write_bag
+
+
+def with_effect(path, entry):
+    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
+    return path
+
+
+@pytest.fixture
+def lagging(tmp_path):
+    """Bags of a craft whose motors lag by 60 ms."""
+    truth = with_effect(tmp_path / "truth.yaml", "{name: motor_lag, tau: 0.06}")
+    return [write_bag(tmp_path / ("run%d.bag" % s), seed=s, model=truth) for s in (1, 40, 90)]
+
+
+def test_the_error_falls_to_the_noise(tmp_path, lagging):
+    out = tmp_path / "better.yaml"
+    result = identify(
+        "add",
+        "motor_lag",
+        *lagging[:2],
+        "--model",
+        MODEL,
+        "-o",
+        out,
+        "--holdout",
+        lagging[2],
+        "--json"
+    )
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    tau = report["parameters"]["motor_lag.tau"]
+    assert tau["value"] == pytest.approx(0.06, abs=0.002)
+    floor = report["noise_floor"]["error"]
+    for kind in ("fit", "heldout", "holdout"):
+        error = report["error"][kind]
+        assert error["before"]["error"] > 3 * error["after"]["error"], kind
+        # The floor is that of the runs fitted to; others move more or less.
+        assert error["after"]["error"] == pytest.approx(
+            floor, rel=0.4 if kind == "holdout" else 0.15
+        ), kind
+        assert sum(error["after"][c] for c in "uvr") == pytest.approx(error["after"]["error"])
+    # The model file says where it comes from, and is a model for all else.
+    from ground import _core
+
+    model = _core.load_model(str(out))
+    assert model.effects == ["motor_lag"]
+    assert model.provenance.bags == ["run1.bag", "run40.bag"]
+    assert model.provenance.error_after["heldout"] == error_of(report, "heldout")
+    text = identify(
+        "add", "input_delay", *lagging, "--model", out, "-o", tmp_path / "x.yaml"
+    ).stdout
+    assert "noise of the poses alone" in text and "each run by a fit to the others" in text
+
+
+def error_of(report, kind):
+    return pytest.approx(report["error"][kind]["after"]["error"])
+
+
+def test_an_effect_that_is_not_there_brings_nothing(tmp_path, lagging):
+    truth = with_effect(tmp_path / "lag.yaml", "{name: motor_lag, tau: 0.06}")
+    out = tmp_path / "x.yaml"
+    result = identify("add", "floor_tilt", *lagging, "--model", truth, "-o", out, "--json")
+    report = json.loads(result.stdout)
+    held = report["error"]["heldout"]
+    assert held["after"]["error"] == pytest.approx(held["before"]["error"], rel=0.02)
+    for name in ("sx", "sy"):
+        low, high = report["parameters"]["floor_tilt." + name]["ci95"]
+        assert low < 0.002 and high > -0.002
+
+
+def test_a_heading_offset_is_found_from_zero(tmp_path):
+    truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 2.6}")
+    bag = write_bag(tmp_path / "run.bag", model=truth)
+    out = tmp_path / "x.yaml"
+    result = identify("add", "heading_offset", bag, "--model", MODEL, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["parameters"]["heading_offset.psi0"]["value"] == pytest.approx(2.6, abs=0.01)
+    held = report["error"]["heldout"]
+    assert held["after"]["error"] < 0.1 * held["before"]["error"]
+
+
+def test_an_expression_effect_from_a_file(tmp_path):
+    washboard = "{name: waves, expression: {Y: 'a*sin(6*x)'}, parameters: {a: {value: %g, unit: N, lower: -1, upper: 1}}}"
+    truth = with_effect(tmp_path / "truth.yaml", washboard % 0.03)
+    bag = write_bag(tmp_path / "run.bag", model=truth)
+    effect = tmp_path / "waves.yaml"
+    effect.write_text(washboard % 0)
+    out = tmp_path / "x.yaml"
+    result = identify("add", effect, bag, "--model", MODEL, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["effect"] == "waves"
+    assert report["parameters"]["waves.a"]["value"] == pytest.approx(0.03, rel=0.05)
+
+
+def test_bad_input_is_refused_with_a_reason(tmp_path, lagging):
+    out = tmp_path / "x.yaml"
+    bag = lagging[0]
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("{name: waves, expression: {Y: 'a*sin('}, parameters: {a: {value: 0, unit: N}}}")
+    out_of_place = tmp_path / "list.yaml"
+    out_of_place.write_text("[1, 2]")
+    for arguments, words in (
+        (["wobble", bag, "--model", MODEL], ["wobble"]),
+        ([tmp_path / "none.yaml", bag, "--model", MODEL], ["none.yaml", "cannot be read"]),
+        ([out_of_place, bag, "--model", MODEL], ["list.yaml", "not one effect"]),
+        ([bad, bag, "--model", MODEL], ["bad.yaml"]),
+        (
+            ["motor_lag", bag, "--model", MODEL, "--holdout", bag],
+            ["both to fit to and to hold out"],
+        ),
+        (["motor_lag", bag, "--model", MODEL, "--to", "1.4"], ["too short"]),
+    ):
+        result = identify("add", *arguments, "-o", out)
+        assert result.returncode == 1, result.stdout
+        assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+        for word in words:
+            assert word in result.stderr, result.stderr
+    assert not out.exists()
+    out.write_text("mine")
+    assert identify("add", "motor_lag", bag, "--model", MODEL, "-o", out).returncode == 1
+    assert out.read_text() == "mine"
