@@ -18,9 +18,12 @@ int main() {
   for (const Row& row : {Row{0, 1.0}, Row{0.1, 5.4}, Row{0.3, 4.0}, Row{0.5, 51.2}}) {
     const auto squares = studyNoise(row.epsilon, kSeeds, FitOptions::Objective::kLeastSquares);
     const auto thesis = studyNoise(row.epsilon, kSeeds, FitOptions::Objective::kThesis);
-    std::printf("%8.1f %9.2f%% %8.2f%% %9.2f%% %8.2f%% %10.1f%% %9.1f%% %9.1f%%\n", row.epsilon,
-                100 * squares.median, 100 * squares.largest, 100 * thesis.median,
-                100 * thesis.largest, squares.coverage.percent(), thesis.coverage.percent(),
-                row.thesis);
+    std::printf("%8.1f %9.2f%% %8.2f%% %9.2f%% %8.2f%%", row.epsilon, 100 * squares.median,
+                100 * squares.largest, 100 * thesis.median, 100 * thesis.largest);
+    if (row.epsilon > 0)  // an exact fit has no uncertainty to speak of
+      std::printf(" %10.1f%% %9.1f%%", squares.coverage.percent(), thesis.coverage.percent());
+    else
+      std::printf(" %11s %10s", "-", "-");
+    std::printf(" %9.1f%%\n", row.thesis);
   }
 }
