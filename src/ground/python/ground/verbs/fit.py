@@ -83,7 +83,9 @@ def run(arguments):
         "after": windows.error(runs, fitted),
         "heldout_runs": None,
         "blocks": _blocks(
-            validation.leave_one_block_out(runs, (model, fitted), refit, arguments.block)
+            validation.leave_one_block_out(
+                runs, (model, fitted), refit, arguments.block, arguments.window
+            )
         ),
         "holdout": None,
     }
@@ -138,7 +140,9 @@ def _each(arguments, runs, fitted, refit):
     """Each run fitted by itself, and held out of a fit to the others (the thesis's table 3.2)."""
     rows = []
     every = windows.cut(runs, arguments.window)
-    for i, (others, error) in enumerate(validation.leave_one_run_out(runs, refit)):
+    for i, (others, error) in enumerate(
+        validation.leave_one_run_out(runs, refit, arguments.window)
+    ):
         alone = refit([w for w in every if w.run == i])
         rows.append(
             {
