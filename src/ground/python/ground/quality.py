@@ -19,8 +19,9 @@ IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
 class Run:
     """A recording with its motion repaired: findings and usable spans are of its own clock.
 
-    Attributes: recording; motion; zero [s], the instant that the run's clock calls 0; spans, list of
-    (start, end) on that clock [s]; findings, plain values for JSON.
+    Attributes: recording; motion; zero [s], the instant that the run's clock calls 0, and end [s] on
+    it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
+    reply, how the motion follows the commands.
     """
 
     def __init__(self, recording):
@@ -182,24 +183,32 @@ class Run:
 
 def same_inputs(runs):
     """Pairs of runs (names) that were driven by the same sequence of commands."""
-    pairs = []
-    for i, first in enumerate(runs):
-        for second in runs[i + 1 :]:
-            a, b = (r.recording.controls[:, :2] for r in (first, second))
-            if _agree(a, b):
-                pairs.append((first.recording.name, second.recording.name))
-    return pairs
+    held = [_held(run.recording) for run in runs]
+    return [
+        (runs[i].recording.name, runs[j].recording.name)
+        for i in range(len(runs))
+        for j in range(i + 1, len(runs))
+        if _agree(held[i], held[j])
+    ]
 
 
-def _agree(a, b, shift=5):
-    """Whether two sequences of commands are one, up to some messages at the start."""
+def _held(recording):
+    """Rows of left, right, and how long they were held [s], (n, 3)."""
+    times, commands = recording.control_times, recording.controls[:, :2]
+    changes = np.flatnonzero((np.abs(np.diff(commands, axis=0)) > 1e-6).any(axis=1)) + 1
+    starts = np.append(0, changes)
+    held = np.diff(np.append(times[starts], times[-1]))
+    return np.column_stack([commands[starts], held])
+
+
+def _agree(a, b, shift=5, fewest=10):
+    """Whether two sequences of held commands are one, up to some of them at the start."""
     for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
         count = min(len(a) - i, len(b) - j)
-        if count < 20:
+        if count < fewest:
             continue
-        x, y = a[i : i + count], b[j : j + count]
-        changes = (np.abs(np.diff(x, axis=0)) > 1e-6).any(axis=1).sum()
-        if changes >= 10 and (np.abs(x - y) < 1e-6).all(axis=1).mean() > 0.9:
+        apart = np.abs(a[i : i + count] - b[j : j + count])
+        if (apart < [1e-6, 1e-6, 0.03]).all(axis=1).mean() > 0.9:
             return True
     return False
 
