@@ -27,7 +27,7 @@ test: build
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)
 	@$(in_workspace) rosrun ground table_3_1 && echo && \
-	  /usr/bin/python3 test/bench/fit_speed.py && echo && \
+	  test/bench/fit_speed.py --casadi "$$(test/bench/casadi_python build/casadi)" && echo && \
 	  for rate in 100 240; do \
 	    roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
 
