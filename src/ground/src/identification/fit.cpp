@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <optional>
 #include <random>
 #include <stdexcept>
 
+#include "parallel.h"
 #include "uncertainty.h"
 #include "window_cost.h"
 
@@ -121,7 +123,18 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
              Solution& solution) {
   const std::size_t n = free.index.size();
   std::vector<bool> held(n, false), let_go(n, false);
-  for (bool first = true;; first = false) {
+  const auto onBound = [&](std::size_t i) { return free.inward(i, solution.scaled[i]) != 0; };
+  /// Whether the cost falls from the bound into the range.
+  const auto fallsInwards = [&](const Eigen::VectorXd& slope, std::size_t i) {
+    return slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost);
+  };
+  for (std::size_t i = 0; i < n; ++i) held[i] = onBound(i);
+  if (std::count(held.begin(), held.end(), true) > 0) {
+    solution.cost = 0;
+    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
+    for (std::size_t i = 0; i < n; ++i) held[i] = held[i] && !fallsInwards(slope, i);
+  }
+  while (true) {
     Free moving;
     moving.base = free.coordinates(solution.scaled.data());
     std::vector<double> scaled;
@@ -145,17 +158,15 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
     for (std::size_t i = 0, j = 0; i < n; ++i) {
       if (held[i]) continue;
       solution.scaled[i] = scaled[j++];
-      if (free.inward(i, solution.scaled[i]) != 0) changed = held[i] = true;
+      if (onBound(i)) changed = held[i] = true;
     }
     if (changed) continue;
-    if (first) return;  // no bound was met
+    if (std::count(held.begin(), held.end(), true) == 0) return;
     const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) {
-      if (!held[i] || let_go[i]) continue;
-      if (slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost)) {
-        held[i] = false;
-        changed = let_go[i] = true;  // once: no going round in circles
-      }
+      if (!held[i] || let_go[i] || !fallsInwards(slope, i)) continue;
+      held[i] = false;
+      changed = let_go[i] = true;  // once: no going round in circles
     }
     if (!changed) return;
   }
@@ -256,13 +267,18 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.model = model;
   Solution best;
   std::vector<double> costs;
-  const SimulationError brief(runs_, pieces(*this, kBrief), target_);
+  const bool robust = options.objective == FitOptions::Objective::kLeastSquares;
+  const std::vector<double> losses = options.near && robust && options.width > 0
+                                         ? std::vector<double>{options.width}
+                                         : lossesOf(options.objective);
+  std::optional<SimulationError> brief;
+  if (!options.near) brief.emplace(runs_, pieces(*this, kBrief), target_);
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
     Solution found;
     try {
-      const std::vector<double> near = approach(*this, brief, model, free, options, from);
-      found = descend(*this, model, free, lossesOf(options.objective), options, near,
-                      measuredInitials(*this));
+      const std::vector<double> near =
+          brief ? approach(*this, *brief, model, free, options, from) : from;
+      found = descend(*this, model, free, losses, options, near, measuredInitials(*this));
       if (!found.usable) throw std::runtime_error(found.message);
     } catch (const std::runtime_error& error) {
       if (!costs.empty()) continue;
@@ -276,7 +292,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.starts_at_best = static_cast<int>(std::count_if(costs.begin(), costs.end(), [&](double c) {
     return c <= best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
   }));
-  if (options.objective == FitOptions::Objective::kLeastSquares) {
+  if (robust && std::isinf(best.delta)) {
     std::vector<double> sizes;
     for (std::size_t w = 0; w < windows_.size(); ++w) {
       Eigen::VectorXd r;
@@ -284,7 +300,9 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
                     best.initial[w], r, nullptr))
         for (double x : r) sizes.push_back(std::abs(x));
     }
-    const double delta = sizes.empty() ? kInfinity : 2 * deviationOf(sizes);
+    const double delta = options.width > 0 ? options.width
+                         : sizes.empty()   ? kInfinity
+                                           : 2 * deviationOf(sizes);
     // An exact fit has no outliers.
     if (delta > 1e-9 && std::isfinite(delta)) {
       const Solution robust =
@@ -296,6 +314,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
       }
     }
   }
+  result.cost = best.cost;
   result.iterations = best.iterations;
   result.converged = best.converged;
   result.message = best.message;

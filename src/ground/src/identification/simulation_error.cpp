@@ -3,11 +3,11 @@
 #include <ceres/tiny_solver.h>
 
 #include <algorithm>
-#include <atomic>
 #include <sstream>
 #include <stdexcept>
-#include <thread>
 
+#include "parallel.h"
+#include "whitening.h"
 #include "window_cost.h"
 
 namespace ground {
@@ -47,20 +47,6 @@ void simulateWindow(const Dynamics<T>& dynamics, const RunData& run, const Windo
   }
 }
 
-/// Calls `work(i)` for i = 0 … count - 1 from several threads.
-template <class Work>
-void inParallel(std::size_t count, int threads, const Work& work) {
-  std::atomic<std::size_t> next{0};
-  const auto take = [&] {
-    for (std::size_t i = next++; i < count; i = next++) work(i);
-  };
-  std::vector<std::thread> others;
-  const std::size_t wanted = std::min<std::size_t>(threadCount(threads), count);
-  for (std::size_t i = 1; i < wanted; ++i) others.emplace_back(take);
-  take();
-  for (std::thread& thread : others) thread.join();
-}
-
 /// One window's residuals as a function of its initial state, for ceres::TinySolver.
 class InitialCost {
  public:
@@ -90,7 +76,8 @@ class InitialCost {
   int parameters_;
 };
 
-/// The initial state of one window that suits the model best, sought from the given one.
+}  // namespace
+
 void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
                   const Robust& robust, int window, Eigen::VectorXd& initial) {
   const WindowCost cost(problem, model, nothing, window, robust);
@@ -98,12 +85,6 @@ void solveInitial(const SimulationError& problem, const Model& model, const Free
   ceres::TinySolver<InitialCost> solver;
   solver.options.function_tolerance = 1e-10 * function.NumResiduals();
   solver.Solve(function, &initial);
-}
-
-}  // namespace
-
-int threadCount(int wanted) {
-  return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
 Initials measuredInitials(const SimulationError& problem) {
@@ -174,13 +155,22 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
     sigma_.push_back(sigma);
     if (!(run.noise.minCoeff() > 0))
       throw std::invalid_argument(run.name + ": the noise of poses must be positive");
+    if (!(run.disturbance.minCoeff() >= 0))
+      throw std::invalid_argument(run.name + ": a disturbance must not be negative");
   }
   for (const Window& w : windows_) {
     if (w.run < 0 || w.run >= static_cast<int>(runs_.size()) || w.first < 0 || w.last <= w.first ||
         w.last >= static_cast<int>(runs_[w.run].times.size()))
       throw std::invalid_argument("a window lies outside its run");
   }
+  if (target_ != Target::kPoses) return;
+  for (const Window& w : windows_)
+    whitening_.emplace_back(runs_[w.run].times, w.first, w.last, runs_[w.run].noise,
+                            runs_[w.run].disturbance);
 }
+
+SimulationError::~SimulationError() = default;
+SimulationError::SimulationError(SimulationError&&) noexcept = default;
 
 bool SimulationError::residuals(const Model& model, const std::vector<double>& coordinates,
                                 const std::vector<int>& free, int window,
@@ -189,7 +179,8 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
   const Window& w = windows_[window];
   const RunData& run = runs_[w.run];
   const bool poses = target_ == Target::kPoses;
-  const Vector3<double> weight = (poses ? run.noise : sigma_[w.run]).cwiseInverse();
+  const Vector3<double> weight =
+      poses ? Vector3<double>::Ones() : Vector3<double>(sigma_[w.run].cwiseInverse());
   const Eigen::MatrixX3d& measurements = poses ? run.poses : run.nu;
   const int samples = w.last - w.first + 1;
   residuals.resize(3 * samples);
@@ -202,6 +193,7 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
     simulateWindow<double>(
         dynamics, run, w, initial, poses,
         [&](int i, const Measurement<double>& m) { store(i, poses ? m.eta : m.nu); });
+    if (poses) whitening_[window].apply(residuals);
     return residuals.allFinite();
   }
   const int columns = static_cast<int>(free.size()) + initialSize();
@@ -224,6 +216,10 @@ bool SimulationError::residuals(const Model& model, const std::vector<double>& c
       for (int c = 0; c < 3; ++c)
         jacobian->block(3 * i + c, begin, 1, count) = weight(c) * seen(c).v.head(count).transpose();
     });
+  }
+  if (poses) {
+    whitening_[window].apply(residuals);
+    whitening_[window].apply(*jacobian);
   }
   return residuals.allFinite() && jacobian->allFinite();
 }
@@ -259,6 +255,14 @@ WindowSimulation SimulationError::simulateFrom(const Model& model,
     result.nu.push_back(std::move(nu));
   }
   return result;
+}
+
+double SimulationError::logDeviations() const {
+  double sum = 0;
+  for (const Whitening& whitening : whitening_)
+    for (const Vector3<double>& deviation : whitening.deviations())
+      sum += deviation.array().log().sum();
+  return sum;
 }
 
 double SimulationError::objective(const WindowSimulation& simulation) const {

@@ -55,9 +55,13 @@ struct Free {
   }
   /// Whether the value grows with the coordinate, or falls.
   double sign(int i) const { return reciprocal[i] ? -1 : 1; }
-  /// Sign of the way from the bound that a value sits on into the range; 0 inside the range.
+  /// Sign of the way from the bound that a value sits on into the range; 0 inside the range. A step
+  /// that is cut off short of the bound by rounding is on it.
   int inward(std::size_t i, double scaled) const {
-    return scaled * scale[i] <= lower[i] ? 1 : scaled * scale[i] >= upper[i] ? -1 : 0;
+    constexpr double kOnBound = 1e-7;
+    return scaled - lower[i] / scale[i] <= kOnBound   ? 1
+           : upper[i] / scale[i] - scaled <= kOnBound ? -1
+                                                      : 0;
   }
 };
 
@@ -126,7 +130,9 @@ inline std::vector<double> lossesOf(FitOptions::Objective objective) {
 /// "The model's motion is not finite in …".
 std::string notFinite(const SimulationError& problem, int window);
 
-/// Number of threads: all cores for 0.
-int threadCount(int wanted);
+/// The initial state of one window that suits the model best, sought from the given one. `nothing`
+/// has no free parameter.
+void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
+                  const Robust& robust, int window, Eigen::VectorXd& initial);
 
 }  // namespace ground

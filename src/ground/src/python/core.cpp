@@ -1,5 +1,6 @@
 // Python's view of the core: numpy arrays in, numpy arrays out.
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -8,6 +9,7 @@
 #include "ground/estimation/smoother.h"
 #include "ground/identification/inferred_wrench.h"
 #include "ground/identification/prediction.h"
+#include "ground/identification/score.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
@@ -142,6 +144,7 @@ py::dict toDict(const FitResult& result) {
   d["correlation"] = result.correlation;
   d["condition"] = result.condition;
   d["objective"] = result.objective;
+  d["cost"] = result.cost;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;
@@ -344,6 +347,16 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("nu", &RunData::nu)
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
+      .def_readonly("disturbance", &RunData::disturbance)
+      .def(
+          "disturbed",
+          [](const RunData& run, const Vector3<double>& noise, const Vector3<double>& disturbance) {
+            RunData other = run;
+            other.noise = noise;
+            other.disturbance = disturbance;
+            return other;
+          },
+          py::arg("noise"), py::arg("disturbance"), "The same with other levels.")
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
@@ -366,6 +379,7 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
            py::arg("windows"), py::arg("target") = Target::kVelocities)
       .def("sigma", &SimulationError::sigma, py::arg("run"))
+      .def("log_deviations", &SimulationError::logDeviations)
       .def(
           "simulate",
           [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {
@@ -386,9 +400,11 @@ PYBIND11_MODULE(_core, module) {
           "fit",
           [](const SimulationError& problem, const Model& model,
              const std::vector<std::string>& free, FitOptions::Objective objective, int starts,
-             int threads) {
+             int threads, double width, bool near) {
             FitOptions options;
             options.free = free;
+            options.width = width;
+            options.near = near;
             options.starts = starts;
             options.threads = threads;
             options.objective = objective;
@@ -401,7 +417,42 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("model"), py::arg("free"),
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
-          py::arg("threads") = 0);
+          py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false)
+      .def(
+          "scores",
+          [](const SimulationError& problem, const Model& model,
+             const std::vector<std::string>& parameters, double width, double block, int threads) {
+            Scores found;
+            {
+              const py::gil_scoped_release release;
+              found = scores(problem, model, parameters, width, block, threads);
+            }
+            py::dict d;
+            d["scale"] = found.scale;
+            d["cost"] = py::array(py::cast(found.cost));
+            d["window"] = py::array(py::cast(found.window));
+            d["score"] = found.score;
+            d["information"] = found.information;
+            return d;
+          },
+          py::arg("model"), py::arg("parameters"), py::arg("width"), py::arg("block") = 0.5,
+          py::arg("threads") = 0,
+          "Robust cost of each window, score of each block and information of the whole by "
+          "coordinate / scale, initial states projected out.")
+      .def(
+          "likeliest_disturbance",
+          [](const SimulationError& problem, const Model& model, double width, int threads) {
+            std::vector<Disturbance> found;
+            {
+              const py::gil_scoped_release release;
+              found = likeliestDisturbance(problem, model, width, threads);
+            }
+            py::list all;
+            for (const Disturbance& d : found) all.append(py::make_tuple(d.noise, d.disturbance));
+            return all;
+          },
+          py::arg("model"), py::arg("width"), py::arg("threads") = 0,
+          "Of each run: noise of the poses (3,), disturbance (3,).");
 
   module.def(
       "predict",

@@ -18,6 +18,9 @@ struct RunData {
   InputSequence inputs;       ///< in the model's units of input
   Eigen::MatrixX3d poses;     ///< the same as measured; as many as eta, or none: eta then
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
+  /// White acceleration that no model explains, of x, y [m/s^1.5] and psi [rad/s^1.5]: what drives
+  /// simulation and measurement apart besides the noise when poses are the target.
+  Vector3<double> disturbance = Vector3<double>::Zero();
 };
 
 /// A stretch of a run that is simulated from an initial velocity of its own; the initial pose is
@@ -50,6 +53,10 @@ struct FitOptions {
   int max_iterations = 200;
   int threads = 0;     ///< 0: all cores
   double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
+  bool near = false;   ///< the model's values are near: brief windows need not lead there
+  /// Residual from which on the robust loss grows as the absolute value; 0: twice the deviation of
+  /// the residuals. Fits compare by their cost only where it is the same.
+  double width = 0;
 };
 
 struct FittedParameter {
@@ -66,6 +73,7 @@ struct FitResult {
   Eigen::MatrixXd correlation;  ///< of the estimates
   double condition = 0;         ///< of the scaled information matrix
   double objective = 0;         ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
+  double cost = 0;              ///< half the sum of the losses at the end
   int starts = 0;               ///< that could be simulated
   int starts_at_best = 0;       ///< that came to the same end as the best
   int iterations = 0;
@@ -76,8 +84,11 @@ struct FitResult {
 /// What a simulation is held against.
 enum class Target {
   kVelocities,  ///< measured velocities, each divided by its standard deviation in the run
-  kPoses        ///< measured poses, each divided by its noise: nothing is differenced
+  kPoses        ///< measured poses: nothing is differenced. Errors are whitened by the run's noise
+                ///< and disturbance, independent and of variance one when the model is true
 };
+
+class Whitening;
 
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
 /// starts at its measured pose with a velocity of its own; when poses are the target, at a pose of
@@ -88,6 +99,8 @@ class SimulationError {
   /// length.
   SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
                   Target target = Target::kVelocities);
+  ~SimulationError();
+  SimulationError(SimulationError&&) noexcept;
 
   /// Fits the free parameters of a model and the windows' initial velocities. Throws
   /// std::invalid_argument on options that cannot be met, std::runtime_error when the model cannot
@@ -118,14 +131,18 @@ class SimulationError {
                  const std::vector<int>& free, int window, const Eigen::VectorXd& initial,
                  Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
 
- private:
+  /// Sum of the logarithms of what the pose errors are divided by; 0 for other targets.
+  double logDeviations() const;
+  /// Simulates every window from the given initial states.
   WindowSimulation simulateFrom(const Model& model,
                                 const std::vector<Eigen::VectorXd>& initial) const;
 
+ private:
   std::vector<RunData> runs_;
   std::vector<Window> windows_;
   std::vector<Vector3<double>> sigma_;
   Target target_;
+  std::vector<Whitening> whitening_;  // of each window when poses are the target
 };
 
 }  // namespace ground
