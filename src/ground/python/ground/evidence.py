@@ -21,8 +21,9 @@ SETTLED = 0.5  # change of the log-likelihood ratio between rounds that ends the
 class Evidence:
     """Windows of runs (_core.RunData) with levels of noise and disturbance."""
 
-    def __init__(self, runs, cut):
+    def __init__(self, runs, cut, disturbed=0.0):
         self.runs = runs
+        self.disturbed = disturbed  # log-likelihood ratio 2 (L1 - L0) against no disturbance
         self.cut = cut
         self.problem = windows.problem(runs, cut, _core.Target.poses)
 
@@ -34,36 +35,46 @@ class Evidence:
     def levelled(self, model):
         """The same windows with the levels that are likeliest under a model."""
         levels = call(self.problem.likeliest_disturbance, model, WIDTH, threads=1)
-        runs = [run.disturbed(*level) for run, level in zip(self.runs, levels)]
-        return Evidence(runs, self.cut)
+        runs = [run.disturbed(*level[:2]) for run, level in zip(self.runs, levels)]
+        return Evidence(runs, self.cut, sum(level[2] for level in levels))
 
-    def fit(self, model, free, near=True):
-        """Likeliest parameters under the levels: the result of _core's fit."""
-        return call(self.problem.fit, model, free, width=WIDTH, near=near, threads=1)
+    def fit(self, model, free, initial=()):
+        """Likeliest parameters under the levels, sought from the model's own: the result of _core's
+        fit, and besides `costs`, those of the windows, and `scores` of the free parameters."""
+        found = call(
+            self.problem.fit, model, free, width=WIDTH, near=True, threads=1, initial=initial
+        )
+        found["scores"] = self.scores(found["model"], free, found["initial"])
+        found["costs"] = found["scores"].costs
+        return found
+
+    def as_given(self, model, free):
+        """A model that is not fitted, in the place of a fit."""
+        scores = self.scores(model, free)
+        return {
+            "model": model,
+            "initial": scores.initial,
+            "scores": scores,
+            "costs": scores.costs,
+        }
 
     def settle(self, model, free):
-        """Levels and parameters in turn until neither moves: the evidence and the fitted model."""
-        evidence, before = self, None
+        """Levels and parameters in turn until neither moves: the evidence, and its last fit."""
+        evidence, before, initial = self, None, ()
         for _ in range(ROUNDS):
             evidence = evidence.levelled(model)
-            model = evidence.fit(model, free)["model"]
-            likelihood = evidence.log_likelihood(model)
+            found = evidence.fit(model, free, initial)
+            model, initial = found["model"], found["initial"]
+            likelihood = -found["costs"].sum() - evidence.problem.log_deviations()
             if before is not None and likelihood - before < SETTLED:
                 break
             before = likelihood
-        return evidence, model
+        return evidence, found
 
-    def log_likelihood(self, model):
-        """Of all poses, up to a constant that neither model nor levels change."""
-        return -float(self.costs(model).sum()) - self.problem.log_deviations()
-
-    def costs(self, model):
-        """Robust cost of each window (n,): minus its log-likelihood but for a constant."""
-        return call(self.problem.scores, model, [], WIDTH, BLOCK, threads=1)["cost"]
-
-    def scores(self, model, names):
+    def scores(self, model, names, initial=()):
         """Score and information of parameters at a model: Scores."""
-        return Scores(names, call(self.problem.scores, model, names, WIDTH, BLOCK, threads=1))
+        found = call(self.problem.scores, model, names, WIDTH, BLOCK, threads=1, initial=initial)
+        return Scores(names, found)
 
 
 class Scores:
@@ -74,6 +85,8 @@ class Scores:
         self.scale = np.array(found["scale"])
         self.blocks = np.array(found["score"])  # (blocks, n)
         self.information = np.array(found["information"])  # (n, n)
+        self.initial = found["initial"]
+        self.costs = np.array(found["cost"])  # (windows,)
 
     def test(self, tested, nuisance):
         """Score test of some parameters while others are free (Rao 1948), with what a Newton step
@@ -81,7 +94,8 @@ class Scores:
 
         Returns a dictionary with `gain`, the expected log-likelihood ratio 2 (L1 - L0); `step`, of
         the tested parameters' coordinates; `inflation`, the factor by which correlated residuals
-        make the gain vary more than independent ones would; `blocks`, their number.
+        make the gain vary more than independent ones would; `blocks`, their number; `seen`, the part
+        of the parameters' information that the nuisance cannot take over, of the worst of them.
         """
         s = [self.names.index(name) for name in tested]
         n = [self.names.index(name) for name in nuisance]
@@ -91,6 +105,7 @@ class Scores:
         rest = self.blocks[:, s] - self.blocks[:, n] @ onto
         total = rest.sum(axis=0)
         step = _solve(information, total)
+        raw = np.diag(A)[s]
         centred = rest - rest.mean(axis=0)
         spread = centred.T @ centred * len(rest) / max(1, len(rest) - 1 - len(n))
         inflation = np.trace(_solve(information, spread)) / max(1, len(s))
@@ -99,6 +114,7 @@ class Scores:
             "step": step * self.scale[s],
             "inflation": float(max(1.0, inflation)),
             "blocks": len(rest),
+            "seen": float(np.min(np.diag(information) / np.where(raw > 0, raw, np.inf))),
         }
 
 

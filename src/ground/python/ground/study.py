@@ -4,13 +4,11 @@ from typing import Any, Dict
 
 import numpy as np
 
-from ground import _core, repair, windows
+from ground import _core, candidates, repair, windows
 from ground.errors import IdentifyError
 
 PARTS = 4  # held out one after the other, where one run is all there is
 FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
-# Angles all round have several minima: they are sought from several starts [rad].
-STARTS = {"heading_offset.psi0": (np.pi / 2, np.pi, -np.pi / 2)}
 
 
 @dataclass
@@ -21,6 +19,7 @@ class Fit:
     parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: np.ndarray  # (3,) the same over all windows, each by a fit to the other parts
+    by_window: np.ndarray  # (windows,) their sum in each window, held out
 
 
 class Study:
@@ -51,42 +50,55 @@ class Study:
         The fit starts from the model's values and from those of the models in `also`, and keeps the
         best: what was fitted without an effect may be far from what is right with it.
         """
-        starts = [start for given in (model,) + tuple(also) for start in _turned(given, free)]
-        result = min((self._fit(self.problem, s, free) for s in starts), key=_objective)
+        starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
+        return self._judged(self._best(starts, free), free)
+
+    def search(self, starts, free):
+        """The model that fits all windows best, sought from several. One thread."""
+        return self._best(starts, free, threads=1)["model"]
+
+    def _best(self, starts, free, **options):
+        """The best fit from any start; IdentifyError when none can be simulated."""
+        found, failure = [], None
+        for start in starts:
+            try:
+                found.append(self._fit(self.problem, start, free, **options))
+            except IdentifyError as error:
+                failure = error
+        if not found:
+            raise failure
+        return min(found, key=lambda result: result["objective"])
+
+    def refit(self, starts, free, below=np.inf):
+        """The same from models near the best: no other start is tried. One thread. None when the
+        error of what was fitted to is not below a bound."""
+        result = self._best(starts, free, near=True, threads=1)
+        return self._judged(result, free, 1) if result["objective"] < below else None
+
+    def _judged(self, result, free, threads=0):
         fitted = result["model"]
-        heldout = []
-        for at, part in enumerate(self.parts):
-            rest = [w for i, other in enumerate(self.parts) if i != at for w in other]
-            refitted = self._fit(windows.problem(self.runs, rest), fitted, free)["model"]
-            heldout.append(channel_errors(self.runs, part, refitted))
-        samples = [sum(w.last - w.first + 1 for w in part) for part in self.parts]
+        heldout = np.zeros((len(self.windows), 3))
+        for part in self.parts:
+            rest = [w for other in self.parts if other is not part for w in other]
+            problem = windows.problem(self.runs, rest)
+            refitted = self._fit(problem, fitted, free, near=True, threads=threads)["model"]
+            heldout[[self.windows.index(w) for w in part]] = window_errors(
+                self.runs, part, refitted
+            )
+        samples = [w.last - w.first + 1 for w in self.windows]
         return Fit(
             fitted,
             {p["name"]: p for p in result["parameters"]},
             channel_errors(self.runs, self.windows, fitted),
             np.average(heldout, axis=0, weights=samples),
+            heldout.sum(axis=1),
         )
 
-    def _fit(self, problem, model, free):
+    def _fit(self, problem, model, free, **options):
         try:
-            return problem.fit(model, free)
+            return problem.fit(model, free, **options)
         except (ValueError, RuntimeError) as error:
             raise IdentifyError(str(error))
-
-
-def _objective(result):
-    return result["objective"]
-
-
-def _turned(model, free):
-    """The model, and others whose free angles start elsewhere."""
-    yield model
-    for name, angles in STARTS.items():
-        if name in free and model.value(name) == 0:
-            for angle in angles:
-                other = model.copy()
-                other.set_value(name, angle)
-                yield other
 
 
 def free_parameters(model):
@@ -101,8 +113,14 @@ def channel_errors(runs, chosen, model, truth=None):
 
     Their sum is the error of DESIGN 8. Raises IdentifyError when the model cannot be simulated.
     """
+    samples = [w.last - w.first + 1 for w in chosen]
+    return np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
+
+
+def window_errors(runs, chosen, model, truth=None):
+    """The same of each window, (windows, 3)."""
     problem = windows.problem(runs, chosen)
-    scale = windows.problem(truth or runs, chosen)
+    scale = windows.problem(truth, chosen) if truth else problem
     try:
         simulated = problem.simulate(model)["nu"]
     except RuntimeError as error:
@@ -110,8 +128,8 @@ def channel_errors(runs, chosen, model, truth=None):
     errors = []
     for window, nu in zip(chosen, simulated):
         measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
-        errors.append(np.abs(nu - measured) / scale.sigma(window.run))
-    return np.vstack(errors).mean(axis=0)
+        errors.append((np.abs(nu - measured) / scale.sigma(window.run)).mean(axis=0))
+    return np.array(errors)
 
 
 def noise_floor(runs, model, seed=1):

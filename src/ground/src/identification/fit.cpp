@@ -21,8 +21,27 @@ constexpr double kBrief = 0.3;  // windows so short are fitted first [s]
 /// one follows. An exact fit has no use for the fine one, its cost falls until nothing is left of
 /// it.
 constexpr double kRough = 1e-2, kCoarse = 1e-5, kFine = 1e-8;
+/// From near by the last step is the smallest, and fits that are compared need not agree further.
+constexpr double kNear = 1e-6;
 
-/// One solve; `scaled` and `initial` are start and result.
+/// Ends a solve when a parameter has come to a bound.
+class AtBound : public ceres::IterationCallback {
+ public:
+  AtBound(const Free& free, const std::vector<double>& scaled) : free_(free), scaled_(scaled) {}
+
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    if (summary.iteration == 0 || !summary.step_is_successful) return ceres::SOLVER_CONTINUE;
+    for (std::size_t i = 0; i < scaled_.size(); ++i)
+      if (free_.inward(i, scaled_[i]) != 0) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;
+    return ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const Free& free_;
+  const std::vector<double>& scaled_;
+};
+
+/// One solve; `scaled` and `initial` are start and result. It ends at the first bound that is met.
 ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
                              const Robust& robust, double tolerance, int iterations, int threads,
                              std::vector<double>& scaled, Initials& initial) {
@@ -50,6 +69,9 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   options.parameter_tolerance = 1e-10;
   options.gradient_tolerance = 1e-12;
   options.logging_type = ceres::SILENT;
+  AtBound at_bound(free, scaled);
+  options.callbacks.push_back(&at_bound);
+  options.update_state_every_iteration = true;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &ceres_problem, &summary);
   return summary;
@@ -151,7 +173,8 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
     solution.cost = summary.final_cost;
     solution.iterations += static_cast<int>(summary.iterations.size());
     solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
-    solution.converged = summary.termination_type == ceres::CONVERGENCE;
+    solution.converged = summary.termination_type == ceres::CONVERGENCE ||
+                         summary.termination_type == ceres::USER_SUCCESS;
     solution.message = summary.message;
     if (!solution.usable) return;
     bool changed = false;
@@ -182,7 +205,8 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
   for (const double delta : losses) {
     solution.delta = delta;
     const bool last = delta == losses.back() && std::isfinite(delta);
-    descend(problem, model, free, {delta}, last ? kFine : coarse, options, solution);
+    const double fine = options.near ? kNear : kFine;
+    descend(problem, model, free, {delta}, last ? fine : coarse, options, solution);
     if (!solution.usable) break;
   }
   return solution;
@@ -261,6 +285,7 @@ std::vector<std::vector<double>> startsOf(const Free& free, int count) {
 FitResult SimulationError::fit(const Model& model, const FitOptions& options) const {
   if (options.free.empty()) throw std::invalid_argument("no parameter is free");
   if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
+  if (!options.initial.empty()) checkInitials(*this, options.initial);
   const Free free = makeFree(model, options.free);
   const int n = static_cast<int>(free.index.size());
   FitResult result;
@@ -278,7 +303,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     try {
       const std::vector<double> near =
           brief ? approach(*this, *brief, model, free, options, from) : from;
-      found = descend(*this, model, free, losses, options, near, measuredInitials(*this));
+      const Initials initial = options.initial.empty() ? measuredInitials(*this) : options.initial;
+      found = descend(*this, model, free, losses, options, near, initial);
       if (!found.usable) throw std::runtime_error(found.message);
     } catch (const std::runtime_error& error) {
       if (!costs.empty()) continue;
@@ -314,7 +340,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
       }
     }
   }
-  result.cost = best.cost;
+  result.initial = best.initial;
   result.iterations = best.iterations;
   result.converged = best.converged;
   result.message = best.message;

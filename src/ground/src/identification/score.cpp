@@ -42,7 +42,9 @@ double scaleOf(const std::vector<double>& values) {
 }  // namespace
 
 Scores scores(const SimulationError& problem, const Model& model,
-              const std::vector<std::string>& parameters, double width, double block, int threads) {
+              const std::vector<std::string>& parameters, double width, double block, int threads,
+              const std::vector<Eigen::VectorXd>& given) {
+  if (!given.empty()) checkInitials(problem, given);
   const auto infos = model.parameters();
   Free nothing;
   nothing.base = model.coordinates();
@@ -59,11 +61,11 @@ Scores scores(const SimulationError& problem, const Model& model,
   const Eigen::Map<const Eigen::VectorXd> scale(result.scale.data(), n);
   const Robust robust{width};
   const std::size_t count = problem.windows().size();
-  Initials initial = measuredInitials(problem);
+  Initials initial = given.empty() ? measuredInitials(problem) : given;
   std::vector<Eigen::MatrixXd> score(count), information(count);
   result.cost.resize(count);
   forWindows(problem, threads, [&](int w) {
-    solveInitial(problem, model, nothing, robust, w, initial[w]);
+    if (given.empty()) solveInitial(problem, model, nothing, robust, w, initial[w]);
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
     if (!problem.residuals(model, nothing.base, index, w, initial[w], r, n > 0 ? &J : nullptr))
@@ -91,6 +93,7 @@ Scores scores(const SimulationError& problem, const Model& model,
     information[w] = curvature / static_cast<double>(r.size()) * rest.transpose() * rest;
     return true;
   });
+  result.initial = initial;
   if (n == 0) return result;
   Eigen::Index rows = 0;
   for (const auto& s : score) rows += s.rows();
@@ -118,7 +121,7 @@ std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, co
   });
   const WindowSimulation simulation = problem.simulateFrom(model, initial);
   std::vector<Disturbance> result;
-  for (const RunData& run : problem.runs()) result.push_back({run.noise, run.disturbance});
+  for (const RunData& run : problem.runs()) result.push_back({run.noise, run.disturbance, {0, 0}});
   inParallel(2 * result.size(), threads, [&](std::size_t task) {
     const auto run = static_cast<int>(task / 2);
     const RunData& data = problem.runs()[run];
@@ -151,10 +154,17 @@ std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, co
       scale = scaleOf(z);
       return sum + static_cast<double>(z.size()) * std::log(std::max(scale, 1e-300));
     };
-    // The disturbance in units of the noise, per second^1.5.
-    constexpr double kLeast = -4, kMost = 12;
-    double best = -kInfinity, least = unlikely(best), step = 1;
-    for (double ratio = kLeast; ratio <= kMost; ratio += step) {
+    // The disturbance in units of the noise, per second^1.5. What lasts is no white acceleration
+    // but missing physics: whitened away, the fit would only see how the next pose differs from the
+    // last.
+    constexpr double kQuickest = 6;  // bandwidth at which poses are followed, at most [rad/s]
+    const double interval =
+        (data.times.back() - data.times.front()) / static_cast<double>(data.times.size() - 1);
+    const double kLeast = -4, most = std::log(kQuickest * kQuickest * std::sqrt(interval));
+    const double undisturbed = unlikely(-kInfinity);
+    double best = -kInfinity, least = undisturbed, step = (most - kLeast) / 8;
+    for (int i = 0; i <= 8; ++i) {
+      const double ratio = kLeast + i * step;
       const double value = unlikely(ratio);
       if (value < least) {
         least = value;
@@ -162,11 +172,11 @@ std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, co
       }
     }
     if (std::isfinite(best)) {
-      const auto found =
-          boost::math::tools::brent_find_minima(unlikely, best - step, best + step, 8);
+      const auto found = boost::math::tools::brent_find_minima(unlikely, best - step,
+                                                               std::min(best + step, most), 8);
       if (found.second < least) best = found.first;
     }
-    unlikely(best);
+    result[run].gain[task % 2] = 2 * (undisturbed - unlikely(best));
     for (const int c : channels) {
       result[run].noise(c) = scale > 0 ? scale : noise;
       result[run].disturbance(c) = std::isfinite(best) ? scale * std::exp(best) : 0;

@@ -98,6 +98,13 @@ Initials measuredInitials(const SimulationError& problem) {
   return initial;
 }
 
+void checkInitials(const SimulationError& problem, const Initials& initial) {
+  bool fits = initial.size() == problem.windows().size();
+  for (const Eigen::VectorXd& state : initial)
+    fits = fits && state.size() == problem.initialSize() && state.allFinite();
+  if (!fits) throw std::invalid_argument("the initial states are not those of the windows");
+}
+
 std::string notFinite(const SimulationError& problem, int window) {
   const Window& w = problem.windows()[window];
   const RunData& run = problem.runs()[w.run];

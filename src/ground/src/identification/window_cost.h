@@ -127,6 +127,9 @@ inline std::vector<double> lossesOf(FitOptions::Objective objective) {
   return {kInfinity, 1.0, 0.3, 0.1, 0.03, 0.01};
 }
 
+/// Throws std::invalid_argument unless there is an initial state for each window.
+void checkInitials(const SimulationError& problem, const Initials& initial);
+
 /// "The model's motion is not finite in …".
 std::string notFinite(const SimulationError& problem, int window);
 

@@ -144,7 +144,7 @@ py::dict toDict(const FitResult& result) {
   d["correlation"] = result.correlation;
   d["condition"] = result.condition;
   d["objective"] = result.objective;
-  d["cost"] = result.cost;
+  d["initial"] = result.initial;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;
@@ -400,11 +400,12 @@ PYBIND11_MODULE(_core, module) {
           "fit",
           [](const SimulationError& problem, const Model& model,
              const std::vector<std::string>& free, FitOptions::Objective objective, int starts,
-             int threads, double width, bool near) {
+             int threads, double width, bool near, const std::vector<Eigen::VectorXd>& initial) {
             FitOptions options;
             options.free = free;
             options.width = width;
             options.near = near;
+            options.initial = initial;
             options.starts = starts;
             options.threads = threads;
             options.objective = objective;
@@ -417,15 +418,17 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("model"), py::arg("free"),
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
-          py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false)
+          py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
+          py::arg("initial") = std::vector<Eigen::VectorXd>())
       .def(
           "scores",
           [](const SimulationError& problem, const Model& model,
-             const std::vector<std::string>& parameters, double width, double block, int threads) {
+             const std::vector<std::string>& parameters, double width, double block, int threads,
+             const std::vector<Eigen::VectorXd>& initial) {
             Scores found;
             {
               const py::gil_scoped_release release;
-              found = scores(problem, model, parameters, width, block, threads);
+              found = scores(problem, model, parameters, width, block, threads, initial);
             }
             py::dict d;
             d["scale"] = found.scale;
@@ -433,10 +436,11 @@ PYBIND11_MODULE(_core, module) {
             d["window"] = py::array(py::cast(found.window));
             d["score"] = found.score;
             d["information"] = found.information;
+            d["initial"] = found.initial;
             return d;
           },
           py::arg("model"), py::arg("parameters"), py::arg("width"), py::arg("block") = 0.5,
-          py::arg("threads") = 0,
+          py::arg("threads") = 0, py::arg("initial") = std::vector<Eigen::VectorXd>(),
           "Robust cost of each window, score of each block and information of the whole by "
           "coordinate / scale, initial states projected out.")
       .def(
@@ -448,11 +452,13 @@ PYBIND11_MODULE(_core, module) {
               found = likeliestDisturbance(problem, model, width, threads);
             }
             py::list all;
-            for (const Disturbance& d : found) all.append(py::make_tuple(d.noise, d.disturbance));
+            for (const Disturbance& d : found)
+              all.append(py::make_tuple(d.noise, d.disturbance, d.gain[0] + d.gain[1]));
             return all;
           },
           py::arg("model"), py::arg("width"), py::arg("threads") = 0,
-          "Of each run: noise of the poses (3,), disturbance (3,).");
+          "Of each run: noise of the poses (3,), disturbance (3,), what the log-likelihood ratio "
+          "2 (L1 - L0) gains by it.");
 
   module.def(
       "predict",

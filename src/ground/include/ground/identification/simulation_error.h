@@ -57,6 +57,8 @@ struct FitOptions {
   /// Residual from which on the robust loss grows as the absolute value; 0: twice the deviation of
   /// the residuals. Fits compare by their cost only where it is the same.
   double width = 0;
+  /// Initial states of the windows to start from, as a fit gives them; none: as measured.
+  std::vector<Eigen::VectorXd> initial;
 };
 
 struct FittedParameter {
@@ -70,12 +72,12 @@ struct FittedParameter {
 struct FitResult {
   Model model;  ///< with the fitted values
   std::vector<FittedParameter> parameters;
-  Eigen::MatrixXd correlation;  ///< of the estimates
-  double condition = 0;         ///< of the scaled information matrix
-  double objective = 0;         ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
-  double cost = 0;              ///< half the sum of the losses at the end
-  int starts = 0;               ///< that could be simulated
-  int starts_at_best = 0;       ///< that came to the same end as the best
+  Eigen::MatrixXd correlation;           ///< of the estimates
+  double condition = 0;                  ///< of the scaled information matrix
+  double objective = 0;                  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
+  std::vector<Eigen::VectorXd> initial;  ///< states of the windows
+  int starts = 0;                        ///< that could be simulated
+  int starts_at_best = 0;                ///< that came to the same end as the best
   int iterations = 0;
   bool converged = false;
   std::string message;

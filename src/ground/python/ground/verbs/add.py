@@ -1,11 +1,6 @@
 """identify add: a physical effect into a model, refitted, with the error before and after."""
-import os
-
 import numpy as np
-import yaml
-
-from ground import _core, comparison, files, study, windows
-from ground.errors import IdentifyError
+from ground import candidates, comparison, files, study, windows
 from ground.verbs import common
 
 NAME = "add"
@@ -31,14 +26,15 @@ def configure(parser):
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
-    extended, effect = _extend(model, arguments.effect)
+    candidate = candidates.named(arguments.effect)
+    extended = candidate.add(model)
     runs = common.prepare(arguments, model)[1]
     held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
     common.refuse_twice(runs + held)
 
     on_runs = study.Study(runs)
     before = on_runs.fit(model, study.free_parameters(model))
-    refitted = _carried_over(before.model, extended)
+    refitted = candidates.carried_over(before.model, extended)
     after = on_runs.fit(refitted, study.free_parameters(extended), also=[extended])
     errors = {
         "fit": (before.error, after.error),
@@ -51,7 +47,7 @@ def run(arguments):
         )
     report = {
         "model": arguments.output,
-        "effect": effect,
+        "effect": candidate.name,
         "parameters": after.parameters,
         "error": {
             name: {"before": _numbers(a), "after": _numbers(b)} for name, (a, b) in errors.items()
@@ -68,44 +64,6 @@ def run(arguments):
     for line in _lines(arguments, len(runs), before, after, report):
         common.say(arguments, line)
     return report
-
-
-def _extend(model, effect):
-    """The model with the effect at its neutral or given values, and the effect's name."""
-    if os.path.splitext(effect)[1] in (".yaml", ".yml"):
-        return _extend_by_file(model, effect)
-    extended = model.copy()
-    try:
-        extended.add_effect(effect)
-    except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
-    return extended, effect
-
-
-def _extend_by_file(model, path):
-    try:
-        with open(path) as file:
-            entry = yaml.safe_load(file)
-        text = yaml.safe_load(model.format())
-    except (OSError, yaml.YAMLError) as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
-    if isinstance(entry, list) and len(entry) == 1:
-        entry = entry[0]
-    if not isinstance(entry, dict) or "name" not in entry:
-        raise IdentifyError("%s: not one effect with a name, as model files list them" % path)
-    text["effects"] = (text["effects"] or []) + [entry]
-    try:
-        return _core.parse_model(yaml.safe_dump(text, sort_keys=False), path), entry["name"]
-    except RuntimeError as error:
-        raise IdentifyError(str(error))
-
-
-def _carried_over(fitted, extended):
-    """The extended model with the values that were fitted without the effect."""
-    model = extended.copy()
-    for parameter in fitted.parameters():
-        model.set_value(parameter["name"], fitted.value(parameter["name"]))
-    return model
 
 
 def _numbers(channels):

@@ -1,0 +1,120 @@
+"""Effects that a model may lack: those of the library, and one's own from YAML files."""
+import math
+import os
+from dataclasses import dataclass
+from typing import Callable
+
+import yaml
+
+from ground import _core
+from ground.errors import IdentifyError
+
+# Angles all round have several minima: they are sought from several starts [rad].
+STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that can be added to a model."""
+
+    name: str
+    add: Callable  # of a _core.Model, gives a copy with the effect in it
+
+    def neutral(self, model):
+        """The model with the effect, at the parameters at which it does nothing."""
+        extended = self.add(model)
+        for parameter in parameters_of(extended, self.name):
+            extended.set_value(parameter["name"], parameter["neutral"])
+        return extended
+
+    def starts(self, model):
+        """The model with the effect at the values from which it is worth to seek the best ones."""
+        neutral, given = self.neutral(model), self.add(model)
+        names = [p["name"] for p in parameters_of(neutral, self.name)]
+        yield from turned(neutral, names)
+        if values(given) != values(neutral):
+            yield given
+
+
+def of_library(name):
+    """The Candidate of that name; IdentifyError naming all known ones when there is none."""
+
+    def add(model):
+        extended = model.copy()
+        try:
+            extended.add_effect(name)
+        except (ValueError, RuntimeError) as error:
+            raise IdentifyError(str(error))
+        return extended
+
+    return Candidate(name, add)
+
+
+def library(model):
+    """Candidates for all effects of the library that the model does not have."""
+    return [of_library(name) for name in _core.effects() if name not in model.effects]
+
+
+def from_file(path):
+    """The Candidate of a YAML file with one effect as model files list it; IdentifyError if bad."""
+    try:
+        with open(path) as file:
+            entry = yaml.safe_load(file)
+    except (OSError, yaml.YAMLError) as error:
+        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+    if isinstance(entry, list) and len(entry) == 1:
+        entry = entry[0]
+    if not isinstance(entry, dict) or "name" not in entry:
+        raise IdentifyError("%s: not one effect with a name, as model files list them" % path)
+    return from_entry(entry, path)
+
+
+def from_entry(entry, source):
+    """The Candidate of an effect as a model file lists it; `source` is named when it is wrong."""
+
+    def add(model):
+        text = yaml.safe_load(model.format())
+        text["effects"] = (text["effects"] or []) + [entry]
+        try:
+            return _core.parse_model(yaml.safe_dump(text, sort_keys=False), source)
+        except RuntimeError as error:
+            raise IdentifyError(str(error))
+
+    return Candidate(str(entry["name"]), add)
+
+
+def named(effect):
+    """The Candidate of a name in the library or of a YAML file."""
+    is_file = os.path.splitext(effect)[1] in (".yaml", ".yml")
+    return from_file(effect) if is_file else of_library(effect)
+
+
+def turned(model, free):
+    """The model, and others whose free angles start elsewhere."""
+    yield model
+    for name, angles in STARTS.items():
+        if name in free and model.value(name) == 0:
+            for angle in angles:
+                other = model.copy()
+                other.set_value(name, angle)
+                yield other
+
+
+def parameters_of(model, effect):
+    """Descriptions of an effect's parameters in a model that has it."""
+    return [p for p in model.parameters() if p["name"].split(".")[0] == effect]
+
+
+def values(model):
+    """Values of all parameters by name."""
+    return {p["name"]: model.value(p["name"]) for p in model.parameters()}
+
+
+def carried_over(fitted, extended):
+    """The extended model with the values of the fitted one, which may lack some parameters."""
+    model = extended.copy()
+    known = values(model)
+    for name, value in values(fitted).items():
+        if name in known:
+            model.set_value(name, value)
+    return model

@@ -1,0 +1,115 @@
+"""What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
+from ground import candidates, next_experiment, study, unexplained, windows
+
+SCHEMA = "ground/diagnosis/1"
+
+
+def of(diagnosis, conclusion, model_name, heldout=()):
+    """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on."""
+    nominal, best = diagnosis.nominal, diagnosis.best
+    names = [run.name for run in diagnosis.runs]
+    report = {
+        "schema": SCHEMA,
+        "model": model_name,
+        "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
+        "verdict": conclusion.verdict,
+        "nominal": {
+            "parameters": _parameters(nominal.parameters.values()),
+            "error": _errors(nominal, conclusion.heldout[0]),
+        },
+        "improved": {
+            "effects": [c.name for c in diagnosis.chosen],
+            "parameters": _parameters(conclusion.parameters),
+            "error": _errors(best, conclusion.heldout[-1]),
+        },
+        "noise_floor": conclusion.noise_floor,
+        "candidates": _candidates(diagnosis),
+        "steps": [
+            dict(
+                {k: step[k] for k in ("added", "removed") if k in step},
+                error=_errors(step["fit"], error),
+                group=step["group"],
+            )
+            for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
+        ],
+        "next_experiment": _next_experiment(diagnosis),
+        "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
+    }
+    if conclusion.verdict == "unexplained":
+        report["unexplained"] = _unexplained(diagnosis, conclusion)
+    return report
+
+
+def _errors(fit, heldout=None):
+    heldout = fit.heldout.sum() if heldout is None else heldout
+    return {"fit": float(fit.error.sum()), "heldout": float(heldout)}
+
+
+def _parameters(parameters, prefix=""):
+    return {
+        p["name"][len(prefix) :]: {
+            "value": p["value"],
+            "unit": p["unit"],
+            "ci95": list(p["ci95"]),
+            "identified": p["identified"],
+        }
+        for p in parameters
+    }
+
+
+def _candidates(diagnosis):
+    """The effects as they were tried beside the refitted nominal model, best first."""
+    if not diagnosis.tried:
+        return []
+    trials = diagnosis.tried[0]
+    diagnosis.judge_all(trials)
+    group = [t.name for t in trials if t.equal]
+    chosen = {c.name for c in diagnosis.chosen}
+    return [
+        {
+            "effect": trial.name,
+            "rank": rank,
+            "p_value": trial.chance,
+            "delta_bic": float(trial.delta_bic),
+            "inclusion": trial.inclusion,
+            "error": _errors(trial.fit),
+            "selected": trial.name in chosen,
+            "group": group if trial.equal else [trial.name],
+            "parameters": _parameters(trial.parameters, trial.name + "."),
+        }
+        for rank, trial in enumerate(trials, 1)
+    ]
+
+
+def _next_experiment(diagnosis):
+    """What would tell the first group of effects apart that the runs do not; None without one."""
+    for trials in diagnosis.tried:
+        group = [t for t in trials if t.equal and t.chance < 1]
+        if len(group) > 1:
+            runs = diagnosis.runs
+            noise = (float(runs[0].noise[0]), float(runs[0].noise[2]))
+            return next_experiment.propose({t.name: t.model for t in group}, noise)
+    return None
+
+
+def where_of(diagnosis):
+    """What the wrench that the grown model still lacks depends on, most first."""
+    return unexplained.explain(diagnosis.runs, diagnosis.best.model)[0]
+
+
+def _unexplained(diagnosis, conclusion):
+    """How much of the error is above the noise, where it is, and a term that would lower it."""
+    error = float(diagnosis.best.error.sum())
+    where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
+    if proposal is not None:
+        entry = {k: proposal[k] for k in ("name", "expression", "parameters")}
+        extended = candidates.from_entry(entry, "the proposal").add(diagnosis.best.model)
+        fit = diagnosis.study.refit([extended], study.free_parameters(extended))
+        proposal["error"] = _errors(fit)
+        if fit.heldout.sum() >= diagnosis.best.heldout.sum():
+            proposal = None
+    return {
+        "fraction": max(0.0, 1 - (conclusion.noise_floor / error) ** 2),
+        "where": where,
+        "proposal": proposal,
+    }

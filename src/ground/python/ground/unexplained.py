@@ -1,0 +1,287 @@
+"""What remains when no effect of the library explains the rest: where it is, and a term for it.
+
+The wrench that a model lacks (ground.failure) is regressed on formulas of everything that a wrench may
+depend on. The smoother that infers the wrench weakens what is fast, so each formula is seen through the
+smoother's own response to it. Few terms are chosen by orthogonal matching pursuit (Pati et al. 1993), as
+many as predict stretches of time that were left out best, within one standard error.
+"""
+import re
+
+import numpy as np
+from sklearn.linear_model import OrthogonalMatchingPursuit
+from sklearn.model_selection import GroupKFold
+
+from ground import failure, repair, residuals
+
+CHANNELS = failure.CHANNELS
+STRETCH = 2.0  # of time, left out together [s]
+FOLDS = 6
+MOST = 4  # terms of a proposal
+LEAST = (
+    0.02  # share of the wrench's variance, of stretches left out, below which nothing is proposed
+)
+NAMES = ("u_L", "u_R", "u", "v", "r", "x", "y", "psi", "lift", "t")
+# Formulas of the body's frame, and the units of their values.
+BODY = {
+    "1": "-",
+    "u": "m/s",
+    "v": "m/s",
+    "r": "rad/s",
+    "abs(u)*u": "m^2/s^2",
+    "abs(v)*v": "m^2/s^2",
+    "abs(r)*r": "rad^2/s^2",
+    "u^2": "m^2/s^2",
+    "v^2": "m^2/s^2",
+    "r^2": "rad^2/s^2",
+    "u^3": "m^3/s^3",
+    "v^3": "m^3/s^3",
+    "r^3": "rad^3/s^3",
+    "u*v": "m^2/s^2",
+    "u*r": "m/s^2",
+    "v*r": "m/s^2",
+    "abs(r)*u": "m/s^2",
+    "abs(r)*v": "m/s^2",
+    "abs(u)*r": "m/s^2",
+    "abs(v)*r": "m/s^2",
+    "u_L": "-",
+    "u_R": "-",
+    "u_L*u_R": "-",
+    "u_L^2": "-",
+    "u_R^2": "-",
+    "(u_L-u_R)*(u_L+u_R)": "-",
+    "u_L*u": "m/s",
+    "u_R*u": "m/s",
+    "(u_L+u_R)*v": "m/s",
+    "(u_L-u_R)*v": "m/s",
+    "(u_L+u_R)*r": "rad/s",
+    "(u_L-u_R)*r": "rad/s",
+    "t": "s",
+}
+# Formulas of forces along world x and world y.
+WAVELENGTHS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)  # [m]
+WORLD = {"1": "-", "x": "m", "y": "m"}
+WORLD.update(
+    {
+        "%s(2*pi*%s/%g)" % (f, axis, w): "-"
+        for axis in "xy"
+        for w in WAVELENGTHS
+        for f in ("sin", "cos")
+    }
+)
+
+
+class Term:
+    """A formula in one channel of the wrench, or a force along a world axis."""
+
+    def __init__(self, formula, unit, parts):
+        self.formula, self.unit = formula, unit
+        self.parts = parts  # by channel: the formula there
+
+    @property
+    def variables(self):
+        """Names that the term's value depends on; the heading that turns a world force apart."""
+        return set(re.findall(r"\b(?:%s)\b" % "|".join(NAMES), self.formula))
+
+
+def dictionary():
+    """All Terms that are tried."""
+    terms = [Term(f, unit, {c: f}) for c in CHANNELS for f, unit in BODY.items()]
+    for f, unit in WORLD.items():
+        terms.append(Term(f, unit, {"X": "(%s)*cos(psi)" % f, "Y": "-(%s)*sin(psi)" % f}))
+        terms.append(Term(f, unit, {"X": "(%s)*sin(psi)" % f, "Y": "(%s)*cos(psi)" % f}))
+    return terms
+
+
+def explain(runs, model):
+    """Where the wrench that a model lacks comes from, and a proposal for it.
+
+    Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and `share`, the
+    part of the variance on stretches left out that is lost without the terms that contain it, or that
+    bins of it explain; and `proposal`, an effect as a model file lists it with its `share`, or None.
+    """
+    terms = dictionary()
+    design, wrench, groups, shares = [], [], [], []
+    scale = failure.full_scale(model)
+    for run in runs:
+        part = _prepare(run, model, terms, scale)
+        design.append(part[0])
+        wrench.append(part[1])
+        groups.append(part[2] + 1000 * len(groups))
+        shares.append(part[3])
+    design, wrench = np.vstack(design), np.concatenate(wrench)
+    groups = np.concatenate(groups)
+    size = np.sqrt((design**2).mean(axis=0))
+    usable = np.flatnonzero(size > 1e-9 * size.max())
+    columns = design[:, usable] / size[usable]
+    chosen = _choose(columns, wrench, groups)
+    kept = [terms[usable[i]] for i in chosen]
+    share = _cross_validated(columns[:, chosen], wrench, groups).mean() if chosen else 0.0
+    where = _where(kept, columns[:, chosen], wrench, groups, share, shares)
+    if not chosen or share < LEAST:
+        return where, None
+    weights = np.linalg.lstsq(columns[:, chosen], wrench, rcond=None)[0] / size[usable[chosen]]
+    return where, _proposal(kept, weights, share)
+
+
+def _prepare(run, model, terms, scale):
+    """Responses (3 n, terms) and wrench (3 n,) in parts of full thrust, stretches, binned shares."""
+    wrench_filter, run, _ = failure.undisturbed(model, run)
+    found = failure.variables(run, model.input_max)
+    bins = [v.indicators() for v in found.values()]
+    values = _values(run)
+    columns, channels, owner = [], [], []
+    for at, term in enumerate(terms):
+        for channel, formula in term.parts.items():
+            columns.append(_evaluate(formula, values))
+            channels.append(CHANNELS.index(channel))
+            owner.append(at)
+    acting = np.column_stack(columns + bins * 3)
+    count = sum(b.shape[1] for b in bins)
+    channels = channels + np.repeat([0, 1, 2], count).tolist()
+    noise = wrench_filter.likeliest_noise(_random_walk())
+    smoothed = wrench_filter.smooth(noise, acting, channels)
+    every = slice(None, None, failure.stride_of(np.array(run.times)))
+    wrench = smoothed["wrench"][every]
+    sigma = np.median(smoothed["sigma"], axis=0) / scale
+    responses = smoothed["responses"][every]  # of each column in the channel that it acts on
+    design = np.zeros((len(wrench), 3, len(terms)))
+    for column, (channel, at) in enumerate(zip(channels, owner)):
+        design[:, channel, at] += responses[:, column]
+    shares = {}
+    for channel in range(3):
+        at = len(owner) + channel * count
+        for name, indicator in zip(found, bins):
+            part = responses[:, at : at + indicator.shape[1]]
+            share = failure.share_explained(part, wrench[:, channel])["share"]
+            shares[name] = max(shares.get(name, 0.0), share)
+            at += indicator.shape[1]
+    weight = 1 / scale / np.hypot(0.01, sigma)  # of channels that are inferred less well, less
+    stretch = (np.array(run.times)[every] / STRETCH).astype(int)
+    return (
+        (design * weight[:, None]).reshape(-1, len(terms)),
+        (wrench * weight).reshape(-1),
+        np.repeat(stretch, 3),
+        shares,
+    )
+
+
+def _random_walk():
+    from ground import _core
+
+    return _core.WrenchNature.random_walk
+
+
+def _values(run):
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
+    held = residuals.held(run, times)
+    return {
+        "u": nu[:, 0],
+        "v": nu[:, 1],
+        "r": nu[:, 2],
+        "x": eta[:, 0],
+        "y": eta[:, 1],
+        "psi": repair.wrap(eta[:, 2]),
+        "u_L": held[:, 0],
+        "u_R": held[:, 1],
+        "lift": held[:, 2],
+        "t": times,
+        "pi": np.pi,
+        "abs": np.abs,
+        "sin": np.sin,
+        "cos": np.cos,
+    }
+
+
+def _evaluate(formula, values):
+    """A formula of the dictionary, in the words of muparser, over all samples."""
+    result = eval(formula.replace("^", "**"), {"__builtins__": {}}, values)
+    return np.broadcast_to(np.asarray(result, float), values["u"].shape)
+
+
+def _fit(columns, wrench):
+    return np.linalg.lstsq(columns, wrench, rcond=None)[0]
+
+
+def _scores(prediction, wrench, groups):
+    """Share of the mean square that a prediction explains, of each fold (FOLDS,)."""
+    total = (wrench**2).mean()
+    return np.array(
+        [1 - ((wrench[g] - prediction[g]) ** 2).mean() / total for g in _folds(wrench, groups)]
+    )
+
+
+def _folds(wrench, groups):
+    count = min(FOLDS, len(np.unique(groups)))
+    return [test for _, test in GroupKFold(count).split(wrench, groups=groups)]
+
+
+def _cross_validated(columns, wrench, groups):
+    """The same of least squares that have not seen the fold."""
+    prediction = np.zeros(len(wrench))
+    for fold in _folds(wrench, groups):
+        rest = np.setdiff1d(np.arange(len(wrench)), fold)
+        prediction[fold] = columns[fold] @ _fit(columns[rest], wrench[rest])
+    return _scores(prediction, wrench, groups)
+
+
+def _choose(columns, wrench, groups):
+    """Columns of the sparsest regression that is within a standard error of the best one."""
+    scores = [np.zeros(len(_folds(wrench, groups)))]
+    predictions = np.zeros((MOST + 1, len(wrench)))
+    for fold in _folds(wrench, groups):
+        rest = np.setdiff1d(np.arange(len(wrench)), fold)
+        for count in range(1, MOST + 1):
+            pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False)
+            pursuit.fit(columns[rest], wrench[rest])
+            predictions[count, fold] = pursuit.predict(columns[fold])
+    scores += [_scores(p, wrench, groups) for p in predictions[1:]]
+    means = np.array([s.mean() for s in scores])
+    best = int(means.argmax())
+    error = np.array(
+        [
+            (scores[best] - s).std(ddof=1) / np.sqrt(len(s)) if i != best else 0
+            for i, s in enumerate(scores)
+        ]
+    )
+    count = int(np.flatnonzero(means >= means[best] - error)[0])
+    if count == 0:
+        return []
+    pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False)
+    return np.flatnonzero(pursuit.fit(columns, wrench).coef_).tolist()
+
+
+def _where(kept, columns, wrench, groups, share, shares):
+    """Variables by the share that is lost without their terms, then by what their bins explain."""
+    lost = {}
+    for name in set().union(*[t.variables for t in kept]) if kept else ():
+        rest = [i for i, term in enumerate(kept) if name not in term.variables]
+        without = _cross_validated(columns[:, rest], wrench, groups).mean() if rest else 0.0
+        lost[name] = float(max(0.0, share - max(0.0, without)))
+    binned = {name: float(np.mean([s.get(name, 0.0) for s in shares])) for name in shares[0]}
+    ranked = sorted(lost, key=lambda n: (-lost[n], -binned.get(n, 0.0), n))
+    rest = sorted((n for n in binned if n not in lost), key=lambda n: -binned[n])
+    return [{"variable": n, "share": lost[n], "by": "terms"} for n in ranked] + [
+        {"variable": n, "share": binned[n], "by": "bins"} for n in rest
+    ]
+
+
+def _proposal(kept, weights, share):
+    expression, parameters = {}, {}
+    for number, (term, weight) in enumerate(zip(kept, weights), 1):
+        name = "c%d" % number
+        unit = "N m" if list(term.parts) == ["N"] else "N"
+        for channel, formula in term.parts.items():
+            expression.setdefault(channel, []).append("%s*(%s)" % (name, formula))
+        parameters[name] = {
+            "value": float("%.6g" % weight),
+            "unit": unit if term.unit == "-" else "%s/(%s)" % (unit, term.unit),
+            "neutral": 0.0,
+            "lower": -100 * abs(float("%.3g" % weight)),
+            "upper": 100 * abs(float("%.3g" % weight)),
+        }
+    return {
+        "name": "proposed",
+        "expression": {channel: " + ".join(parts) for channel, parts in expression.items()},
+        "parameters": parameters,
+        "share": float(share),
+    }

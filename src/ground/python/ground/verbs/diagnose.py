@@ -1,0 +1,107 @@
+"""identify diagnose: which physical effect a model lacks."""
+import os
+import sys
+
+from ground import candidates, diagnosis, diagnosis_report, files, report, words
+from ground.errors import IdentifyError
+from ground.verbs import common
+
+NAME = "diagnose"
+SUMMARY = "which physical effect a model lacks, with evidence, and the model with it"
+
+
+def configure(parser):
+    common.reads_bags(parser)
+    common.takes_spans(parser)
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to diagnose")
+    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
+    parser.add_argument(
+        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
+    )
+    parser.add_argument(
+        "--only", metavar="EFFECT", nargs="+", help="effects of the library to try (all)"
+    )
+    parser.add_argument(
+        "--exclude", metavar="EFFECT", nargs="+", default=[], help="effects not to try"
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="FILE.yaml",
+        nargs="+",
+        default=[],
+        help="effects of one's own to try as well, one a file, as model files list them",
+    )
+    parser.add_argument(
+        "--budget",
+        type=common.count,
+        metavar="N",
+        help="refit only the N effects that a score test finds most promising, in each step (all)",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
+
+
+def run(arguments):
+    paths = {
+        name: os.path.join(arguments.output, name)
+        for name in ("diagnosis.json", "report.html", "improved.yaml")
+    }
+    model = common.load(arguments.model)
+    tried = _candidates(arguments, model)
+    runs = common.prepare(arguments, model)[1]
+    held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
+    common.refuse_twice(runs + held)
+    try:
+        os.makedirs(arguments.output, exist_ok=True)
+    except OSError as error:
+        raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
+    for path in paths.values():
+        files.refuse_existing(path, arguments.force)
+
+    found = diagnosis.Diagnosis(
+        runs, model, tried, arguments.budget, progress=lambda text: _progress(arguments, text)
+    )
+    found.grow()
+    conclusion = found.conclude(held)
+    _progress(arguments, "writing what was found")
+    result = diagnosis_report.of(found, conclusion, arguments.model, held)
+    arguments.output = paths["improved.yaml"]
+    common.write_model(
+        arguments,
+        conclusion.improved,
+        result["nominal"]["error"],
+        result["improved"]["error"],
+        {p["name"]: p for p in conclusion.parameters},
+    )
+    files.write_json(paths["diagnosis.json"], result, arguments.force)
+    report.write(paths["report.html"], result, found, conclusion, arguments.force)
+    for line in words.diagnosis(result):
+        common.say(arguments, line)
+    common.say(arguments, "")
+    for path in paths.values():
+        common.say(arguments, "written to %s" % path)
+    return result
+
+
+def _candidates(arguments, model):
+    """Effects to try: of the library by --only and --exclude, and all of --effects."""
+    library = candidates.library(model)
+    known = [c.name for c in candidates.library(model)] + list(model.effects)
+    for name in (arguments.only or []) + arguments.exclude:
+        if name not in known:
+            raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+    own = [candidates.from_file(path) for path in arguments.effects]
+    for candidate in own:
+        candidate.add(model)  # says what is wrong with the file before long work starts
+    chosen = [
+        c
+        for c in library
+        if c.name not in arguments.exclude and (arguments.only is None or c.name in arguments.only)
+    ]
+    if not chosen + own:
+        raise IdentifyError("no effect is left to try")
+    return chosen + own
+
+
+def _progress(arguments, text):
+    if not arguments.json and sys.stderr.isatty():
+        print("... " + text, file=sys.stderr, flush=True)

@@ -1,0 +1,137 @@
+"""Experiments with an effect hidden in the simulated craft, for the hidden-effect bench."""
+import hashlib
+import pathlib
+
+import numpy as np
+import yaml
+
+from ground import _core, candidates, experiments, quality, study
+
+MODEL = str(
+    pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+)
+RUNS, DURATION = 4, 8.0  # a diagnosis sees so many runs of so many seconds
+SPREAD = 0.2  # of the true nominal parameters about those of the model that is diagnosed
+NOISE = (3e-4, 5e-3)  # of the mocap [m], [rad]
+
+# Size of each effect's parameters (SI units) at which the refitted nominal model's held-out error is
+# 1.5 times that of the refitted truth, for excitation "varied", by `hidden.py calibrate`.
+STRENGTHS = {
+    "input_delay": {"delay": 0.005},
+    "motor_lag": {"tau": 0.006},
+    "thrust_asymmetry": {"a": 0.0066},
+    "thrust_curve": {"p": 0.13},
+    "thrust_misalignment": {"angle": 0.065},
+    "thrust_speed_loss": {"c": 0.052},
+    "battery_sag": {"tau": 64.0},
+    "quadratic_drag": {"cx": 0.0052, "cy": 0.0052, "cr": 8.3e-7},
+    "coulomb_friction": {"f": 0.0028, "n": 1.9e-5},
+    "momentum_drag": {"q": 0.017},
+    "floor_tilt": {"sx": 0.0033, "sy": 0.0025},
+    "wind": {"wx": 0.09, "wy": 0.09},
+    "yaw_bias": {"n0": 1e-5},
+    "body_force_bias": {"x0": 0.0015, "y0": 0.003},
+    "sway_yaw_damping": {"yr": 3.4e-5, "nv": 1.7e-5},
+    "added_mass": {"mx": 2.7e-5, "my": 8e-5},
+    "com_offset": {"xg": 5.2e-4, "yg": 1.3e-4},
+    "marker_offset": {"dx": 0.004, "dy": 0.003},
+    "heading_offset": {"psi0": 0.044},
+    "thrust_sway_moment": {"c": 3e-4},
+    "differential_side_force": {"c": 0.22},
+}
+ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
+ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss"}
+# Truths that are not in the library: formulas, and the variables that they depend on.
+OUTSIDE = {
+    "washboard floor": (
+        {"X": "a*sin(2*pi*x/0.3)*cos(psi)", "Y": "-a*sin(2*pi*x/0.3)*sin(psi)"},
+        {"a": 0.008},
+        {"x"},
+    ),
+    "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"r", "u"}),
+    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 9e-8}, {"r"}),
+    "thruster cross-talk": (
+        {"X": "-2*a*u_L*u_R"},
+        {"a": 0.012},
+        {"u_L", "u_R", "u_L+u_R"},
+    ),
+}
+LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # of the strengths above
+
+
+def scaled(effect, name, size, factor):
+    """A parameter of an effect at `factor` times its strength."""
+    if effect == "battery_sag":
+        return size / factor
+    return 1 + size * factor if (effect, name) == ("thrust_curve", "p") else size * factor
+
+
+def truth(effects, factor, seed):
+    """The craft's true model: nominal parameters and the effects' directions drawn by the seed."""
+    random = np.random.default_rng(_number(seed, *effects))
+    model = _core.load_model(MODEL)
+    model.name = "truth"
+    for name in study.FIVE:
+        model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
+    for effect in effects:
+        if effect in OUTSIDE:
+            model = _outside(effect, factor).add(model)
+            continue
+        model.add_effect(effect)
+        for name, size in STRENGTHS[effect].items():
+            sign = 1 if effect in ONE_SIDED else random.choice([-1, 1])
+            way = sign * random.uniform(0.7, 1.3) * factor
+            model.set_value("%s.%s" % (effect, name), scaled(effect, name, size, way))
+    return model
+
+
+def _outside(name, factor):
+    formulas, sizes, _ = OUTSIDE[name]
+    entry = {
+        "name": "hidden",
+        "expression": formulas,
+        "parameters": {
+            n: {"value": s * factor, "unit": "SI", "neutral": 0.0, "lower": -1e3, "upper": 1e3}
+            for n, s in sizes.items()
+        },
+    }
+    return candidates.from_entry(yaml.safe_load(yaml.safe_dump(entry)), name)
+
+
+def _number(*parts):
+    return int(hashlib.sha256(repr(parts).encode()).hexdigest()[:8], 16)
+
+
+def runs(model, excitation, noise, seed):
+    """What four runs of a true model look like to the tool: _core.RunData."""
+    found = []
+    for i in range(RUNS):
+        random = np.random.default_rng(_number("run", seed, i))
+        mocap = _core.MocapParams()
+        mocap.rate = 120.0
+        mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
+        recording = experiments.simulate(
+            model,
+            _schedule(excitation, i, seed),
+            "run %d" % (i + 1),
+            pose=(0, 0, random.uniform(-np.pi, np.pi)),
+            mocap=mocap,
+            seed=_number(seed, i) % 2**31,
+        )
+        found.append(quality.Run(recording).data(_core.load_model(MODEL)))
+    return found
+
+
+def _schedule(excitation, i, seed):
+    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019."""
+    length = DURATION - 1.0  # of which lift alone
+    number = 10 * seed + i
+    if excitation == "prbs":
+        return experiments.with_lift(experiments.prbs(length, 10, (0, 1), 9, number), length)
+    clock, levels, lift = [
+        (5, (0, 1), 1.0),
+        (10, (0.2, 0.8), 1.0),
+        (15, (0, 1), 0.7),
+        (20, (0, 0.6), 0.85),
+    ][i]
+    return experiments.with_lift(experiments.prbs(length, clock, levels, 9, number), length, lift)
