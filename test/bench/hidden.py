@@ -159,7 +159,7 @@ def summary(results, picture=None):
         rows = [r for r in single if (r["excitation"], r["noise"], r["strength"]) == cell]
         print("\nsingle effect, excitation %s, noise x%g, %s" % cell)
         _table(rows)
-    moderate = [r for r in single if r["nominal"] >= MODERATE * r["truth"]]
+    moderate = [r for r in single if is_moderate(r)]
     if moderate:
         print(
             "\nall single effects whose nominal error is 30%% above the truth's: %d" % len(moderate)
@@ -196,7 +196,7 @@ def summary(results, picture=None):
             if not set(r["hidden"]) <= set(r["chosen"]):
                 print("  %s: %s, %s" % (r["hidden"], r["chosen"], r["verdict"]))
     for name in cases.OUTSIDE:
-        rows = [r for r in results if r["hidden"] == [name]]
+        rows = [r for r in results if r["hidden"] == [name] and is_moderate(r)]
         if rows:
             depends = cases.OUTSIDE[name][2]
             print("\noutside the library: %s" % name)
@@ -213,6 +213,10 @@ def summary(results, picture=None):
             "\nseconds a diagnosis on one core: median %.1f, most %.1f"
             % (np.median(seconds), max(seconds))
         )
+
+
+def is_moderate(r):
+    return r["nominal"] >= MODERATE * r["truth"]
 
 
 def _first(r):

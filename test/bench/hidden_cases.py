@@ -49,7 +49,7 @@ OUTSIDE = {
         {"x"},
     ),
     "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"r", "u"}),
-    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 9e-8}, {"r"}),
+    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"r"}),
     "thruster cross-talk": (
         {"X": "-2*a*u_L*u_R"},
         {"a": 0.012},

@@ -102,8 +102,8 @@ def _unexplained(diagnosis, conclusion):
     error = float(diagnosis.best.error.sum())
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:
-        entry = {k: proposal[k] for k in ("name", "expression", "parameters")}
-        extended = candidates.from_entry(entry, "the proposal").add(diagnosis.best.model)
+        candidate = candidates.from_entry(effect_entry(proposal), "the proposal")
+        extended = candidate.add(diagnosis.best.model)
         fit = diagnosis.study.refit([extended], study.free_parameters(extended))
         proposal["error"] = _errors(fit)
         if fit.heldout.sum() >= diagnosis.best.heldout.sum():
@@ -113,3 +113,8 @@ def _unexplained(diagnosis, conclusion):
         "where": where,
         "proposal": proposal,
     }
+
+
+def effect_entry(proposal):
+    """A proposal as model files list effects."""
+    return {key: proposal[key] for key in ("name", "expression", "parameters")}

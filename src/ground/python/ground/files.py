@@ -5,6 +5,8 @@ import math
 import os
 import tempfile
 
+import yaml
+
 from ground.errors import IdentifyError
 
 
@@ -54,3 +56,9 @@ def write_json(path, value, force=False):
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")
+
+
+def write_yaml(path, value, force=False):
+    with new_file(path, force) as temporary:
+        with open(temporary, "w") as file:
+            yaml.safe_dump(value, file, sort_keys=False)

@@ -1,4 +1,4 @@
-"""What a comparison found, in sentences."""
+"""What a comparison or a diagnosis found, in sentences."""
 import math
 
 from ground import failure
@@ -112,3 +112,117 @@ def error(by_channel, where):
         where[best]["label"],
         100 * share["share"],
     )
+
+
+def verdict(report):
+    """One sentence that says what a diagnosis came to."""
+    before = report["nominal"]["error"]["heldout"]
+    after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
+    chosen = " and ".join(report["improved"]["effects"])
+    fall = "%s the error on held-out runs falls from %.3f to %.3f" % (
+        "with it" if len(report["improved"]["effects"]) == 1 else "with them",
+        before,
+        after,
+    )
+    if report["verdict"] == "complete":
+        return (
+            "Nothing is missing: refitted, the model's error on held-out runs is %.3f, and the noise of "
+            "the poses alone leaves %.3f." % (before, floor)
+        )
+    if report["verdict"] == "missing":
+        lacks = (
+            "%s is missing" % chosen
+            if len(report["improved"]["effects"]) == 1
+            else "%s are missing" % chosen
+        )
+        return "%s: %s; the noise of the poses alone leaves %.3f." % (lacks, fall, floor)
+    if not chosen:
+        return (
+            "Something is missing that no effect tried explains: the error on held-out runs is %.3f, "
+            "the noise of the poses alone leaves %.3f." % (before, floor)
+        )
+    return (
+        "%s improve the model: %s. But something else is missing that no effect tried explains: the "
+        "noise of the poses alone leaves %.3f." % (chosen, fall, floor)
+    )
+
+
+def parameters(values):
+    """A line for each parameter of an effect."""
+    for name, p in values.items():
+        if p["identified"]:
+            yield "%s %.4g %s [%.4g, %.4g]" % ((name, p["value"], p["unit"]) + tuple(p["ci95"]))
+        else:
+            yield "%s: these data do not tell it" % name
+
+
+def apart(report):
+    """What cannot be told apart, and what would tell it."""
+    for step in report["steps"]:
+        others = [name for name in step.get("group", []) if name != step.get("added")]
+        if others:
+            yield "These runs cannot tell %s from %s." % (step["added"], ", ".join(others))
+    proposed = report["next_experiment"]
+    if proposed:
+        yield (
+            "To tell %s apart, record: %s (identify simulate %s). There the models would disagree by %.1f "
+            "times the error that the noise leaves."
+            % (
+                " and ".join(proposed["separates"]),
+                proposed["input"],
+                proposed["arguments"],
+                proposed["expected_disagreement"],
+            )
+        )
+
+
+def unexplained(report):
+    """Where the rest is, and what would lower it."""
+    rest = report["unexplained"]
+    if not rest["where"]:
+        return
+    yield "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s." % (
+        100 * rest["fraction"],
+        " and ".join(w["variable"] for w in rest["where"][:2]),
+    )
+    proposal = rest["proposal"]
+    if proposal:
+        terms = ["%s = %s" % item for item in proposal["expression"].items()]
+        values = [
+            "%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()
+        ]
+        yield (
+            "A term that would lower the error on held-out runs to %.3f: %s with %s. It is in "
+            "proposal.yaml, ready for identify add."
+            % (proposal["error"]["heldout"], "; ".join(terms), ", ".join(values))
+        )
+
+
+def diagnosis(report):
+    """What the terminal says of a diagnosis."""
+    yield verdict(report)
+    yield ""
+    yield "%4s %-24s %9s %9s %9s  %s" % (
+        "rank",
+        "effect",
+        "p",
+        "dBIC",
+        "held out",
+        "parameters [95%]",
+    )
+    for c in report["candidates"][:8]:
+        yield "%4d %-24s %9.1g %9.0f %9.3f  %s" % (
+            c["rank"],
+            c["effect"] + ("*" if c["selected"] else ""),
+            c["p_value"],
+            c["delta_bic"],
+            c["error"]["heldout"],
+            "; ".join(parameters(c["parameters"])),
+        )
+    yield "error on held-out runs: %.3f refitted as it is" % report["nominal"]["error"]["heldout"]
+    for step in report["steps"]:
+        what = "with " + step["added"] if "added" in step else "without " + step["removed"]
+        yield "%29.3f %s" % (step["error"]["heldout"], what)
+    yield "%29.3f noise of the poses alone" % report["noise_floor"]
+    yield from apart(report)
+    yield from unexplained(report)

@@ -3,6 +3,7 @@ import os
 import sys
 
 from ground import candidates, diagnosis, diagnosis_report, files, report, words
+from ground.diagnosis_report import effect_entry
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -43,7 +44,7 @@ def configure(parser):
 def run(arguments):
     paths = {
         name: os.path.join(arguments.output, name)
-        for name in ("diagnosis.json", "report.html", "improved.yaml")
+        for name in ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml")
     }
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
@@ -73,6 +74,11 @@ def run(arguments):
         {p["name"]: p for p in conclusion.parameters},
     )
     files.write_json(paths["diagnosis.json"], result, arguments.force)
+    proposal = result["unexplained"]["proposal"]
+    if proposal:
+        files.write_yaml(paths["proposal.yaml"], effect_entry(proposal), arguments.force)
+    else:
+        del paths["proposal.yaml"]
     report.write(paths["report.html"], result, found, conclusion, arguments.force)
     for line in words.diagnosis(result):
         common.say(arguments, line)
