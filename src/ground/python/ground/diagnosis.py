@@ -27,7 +27,7 @@ EARNS = 0.002  # part of the error on held-out runs by which an effect has to lo
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
-WHITE = 1e-3  # chance of residuals as coloured as these were the model true
+WHITE = 1e-9  # chance of such colour in the residuals of a true model; rejected spikes add some
 RESAMPLES = 500  # of the bootstrap over windows
 
 
@@ -147,6 +147,11 @@ class Diagnosis:
 
         for trial, fit in zip(trials, self.pool.map(judge, trials)):
             trial.fit = fit
+            if (
+                fit
+                and FAR_BETTER * windows.error(self.runs, trial.model, self.cut) > fit.error.sum()
+            ):
+                trial.model = fit.model
 
     def judge_all(self, trials):
         """Errors of all trials of a step on what they were not fitted to."""

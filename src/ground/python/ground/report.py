@@ -23,7 +23,7 @@ h1 { font-size: 1.4rem } h2 { font-size: 1.1rem; margin-top: 2rem }
 .verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
 table { border-collapse: collapse; font-size: .85rem; width: 100% }
 th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
-td.n { text-align: right; font-variant-numeric: tabular-nums } tr.chosen { background: #e6f2e8 }
+td.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums } tr.chosen { background: #e6f2e8 }
 img { max-width: 100% } code { background: #f2f2f0; padding: 0 .2rem; overflow-wrap: anywhere } .wide { overflow-x: auto }
 @media print { body { margin: 0; font-size: 11pt } h2, img, tr { break-inside: avoid } }
 </style></head><body>

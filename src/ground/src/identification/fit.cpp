@@ -258,6 +258,21 @@ std::vector<double> approach(const SimulationError& whole, const SimulationError
   return from;
 }
 
+/// Initial states to start from at the given values: measured ones, or, where these values are
+/// near, those that suit them best, for a model may turn and shift what is measured by any amount.
+Initials initialsFor(const SimulationError& problem, const Model& model, const Free& free,
+                     const std::vector<double>& scaled, const FitOptions& options) {
+  Initials initial = measuredInitials(problem);
+  if (!options.near) return initial;
+  Free nothing;
+  nothing.base = free.coordinates(scaled.data());
+  const Robust robust{options.width > 0 ? options.width : kInfinity};
+  inParallel(initial.size(), options.threads, [&](std::size_t w) {
+    solveInitial(problem, model, nothing, robust, static_cast<int>(w), initial[w]);
+  });
+  return initial;
+}
+
 /// The model's own values, then as many others as asked for: positive ones up to ten times smaller
 /// or larger, the others as far off as they are typically large.
 std::vector<std::vector<double>> startsOf(const Free& free, int count) {
@@ -303,7 +318,9 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     try {
       const std::vector<double> near =
           brief ? approach(*this, *brief, model, free, options, from) : from;
-      const Initials initial = options.initial.empty() ? measuredInitials(*this) : options.initial;
+      const Initials initial = options.initial.empty()
+                                   ? initialsFor(*this, model, free, near, options)
+                                   : options.initial;
       found = descend(*this, model, free, losses, options, near, initial);
       if (!found.usable) throw std::runtime_error(found.message);
     } catch (const std::runtime_error& error) {

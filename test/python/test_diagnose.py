@@ -1,0 +1,201 @@
+"""identify diagnose as a user runs it: it names what is missing, and its model is ready for use."""
+import json
+
+import pytest
+import yaml
+from conftest import MODEL, SHARED, identify, write_bag
+
+WASHBOARD = """
+name: washboard
+expression: {X: "a*sin(2*pi*x/0.3)*cos(psi)", Y: "-a*sin(2*pi*x/0.3)*sin(psi)"}
+parameters:
+  a: {value: 0.02, unit: N, neutral: 0, lower: -1, upper: 1}
+"""
+
+
+def with_effect(path, entry):
+    path.write_text(MODEL.read_text().replace("effects: []", "effects:\n  - " + entry))
+    return path
+
+
+def bags_of(folder, truth, seeds=(1, 40), **options):
+    return [
+        write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1), **options)
+        for s in seeds
+    ]
+
+
+def diagnose(*arguments):
+    return identify("diagnose", *arguments, "--json")
+
+
+@pytest.fixture
+def lagging(tmp_path):
+    truth = with_effect(tmp_path / "truth.yaml", "{name: motor_lag, tau: 0.06}")
+    return bags_of(tmp_path, truth)
+
+
+def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
+    out = tmp_path / "out"
+    result = diagnose(*lagging, "--model", MODEL, "-o", out)
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report == json.loads((out / "diagnosis.json").read_text())
+    assert report["schema"] == "ground/diagnosis/1"
+    assert report["verdict"] == "missing"
+    assert report["improved"]["effects"] == ["motor_lag"]
+    first = report["candidates"][0]
+    assert first["effect"] == "motor_lag" and first["rank"] == 1 and first["selected"]
+    assert first["p_value"] < 1e-6 and first["delta_bic"] < -100 and first["inclusion"] > 0.9
+    low, high = report["improved"]["parameters"]["motor_lag.tau"]["ci95"]
+    assert low < 0.06 < high and high - low < 0.002
+    assert report["nominal"]["error"]["heldout"] > 3 * report["improved"]["error"]["heldout"]
+    assert report["improved"]["error"]["heldout"] == pytest.approx(report["noise_floor"], rel=0.15)
+    assert [s["added"] for s in report["steps"]] == ["motor_lag"]
+    assert len(report["candidates"]) == 21
+    assert [c["rank"] for c in report["candidates"]] == list(range(1, 22))
+    page = (out / "report.html").read_text()
+    assert "motor_lag is missing" in page and "data:image/png;base64," in page
+    assert "http" not in page.replace("http-equiv", "")
+    # simulator and controllers take the model as it is
+    simulated = identify(
+        "simulate",
+        "--model",
+        out / "improved.yaml",
+        "--input",
+        "prbs",
+        "--duration",
+        "2",
+        "-o",
+        tmp_path / "again.bag",
+    )
+    assert simulated.returncode == 0, simulated.stderr
+    # and nothing is lost of what is there
+    again = diagnose(*lagging, "--model", MODEL, "-o", out)
+    assert again.returncode == 1 and "--force" in again.stderr
+
+
+def test_the_same_input_gives_the_same_answer(tmp_path, lagging):
+    options = [*lagging, "--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
+    answers = []
+    for name in ("a", "b"):
+        result = diagnose(*options, "-o", tmp_path / name)
+        assert result.returncode == 0, result.stderr
+        answers.append(result.stdout)
+    assert answers[0] == answers[1]
+    names = {c["effect"] for c in json.loads(answers[0])["candidates"]}
+    assert names == {"motor_lag", "input_delay", "floor_tilt"}
+
+
+def test_without_the_right_one_something_is_left(tmp_path, lagging):
+    options = ["--exclude", "motor_lag", "--budget", "3"]
+    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["verdict"] == "unexplained"
+    assert len(report["candidates"]) == 3
+    assert report["unexplained"]["fraction"] > 0.1 and report["unexplained"]["where"]
+
+
+def test_a_complete_model_is_left_alone(tmp_path):
+    bag = write_bag(tmp_path / "run.bag", seed=3, duration=12.0)
+    result = identify("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert "Nothing is missing" in result.stdout
+    report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert report["verdict"] == "complete" and not report["steps"]
+    assert report["improved"]["effects"] == [] and report["unexplained"]["proposal"] is None
+
+
+def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
+    washboard = yaml.safe_load(WASHBOARD)
+    truth = with_effect(tmp_path / "truth.yaml", json.dumps(washboard))
+    bags = bags_of(tmp_path, truth, seeds=(1, 40, 90))
+    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["verdict"] == "unexplained"
+    assert "x" in [w["variable"] for w in report["unexplained"]["where"][:2]]
+    proposal = report["unexplained"]["proposal"]
+    assert "x/0.3" in " ".join(proposal["expression"].values())
+    error = report["improved"]["error"]["heldout"]
+    assert proposal["error"]["heldout"] < 0.7 * error
+    added = identify(
+        "add",
+        tmp_path / "out" / "proposal.yaml",
+        *bags,
+        "--model",
+        tmp_path / "out" / "improved.yaml",
+        "-o",
+        tmp_path / "added.yaml"
+    )
+    assert added.returncode == 0, added.stderr
+    # A user who knows more writes the effect and has it tried with the others.
+    washboard["parameters"]["a"]["value"] = 0.001
+    (tmp_path / "washboard.yaml").write_text(yaml.safe_dump(washboard))
+    options = ["--effects", tmp_path / "washboard.yaml"]
+    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "own", *options)
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["verdict"] == "missing" and report["improved"]["effects"] == ["washboard"]
+    low, high = report["improved"]["parameters"]["washboard.a"]["ci95"]
+    assert low < 0.02 < high
+
+
+def test_a_turned_mocap_is_found_from_zero(tmp_path):
+    truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 1.85}")
+    bags = bags_of(tmp_path, truth)
+    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    angles = [
+        report["improved"]["parameters"].get(name, {"value": 0.0})["value"]
+        for name in ("heading_offset.psi0", "thrust_misalignment.angle")
+    ]
+    assert report["steps"][0]["added"] == "heading_offset"
+    assert angles[0] == pytest.approx(1.85, abs=0.01)
+    assert report["verdict"] == "missing"
+
+
+def test_runs_can_be_held_out(tmp_path, lagging):
+    truth = tmp_path / "truth.yaml"
+    held = bags_of(tmp_path, truth, seeds=(90,))
+    options = ["--holdout", *held, "--only", "motor_lag"]
+    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["runs"] == {"fit": ["run1", "run40"], "heldout": ["run90"]}
+    assert report["nominal"]["error"]["heldout"] > 2 * report["improved"]["error"]["heldout"]
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--only", "motor_leg"], "there is no effect motor_leg"),
+        (["--exclude", "motor_leg"], "there is no effect motor_leg"),
+        (["--effects", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_bad_options_are_named(tmp_path, options, words):
+    bag = write_bag(tmp_path / "run.bag", seed=3)
+    result = diagnose(bag, "--model", MODEL, "-o", tmp_path / "out", *options)
+    assert result.returncode == 1
+    assert words in result.stderr and "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_real_runs_of_one_day(tmp_path, recordings):
+    bags = []
+    for stamp in [s for s in recordings if s.startswith("2019-04-11")]:
+        bags.append(tmp_path / (stamp + ".bag"))
+        files = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
+        assert identify("import", *files, "-o", bags[-1]).returncode == 0
+    options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
+    result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["verdict"] == "unexplained"
+    assert report["steps"][0]["added"] == "heading_offset"
+    offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
+    assert offset == pytest.approx(1.8, abs=0.15)
+    assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]

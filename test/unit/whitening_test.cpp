@@ -1,0 +1,70 @@
+// Whitening against the covariance that it stands for, and a fit under it.
+#include "../../src/ground/src/identification/whitening.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <random>
+
+namespace ground {
+namespace {
+
+std::vector<double> unevenTimes(int count) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> step(0.005, 0.03);
+  std::vector<double> times = {1.0};
+  while (static_cast<int>(times.size()) < count) times.push_back(times.back() + step(random));
+  return times;
+}
+
+/// Covariance of noise and twice integrated white noise that starts at rest at the first time.
+Eigen::MatrixXd covariance(const std::vector<double>& times, double noise, double disturbance) {
+  const auto n = static_cast<Eigen::Index>(times.size());
+  Eigen::MatrixXd K(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const double s = std::min(times[i], times[j]) - times[0];
+      const double t = std::max(times[i], times[j]) - times[0];
+      K(i, j) = disturbance * disturbance * s * s * (3 * t - s) / 6 + (i == j) * noise * noise;
+    }
+  return K;
+}
+
+TEST(Whitening, IsTheInverseOfTheCholeskyFactor) {
+  const int n = 60;
+  const std::vector<double> times = unevenTimes(n);
+  const Vector3<double> noise(3e-4, 4e-4, 5e-3), disturbance(0.01, 0.03, 0.4);
+  const Whitening whitening(times, 0, n - 1, noise, disturbance);
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Random(3 * n, 2);
+  Eigen::MatrixXd expected = rows;
+  for (int c = 0; c < 3; ++c) {
+    const Eigen::MatrixXd L = covariance(times, noise(c), disturbance(c)).llt().matrixL();
+    for (int column = 0; column < 2; ++column) {
+      Eigen::VectorXd channel(n);
+      for (int i = 0; i < n; ++i) channel(i) = rows(3 * i + c, column);
+      channel = L.triangularView<Eigen::Lower>().solve(channel);
+      for (int i = 0; i < n; ++i) expected(3 * i + c, column) = channel(i);
+    }
+    for (int i = 0; i < n; ++i) EXPECT_NEAR(whitening.deviations()[i](c), L(i, i), 1e-9 * L(i, i));
+  }
+  whitening.apply(rows);
+  EXPECT_LT((rows - expected).norm(), 1e-8 * expected.norm());
+}
+
+TEST(Whitening, DividesByTheNoiseWithoutDisturbance) {
+  const std::vector<double> times = unevenTimes(5);
+  const Vector3<double> noise(1, 2, 4);
+  const Whitening whitening(times, 1, 3, noise, Vector3<double>::Zero());
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Ones(9, 1);
+  whitening.apply(rows);
+  for (int i = 0; i < 3; ++i)
+    for (int c = 0; c < 3; ++c) EXPECT_DOUBLE_EQ(rows(3 * i + c, 0), 1 / noise(c));
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
