@@ -3,6 +3,7 @@
 Effects are tested and ranked by how likely they make the measured poses (ground.evidence), and have to
 lower the simulation error on runs that they were not fitted to (ground.study) to be chosen.
 """
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, List
@@ -74,7 +75,7 @@ class Diagnosis:
         self.candidates = candidates
         self.budget = budget
         self.say = progress or (lambda text: None)
-        self.pool = ThreadPoolExecutor(threads or None)
+        self.pool = ThreadPoolExecutor(threads or os.cpu_count())
         self.study = study.Study(runs)
         self.cut = self.study.windows
         self.chosen = []  # Candidates, in the order of their choice
@@ -171,6 +172,7 @@ class Diagnosis:
     def _choose(self, trial):
         self.chosen.append(next(c for c in self.candidates if c.name == trial.name))
         self.best = trial.fit
+        self.study.adapt(trial.fit.model, study.free_parameters(trial.fit.model))
         self._settle(self.evidence, trial.fit.model)
         group = [t.name for t in self.tried[-1] if t.equal]
         self.steps.append({"added": trial.name, "fit": trial.fit, "group": group})

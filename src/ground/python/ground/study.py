@@ -32,6 +32,7 @@ class Study:
         self.runs = runs
         self.windows = windows.cut(runs)
         self.problem = windows.problem(runs, self.windows)
+        self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
         if len(runs) > 1:
             self.parts = [[w for w in self.windows if w.run == i] for i in range(len(runs))]
         else:
@@ -51,7 +52,16 @@ class Study:
         best: what was fitted without an effect may be far from what is right with it.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
-        return self._judged(self._best(starts, free), free)
+        result = self._best(starts, free)
+        self._adapt(result)
+        return self._judged(result, free)
+
+    def adapt(self, model, free):
+        """From now on refits take as outliers what is one to this model."""
+        self._adapt(self._fit(self.problem, model, free, near=True))
+
+    def _adapt(self, result):
+        self.width = result["width"] if np.isfinite(result["width"]) else 0.0
 
     def search(self, starts, free):
         """The model that fits all windows best, sought from several. One thread."""
@@ -72,7 +82,7 @@ class Study:
     def refit(self, starts, free, below=np.inf):
         """The same from models near the best: no other start is tried. One thread. None when the
         error of what was fitted to is not below a bound."""
-        result = self._best(starts, free, near=True, threads=1)
+        result = self._best(starts, free, near=True, threads=1, width=self.width)
         return self._judged(result, free, 1) if result["objective"] < below else None
 
     def _judged(self, result, free, threads=0):
@@ -81,7 +91,9 @@ class Study:
         for part in self.parts:
             rest = [w for other in self.parts if other is not part for w in other]
             problem = windows.problem(self.runs, rest)
-            refitted = self._fit(problem, fitted, free, near=True, threads=threads)["model"]
+            refitted = self._fit(
+                problem, fitted, free, near=True, threads=threads, width=self.width
+            )["model"]
             heldout[[self.windows.index(w) for w in part]] = window_errors(
                 self.runs, part, refitted
             )

@@ -357,6 +357,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
       }
     }
   }
+  result.width = best.delta;
   result.initial = best.initial;
   result.iterations = best.iterations;
   result.converged = best.converged;

@@ -75,6 +75,7 @@ struct FitResult {
   Eigen::MatrixXd correlation;           ///< of the estimates
   double condition = 0;                  ///< of the scaled information matrix
   double objective = 0;                  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
+  double width = 0;                      ///< of the robust loss that was descended by last
   std::vector<Eigen::VectorXd> initial;  ///< states of the windows
   int starts = 0;                        ///< that could be simulated
   int starts_at_best = 0;                ///< that came to the same end as the best
