@@ -9,6 +9,7 @@ noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
+SEED ?= 1
 
 .PHONY: build demo test bench bench-hidden install clean
 
@@ -16,7 +17,7 @@ build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
 
 demo: build
-	@$(in_workspace) rosrun ground demo --out build/demo
+	@$(in_workspace) rosrun ground demo --out build/demo --seed $(SEED)
 
 test: build
 	@cmake --build build --target tests --parallel $(jobs)

@@ -118,33 +118,27 @@ def verdict(report):
     """One sentence that says what a diagnosis came to."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
-    chosen = " and ".join(report["improved"]["effects"])
-    fall = "%s the error on held-out runs falls from %.3f to %.3f" % (
-        "with it" if len(report["improved"]["effects"]) == 1 else "with them",
+    effects = report["improved"]["effects"]
+    one, chosen = len(effects) == 1, " and ".join(effects)
+    fall = "with %s the error on held-out runs falls from %.3f to %.3f" % (
+        "it" if one else "them",
         before,
         after,
     )
+    leaves = "the noise of the poses alone leaves %.3f." % floor
     if report["verdict"] == "complete":
         return (
-            "Nothing is missing: refitted, the model's error on held-out runs is %.3f, and the noise of "
-            "the poses alone leaves %.3f." % (before, floor)
+            "Nothing is missing: refitted, the model's error on held-out runs is %.3f, and "
+            % before
+            + leaves
         )
     if report["verdict"] == "missing":
-        lacks = (
-            "%s is missing" % chosen
-            if len(report["improved"]["effects"]) == 1
-            else "%s are missing" % chosen
-        )
-        return "%s: %s; the noise of the poses alone leaves %.3f." % (lacks, fall, floor)
-    if not chosen:
-        return (
-            "Something is missing that no effect tried explains: the error on held-out runs is %.3f, "
-            "the noise of the poses alone leaves %.3f." % (before, floor)
-        )
-    return (
-        "%s improve the model: %s. But something else is missing that no effect tried explains: the "
-        "noise of the poses alone leaves %.3f." % (chosen, fall, floor)
-    )
+        return "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
+    rest = "missing that no effect tried explains"
+    if not effects:
+        return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
+    improves = chosen + (" improves" if one else " improve")
+    return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
 
 
 def parameters(values):
