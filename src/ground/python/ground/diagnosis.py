@@ -39,7 +39,9 @@ def mark_equals(trials, before):
     for trial in trials:
         behind = trial.fit.by_window - best.by_window
         chance = TELLS_APART * behind.std(ddof=1) / np.sqrt(len(behind))
-        trial.equal = behind.mean() <= min(NEARLY * fall, chance)
+        as_good = behind.mean() <= min(NEARLY * fall, chance)
+        # nor do the poses prefer the best by far
+        trial.equal = as_good and trial.delta_bic < (1 - NEARLY) * trials[0].delta_bic
 
 
 @dataclass

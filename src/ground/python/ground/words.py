@@ -152,6 +152,12 @@ def parameters(values):
 
 def apart(report):
     """What cannot be told apart, and what would tell it."""
+    unseen = [c["effect"] for c in report["candidates"] if not c["seen"]]
+    if unseen:
+        yield (
+            "These runs cannot see %s: to first order the refitted model does the same without."
+            % ", ".join(unseen)
+        )
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
         if others:
