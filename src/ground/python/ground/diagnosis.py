@@ -78,7 +78,7 @@ class Diagnosis:
         self.budget = budget
         self.say = progress or (lambda text: None)
         self.pool = ThreadPoolExecutor(threads or os.cpu_count())
-        self.study = study.Study(runs)
+        self.study = study.Study(runs, threads=1)
         self.cut = self.study.windows
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []

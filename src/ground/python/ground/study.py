@@ -28,8 +28,11 @@ class Study:
     Parts are runs, or quarters of a single run. Raises IdentifyError when runs are too short.
     """
 
-    def __init__(self, runs):
+    def __init__(self, runs, threads=0):
         self.runs = runs
+        self.threads = (
+            threads  # of fits from afar, 0 for all cores; one gives the same bits each time
+        )
         self.windows = windows.cut(runs)
         self.problem = windows.problem(runs, self.windows)
         self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
@@ -52,13 +55,13 @@ class Study:
         best: what was fitted without an effect may be far from what is right with it.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
-        result = self._best(starts, free)
+        result = self._best(starts, free, threads=self.threads)
         self._adapt(result)
-        return self._judged(result, free)
+        return self._judged(result, free, self.threads)
 
     def adapt(self, model, free):
         """From now on refits take as outliers what is one to this model."""
-        self._adapt(self._fit(self.problem, model, free, near=True))
+        self._adapt(self._fit(self.problem, model, free, near=True, threads=self.threads))
 
     def _adapt(self, result):
         self.width = result["width"] if np.isfinite(result["width"]) else 0.0
@@ -85,7 +88,7 @@ class Study:
         result = self._best(starts, free, near=True, threads=1, width=self.width)
         return self._judged(result, free, 1) if result["objective"] < below else None
 
-    def _judged(self, result, free, threads=0):
+    def _judged(self, result, free, threads):
         fitted = result["model"]
         heldout = np.zeros((len(self.windows), 3))
         for part in self.parts:
