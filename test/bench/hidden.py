@@ -283,8 +283,10 @@ def _draw(names, shares, picture):
         axis.text(
             j, i, "%.0f" % (100 * shares[i, j]), ha="center", va="center", size=7, color=color
         )
-    axis.set_xticks(range(len(names) + 1), names + ["nothing"], rotation=90, fontsize=8)
-    axis.set_yticks(range(len(names)), names, fontsize=8)
+    axis.set_xticks(range(len(names) + 1))
+    axis.set_xticklabels(names + ["nothing"], rotation=90, fontsize=8)
+    axis.set_yticks(range(len(names)))
+    axis.set_yticklabels(names, fontsize=8)
     axis.set_xlabel("found first [% of cases]")
     axis.set_ylabel("hidden in the simulated craft")
     figure.tight_layout()
