@@ -17,6 +17,9 @@ namespace {
 
 constexpr double kBrief = 0.3;  // windows so short are fitted first [s]
 
+constexpr int kPatience =
+    5;  // times that a parameter is let go from its bound: no going in circles
+
 /// Relative change of the cost at which a descent ends: rough to come near, coarse where another
 /// one follows. An exact fit has no use for the fine one, its cost falls until nothing is left of
 /// it.
@@ -41,10 +44,11 @@ class AtBound : public ceres::IterationCallback {
   const std::vector<double>& scaled_;
 };
 
-/// One solve; `scaled` and `initial` are start and result. It ends at the first bound that is met.
+/// One solve; `scaled` and `initial` are start and result. From near it ends at
+/// the first bound that is met (`until_bound`).
 ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
                              const Robust& robust, double tolerance, int iterations, int threads,
-                             std::vector<double>& scaled, Initials& initial) {
+                             bool until_bound, std::vector<double>& scaled, Initials& initial) {
   ceres::Problem ceres_problem;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     auto* cost = new WindowCost(problem, model, free, static_cast<int>(w), robust);
@@ -70,8 +74,10 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
   options.gradient_tolerance = 1e-12;
   options.logging_type = ceres::SILENT;
   AtBound at_bound(free, scaled);
-  options.callbacks.push_back(&at_bound);
-  options.update_state_every_iteration = true;
+  if (until_bound) {
+    options.callbacks.push_back(&at_bound);
+    options.update_state_every_iteration = true;
+  }
   ceres::Solver::Summary summary;
   ceres::Solve(options, &ceres_problem, &summary);
   return summary;
@@ -144,13 +150,14 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
              const Robust& robust, double tolerance, const FitOptions& options,
              Solution& solution) {
   const std::size_t n = free.index.size();
-  std::vector<bool> held(n, false), let_go(n, false);
+  std::vector<bool> held(n, false);
+  std::vector<int> let_go(n, 0);
   const auto onBound = [&](std::size_t i) { return free.inward(i, solution.scaled[i]) != 0; };
   /// Whether the cost falls from the bound into the range.
   const auto fallsInwards = [&](const Eigen::VectorXd& slope, std::size_t i) {
     return slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost);
   };
-  for (std::size_t i = 0; i < n; ++i) held[i] = onBound(i);
+  for (std::size_t i = 0; i < n; ++i) held[i] = options.near && onBound(i);
   if (std::count(held.begin(), held.end(), true) > 0) {
     solution.cost = 0;
     const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
@@ -169,7 +176,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
       scaled.push_back(solution.scaled[i]);
     }
     const auto summary = solve(problem, model, moving, robust, tolerance, options.max_iterations,
-                               options.threads, scaled, solution.initial);
+                               options.threads, options.near, scaled, solution.initial);
     solution.cost = summary.final_cost;
     solution.iterations += static_cast<int>(summary.iterations.size());
     solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
@@ -187,9 +194,10 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
     if (std::count(held.begin(), held.end(), true) == 0) return;
     const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) {
-      if (!held[i] || let_go[i] || !fallsInwards(slope, i)) continue;
+      if (!held[i] || let_go[i] == kPatience || !fallsInwards(slope, i)) continue;
       held[i] = false;
-      changed = let_go[i] = true;  // once: no going round in circles
+      changed = true;
+      ++let_go[i];
     }
     if (!changed) return;
   }
