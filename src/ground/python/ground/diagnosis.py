@@ -25,6 +25,7 @@ SETTLED = 0.1  # log-likelihood by which one has to be better than the best to t
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
 EARNS = 0.002  # part of the error on held-out runs by which an effect has to lower it
+EARNS_AMONG_WRONG = 0.01  # the same where no model explains the data: many could, by a little
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
@@ -61,6 +62,11 @@ class Trial:
     equal: bool = False  # to the best one, as far as the data tell
     inclusion: float = 0.0
     fit: Any = None  # study.Fit
+
+    @property
+    def seen(self):
+        """Whether the effect does anything that the model without it cannot take over."""
+        return self.screened["seen"] > UNSEEN
 
 
 class Diagnosis:
@@ -111,7 +117,7 @@ class Diagnosis:
                 self._judge([t for t in found[:1] if t.fit is None])
         else:
             # Where all models are wrong, the likeliest need not be the one that predicts best.
-            self._judge(trials[1:], (1 - EARNS) * self.best.error.sum())
+            self._judge(trials[1:], (1 - EARNS_AMONG_WRONG) * self.best.error.sum())
             for trial in trials:
                 if trial.fit is None:
                     trial.chance = 1.0
@@ -126,7 +132,10 @@ class Diagnosis:
             elif found:
                 mark_equals(found, self.best)
         trials[:] = found + [t for t in trials if t not in found]
-        if not found or found[0].fit.heldout.sum() > (1 - EARNS) * self.best.heldout.sum():
+        if not found:
+            return False
+        earns = EARNS if self._explains(found[0].fit) else EARNS_AMONG_WRONG
+        if found[0].fit.heldout.sum() > (1 - earns) * self.best.heldout.sum():
             return False
         self._choose(found[0])
         return True
@@ -173,12 +182,11 @@ class Diagnosis:
 
     def _choose(self, trial):
         self.chosen.append(next(c for c in self.candidates if c.name == trial.name))
-        self.best = trial.fit
-        self.study.adapt(trial.fit.model, study.free_parameters(trial.fit.model))
-        self._settle(self.evidence, trial.fit.model)
+        self.best = self.study.adapt(trial.fit.model, study.free_parameters(trial.fit.model))
+        self._settle(self.evidence, self.best.model)
         group = [t.name for t in self.tried[-1] if t.equal]
-        self.steps.append({"added": trial.name, "fit": trial.fit, "group": group})
-        self.say("%s: error on held-out runs %.3f" % (trial.name, float(trial.fit.heldout.sum())))
+        self.steps.append({"added": trial.name, "fit": self.best, "group": group})
+        self.say("%s: error on held-out runs %.3f" % (trial.name, float(self.best.heldout.sum())))
 
     def _check_back(self):
         """Takes out what later effects have made superfluous."""

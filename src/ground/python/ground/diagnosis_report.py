@@ -1,7 +1,5 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
-from ground import candidates
-from ground import diagnosis as diagnosing
-from ground import next_experiment, study, unexplained
+from ground import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
 
@@ -77,7 +75,7 @@ def _candidates(diagnosis):
             "error": _errors(trial.fit),
             "selected": trial.name in chosen,
             "group": group if trial.equal else [trial.name],
-            "seen": trial.screened["seen"] > diagnosing.UNSEEN,
+            "seen": trial.seen,
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
         for rank, trial in enumerate(trials, 1)

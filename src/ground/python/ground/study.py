@@ -1,4 +1,5 @@
 """A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
+import itertools
 from dataclasses import dataclass
 from typing import Any, Dict
 
@@ -8,6 +9,10 @@ from ground import _core, candidates, repair, windows
 from ground.errors import IdentifyError
 
 PARTS = 4  # held out one after the other, where one run is all there is
+# Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what
+# disturbs the craft on its way adds up along them.
+LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
+BETTER = 0.99  # of the error on held-out windows: what makes another length worth while
 FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
@@ -34,8 +39,8 @@ class Study:
             threads  # of fits from afar, 0 for all cores; one gives the same bits each time
         )
         self.windows = windows.cut(runs)
-        self.problem = windows.problem(runs, self.windows)
         self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
+        self.length = windows.WINDOW  # of windows that are fitted to [s]
         if len(runs) > 1:
             self.parts = [[w for w in self.windows if w.run == i] for i in range(len(runs))]
         else:
@@ -55,16 +60,21 @@ class Study:
         best: what was fitted without an effect may be far from what is right with it.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
-        result = self._best(starts, free, threads=self.threads)
-        self._adapt(result)
-        return self._judged(result, free, self.threads)
+        return self.adapt(self._best(starts, free, threads=self.threads)["model"], free)
 
     def adapt(self, model, free):
-        """From now on refits take as outliers what is one to this model."""
-        self._adapt(self._fit(self.problem, model, free, near=True, threads=self.threads))
-
-    def _adapt(self, result):
-        self.width = result["width"] if np.isfinite(result["width"]) else 0.0
+        """The fit near a model. From now on refits take as outliers what is one to it, and fit to
+        windows as long as predict best what they were not fitted to."""
+        best = None
+        for length in sorted(LENGTHS, key=lambda length: length != self.length):
+            self.length, self.width = length, 0.0
+            result = self._fit(self.windows, model, free, near=True, threads=self.threads)
+            self.width = result["width"] if np.isfinite(result["width"]) else 0.0
+            found = self._judged(result, free, self.threads)
+            if best is None or found.heldout.sum() < BETTER * best[0].heldout.sum():
+                best = found, self.length, self.width
+        fit, self.length, self.width = best
+        return fit
 
     def search(self, starts, free):
         """The model that fits all windows best, sought from several. One thread."""
@@ -75,7 +85,7 @@ class Study:
         found, failure = [], None
         for start in starts:
             try:
-                found.append(self._fit(self.problem, start, free, **options))
+                found.append(self._fit(self.windows, start, free, **options))
             except IdentifyError as error:
                 failure = error
         if not found:
@@ -86,20 +96,28 @@ class Study:
         """The same from models near the best: no other start is tried. One thread. None when the
         error of what was fitted to is not below a bound."""
         result = self._best(starts, free, near=True, threads=1, width=self.width)
-        return self._judged(result, free, 1) if result["objective"] < below else None
+        if not windows.error(self.runs, result["model"], self.windows) < below:
+            return None
+        return self._judged(result, free, 1)
 
     def _judged(self, result, free, threads):
         fitted = result["model"]
         heldout = np.zeros((len(self.windows), 3))
+        states = iter(result["initial"])
+        states = [list(itertools.islice(states, len(self._pieces(w)))) for w in self.windows]
         for part in self.parts:
-            rest = [w for other in self.parts if other is not part for w in other]
-            problem = windows.problem(self.runs, rest)
+            inside = np.array([w in part for w in self.windows])
+            rest = np.flatnonzero(~inside)
             refitted = self._fit(
-                problem, fitted, free, near=True, threads=threads, width=self.width
+                [self.windows[i] for i in rest],
+                fitted,
+                free,
+                near=True,
+                threads=threads,
+                width=self.width,
+                initial=[state for i in rest for state in states[i]],
             )["model"]
-            heldout[[self.windows.index(w) for w in part]] = window_errors(
-                self.runs, part, refitted
-            )
+            heldout[inside] = window_errors(self.runs, part, refitted)
         samples = [w.last - w.first + 1 for w in self.windows]
         return Fit(
             fitted,
@@ -109,9 +127,14 @@ class Study:
             heldout.sum(axis=1),
         )
 
-    def _fit(self, problem, model, free, **options):
+    def _pieces(self, window):
+        """What is fitted to in place of a window."""
+        return windows.cut_again(self.runs, window, self.length)
+
+    def _fit(self, chosen, model, free, **options):
+        pieces = [piece for w in chosen for piece in self._pieces(w)]
         try:
-            return problem.fit(model, free, **options)
+            return windows.problem(self.runs, pieces).fit(model, free, **options)
         except (ValueError, RuntimeError) as error:
             raise IdentifyError(str(error))
 

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 from sklearn.model_selection import GroupKFold
 
-from ground import failure, repair, residuals
+from ground import _core, failure, repair, residuals
 
 CHANNELS = failure.CHANNELS
 STRETCH = 2.0  # of time, left out together [s]
@@ -138,7 +138,7 @@ def _prepare(run, model, terms, scale):
     acting = np.column_stack(columns + bins * 3)
     count = sum(b.shape[1] for b in bins)
     channels = channels + np.repeat([0, 1, 2], count).tolist()
-    noise = wrench_filter.likeliest_noise(_random_walk())
+    noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     smoothed = wrench_filter.smooth(noise, acting, channels)
     every = slice(None, None, failure.stride_of(np.array(run.times)))
     wrench = smoothed["wrench"][every]
@@ -163,12 +163,6 @@ def _prepare(run, model, terms, scale):
         np.repeat(stretch, 3),
         shares,
     )
-
-
-def _random_walk():
-    from ground import _core
-
-    return _core.WrenchNature.random_walk
 
 
 def _values(run):

@@ -24,6 +24,13 @@ def cut_part(run, index, start, end, length=WINDOW):
     return _core.cut_windows(run, index, start, end, length, MAX_GAP)
 
 
+def cut_again(runs, window, length):
+    """Windows of `length` seconds in a window; the window itself where none fits in."""
+    times = runs[window.run].times
+    found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], length)
+    return found or [window]
+
+
 def problem(runs, windows, target=_core.Target.velocities):
     """The _core.SimulationError over windows; IdentifyError when the runs do not allow it."""
     try:

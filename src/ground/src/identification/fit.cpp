@@ -26,6 +26,8 @@ constexpr int kPatience =
 constexpr double kRough = 1e-2, kCoarse = 1e-5, kFine = 1e-8;
 /// From near by the last step is the smallest, and fits that are compared need not agree further.
 constexpr double kNear = 1e-6;
+/// Cost of a sample that initial states may leave to the fit that follows.
+constexpr double kRoughly = 1e-4;
 
 /// Ends a solve when a parameter has come to a bound.
 class AtBound : public ceres::IterationCallback {
@@ -276,7 +278,7 @@ Initials initialsFor(const SimulationError& problem, const Model& model, const F
   nothing.base = free.coordinates(scaled.data());
   const Robust robust{options.width > 0 ? options.width : kInfinity};
   inParallel(initial.size(), options.threads, [&](std::size_t w) {
-    solveInitial(problem, model, nothing, robust, static_cast<int>(w), initial[w]);
+    solveInitial(problem, model, nothing, robust, static_cast<int>(w), initial[w], kRoughly);
   });
   return initial;
 }
@@ -374,8 +376,12 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   const std::vector<double> coordinates = free.coordinates(best.scaled.data());
   const auto infos = model.parameters();
   std::vector<double> values = model.values();
-  for (int i = 0; i < n; ++i)
-    values[free.index[i]] = infos[free.index[i]].fromCoordinate(coordinates[free.index[i]]);
+  for (int i = 0; i < n; ++i) {
+    const ParameterInfo& info = infos[free.index[i]];
+    // On a bound rounding may have taken it outside.
+    values[free.index[i]] =
+        std::clamp(info.fromCoordinate(coordinates[free.index[i]]), info.lower, info.upper);
+  }
   result.model.setValues(values);
   result.objective = objective(simulateFrom(result.model, best.initial));
 

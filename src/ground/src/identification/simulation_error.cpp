@@ -79,11 +79,12 @@ class InitialCost {
 }  // namespace
 
 void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
-                  const Robust& robust, int window, Eigen::VectorXd& initial) {
+                  const Robust& robust, int window, Eigen::VectorXd& initial,
+                  double tolerance) {
   const WindowCost cost(problem, model, nothing, window, robust);
   const InitialCost function(cost, problem.initialSize());
   ceres::TinySolver<InitialCost> solver;
-  solver.options.function_tolerance = 1e-10 * function.NumResiduals();
+  solver.options.function_tolerance = tolerance / 3 * function.NumResiduals();
   solver.Solve(function, &initial);
 }
 

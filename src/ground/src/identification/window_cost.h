@@ -134,8 +134,9 @@ void checkInitials(const SimulationError& problem, const Initials& initial);
 std::string notFinite(const SimulationError& problem, int window);
 
 /// The initial state of one window that suits the model best, sought from the given one. `nothing`
-/// has no free parameter.
+/// has no free parameter. Ends when a step lowers the cost of a sample by less than `tolerance`.
 void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
-                  const Robust& robust, int window, Eigen::VectorXd& initial);
+                  const Robust& robust, int window, Eigen::VectorXd& initial,
+                  double tolerance = 3e-10);
 
 }  // namespace ground

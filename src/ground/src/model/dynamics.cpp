@@ -89,10 +89,11 @@ Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& drive, const Vector3<T>
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::acceleration(const T& t, const Vector3<T>& eta, const Vector3<T>& nu,
-                                     const Vector2<T>& input, double lift) const {
-  Point<T> point{t, eta, nu, nu, input, body_.k * input, lift, &body_, &mass_};
-  if (has_air_) point.nu_air.template head<2>() -= worldToBody<T>(eta.z(), air_);
+Vector3<T> Dynamics<T>::acceleration(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
+                                     const Vector3<T>& nu, const Vector2<T>& input,
+                                     double lift) const {
+  Point<T> point{t, eta, nu, heading, nu, input, body_.k * input, lift, &body_, &mass_};
+  if (has_air_) point.nu_air.template head<2>() -= heading.toBody(air_);
   Vector2<T> thrust = point.thrust;
   for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
   point.thrust = thrust;
@@ -111,15 +112,16 @@ Vector3<T> Dynamics<T>::acceleration(const T& t, const Vector3<T>& eta, const Ve
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::drift(const Vector3<T>& eta, const Vector3<T>& nu) const {
-  const Vector2<T> over_floor = bodyToWorld<T>(eta.z(), Vector2<T>(nu.x(), nu.y()));
+Vector3<T> Dynamics<T>::drift(const Rotation<T>& heading, const Vector3<T>& nu) const {
+  const Vector2<T> over_floor = heading.toWorld({nu.x(), nu.y()});
   return {over_floor.x(), over_floor.y(), nu.z()};
 }
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
                                       const Vector2<T>& input, double lift) const {
-  return {drift(state.eta, state.nu), acceleration(t, state.eta, state.nu, input, lift)};
+  const Rotation<T> heading(state.eta.z());
+  return {drift(heading, state.nu), acceleration(t, state.eta, heading, state.nu, input, lift)};
 }
 
 template <typename T>
@@ -129,12 +131,16 @@ RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const St
   const bool nominal = inputs.held && isNominal();
   const Vector2<T> constant = nominal ? drive(body_.k * inputs.thrusters[0]) : Vector2<T>();
   RigidState<T> at = state, next = state;
+  // A pose that stays turns nothing.
+  Rotation<T> heading = kPose || !uses_pose_ ? Rotation<T>() : Rotation<T>(state.eta.z());
   // One stage: its share of the step is added up, and the next stage's state is made of its rates.
   const auto stage = [&](const H& after, const H& share, const H& to, const Vector2<T>& input) {
-    const Vector3<T> nu_dot = nominal ? accelerationBy(constant, at.nu, at.nu)
-                                      : acceleration(t + after, at.eta, at.nu, input, inputs.lift);
+    if (kPose) heading = Rotation<T>(at.eta.z());
+    const Vector3<T> nu_dot =
+        nominal ? accelerationBy(constant, at.nu, at.nu)
+                : acceleration(t + after, at.eta, heading, at.nu, input, inputs.lift);
     if constexpr (kPose) {
-      const Vector3<T> eta_dot = drift(at.eta, at.nu);
+      const Vector3<T> eta_dot = drift(heading, at.nu);
       for (int i = 0; i < 3; ++i) {
         next.eta(i) += share * eta_dot(i);
         at.eta(i) = state.eta(i) + to * eta_dot(i);

@@ -57,9 +57,10 @@ class Dynamics {
     return actuators_.empty() && thrust_.empty() && wrench_.empty() && !has_air_ && !couples_;
   }
   /// Of the pose, world_ned.
-  Vector3<T> drift(const Vector3<T>& eta, const Vector3<T>& nu) const;
-  Vector3<T> acceleration(const T& t, const Vector3<T>& eta, const Vector3<T>& nu,
-                          const Vector2<T>& input, double lift) const;
+  Vector3<T> drift(const Rotation<T>& heading, const Vector3<T>& nu) const;
+  /// `heading` is that of eta; only looked at where motion depends on the pose.
+  Vector3<T> acceleration(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
+                          const Vector3<T>& nu, const Vector2<T>& input, double lift) const;
   /// Surge and yaw acceleration by the thrusters alone.
   Vector2<T> drive(const Vector2<T>& thrust) const;
   /// With damping in the air and Coriolis, for a mass matrix diag(m, m, I_z).

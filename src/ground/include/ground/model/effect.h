@@ -56,6 +56,7 @@ struct Point {
   T t{};                   ///< since the start of the run [s]
   Vector3<T> eta;          ///< x, y [m], psi [rad], world_ned
   Vector3<T> nu;           ///< u, v [m/s], r [rad/s], body
+  Rotation<T> heading;     ///< by psi, between body and world
   Vector3<T> nu_air;       ///< nu relative to the air, body
   Vector2<T> input;        ///< what reaches the thrusters: left, right
   Vector2<T> thrust;       ///< force of the thrusters: left, right [N]

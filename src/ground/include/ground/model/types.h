@@ -32,18 +32,31 @@ inline void cosSin(const Jet& angle, Jet& c, Jet& s) {
   s.v = c.a * angle.v;
 }
 
-/// Body to world rotation of a planar vector by the heading psi [rad], (2.1).
+/// Rotation of planar vectors by the heading psi [rad], (2.1).
+template <typename T>
+struct Rotation {
+  T c{1.0}, s{0.0};
+
+  Rotation() = default;
+  explicit Rotation(const T& psi) { cosSin(psi, c, s); }
+  Vector2<T> toWorld(const Vector2<T>& a) const {
+    return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
+  }
+  Vector2<T> toBody(const Vector2<T>& a) const {
+    return {c * a.x() + s * a.y(), c * a.y() - s * a.x()};
+  }
+};
+
+/// Body to world rotation of a planar vector by the heading psi [rad].
 template <typename T>
 Vector2<T> bodyToWorld(const T& psi, const Vector2<T>& a) {
-  T c, s;
-  cosSin(psi, c, s);
-  return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
+  return Rotation<T>(psi).toWorld(a);
 }
 
 /// World to body rotation of a planar vector by the heading psi [rad].
 template <typename T>
 Vector2<T> worldToBody(const T& psi, const Vector2<T>& a) {
-  return bodyToWorld<T>(-psi, a);
+  return Rotation<T>(psi).toBody(a);
 }
 
 /// Angle wrapped to (-pi, pi] [rad].

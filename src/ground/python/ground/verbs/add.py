@@ -17,9 +17,7 @@ def configure(parser):
     common.takes_spans(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="what it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
-    parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
-    )
+    common.holds_out(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
@@ -29,8 +27,7 @@ def run(arguments):
     candidate = candidates.named(arguments.effect)
     extended = candidate.add(model)
     runs = common.prepare(arguments, model)[1]
-    held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
-    common.refuse_twice(runs + held)
+    held = common.held_out(arguments, model, runs)
 
     on_runs = study.Study(runs)
     before = on_runs.fit(model, study.free_parameters(model))

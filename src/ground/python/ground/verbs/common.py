@@ -31,6 +31,12 @@ def takes_spans(parser):
     )
 
 
+def holds_out(parser):
+    parser.add_argument(
+        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
+    )
+
+
 def positive(text):
     value = float(text)
     if not value > 0 or not np.isfinite(value):
@@ -98,11 +104,12 @@ def data(arguments, run, model):
     return run.data(model, arguments.start, arguments.end, arguments.all)
 
 
-def refuse_twice(runs):
-    """Raises IdentifyError when a run is given both to fit to and to hold out."""
-    names = [r.name for r in runs]
-    if len(set(names)) < len(names):
+def held_out(arguments, model, runs):
+    """_core.RunData of the runs given with --holdout; IdentifyError when one is among `runs`."""
+    held = prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
+    if {r.name for r in held} & {r.name for r in runs}:
         raise IdentifyError("a run is given both to fit to and to hold out")
+    return held
 
 
 def write_model(arguments, model, error_before, error_after, parameters):

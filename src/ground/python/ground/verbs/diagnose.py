@@ -16,9 +16,7 @@ def configure(parser):
     common.takes_spans(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to diagnose")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
-    parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
-    )
+    common.holds_out(parser)
     parser.add_argument(
         "--only", metavar="EFFECT", nargs="+", help="effects of the library to try (all)"
     )
@@ -49,8 +47,7 @@ def run(arguments):
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
     runs = common.prepare(arguments, model)[1]
-    held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
-    common.refuse_twice(runs + held)
+    held = common.held_out(arguments, model, runs)
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:

@@ -19,9 +19,7 @@ def configure(parser):
         "--model", metavar="M.yaml", required=True, help="model, with the start values"
     )
     parser.add_argument("-o", "--output", metavar="FITTED.yaml", required=True)
-    parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
-    )
+    common.holds_out(parser)
     parser.add_argument(
         "--free",
         metavar="NAME",
@@ -68,8 +66,7 @@ def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
     prepared, runs = common.prepare(arguments, model)
-    held = common.prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
-    common.refuse_twice(runs + held)
+    held = common.held_out(arguments, model, runs)
 
     cut = windows.cut(runs, arguments.window)
     result = _fit(arguments, runs, model, cut, arguments.starts)

@@ -16,8 +16,7 @@ struct FloorTilt {
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     constexpr double kGravity = 9.81;
     const T &m = point.body->m, weight = m * kGravity;
-    const Vector2<T> force =
-        worldToBody<T>(point.eta.z(), Vector2<T>(weight * p[0], weight * p[1]));
+    const Vector2<T> force = point.heading.toBody({weight * p[0], weight * p[1]});
     wrench.template head<2>() += force;
     // The mass matrix knows where the centre of mass is: M_13 = -m y_g, M_23 = m x_g.
     const Matrix3<T>& mass = *point.mass;
