@@ -16,15 +16,19 @@ import time
 import numpy as np
 
 import hidden_cases as cases
-from ground import _core, candidates, diagnosis, diagnosis_report, study
+from ground import _core, candidates, diagnosis, diagnosis_report, next_experiment, study
 from ground.errors import IdentifyError
 
+KINDS = ["single", "nothing", "pairs", "outside", "ambiguous"]
+MANY = 10  # runs of an experiment that a lab would do at most
 MODERATE = 1.3  # the nominal model's held-out error, in those of the true model refitted
 NEAR = 1.005  # a rival whose refitted error is within this of the truth's cannot be told from it
 
 
 def run_case(case):
     """What came of one case, a dictionary for a line of JSON."""
+    if case["kind"] == "ambiguous":
+        return run_ambiguous(case)
     truth = cases.truth(case["hidden"], case["factor"], case["seed"])
     runs = cases.runs(truth, case["excitation"], case["noise"], case["seed"])
     model = _core.load_model(cases.MODEL)
@@ -58,6 +62,43 @@ def run_case(case):
     if conclusion.verdict == "unexplained" and case["kind"] == "outside":
         result["where"] = [w["variable"] for w in diagnosis_report.where_of(found)]
     return result
+
+
+def run_ambiguous(case):
+    """The same of runs that cannot tell two effects apart, and of the experiment that is proposed."""
+    excitation, rivals = cases.AMBIGUOUS[case["ambiguous"]]
+    truth = cases.truth(case["hidden"], case["factor"], case["seed"], rivals)
+    runs = cases.runs(truth, excitation, case["noise"], case["seed"], count=2)
+    start = time.perf_counter()
+    before, proposed = _told(runs, rivals)
+    seconds = time.perf_counter() - start
+    result = dict(case, before=before, seconds=seconds)
+    if proposed:
+        schedule = next_experiment.schedule_of(proposed["arguments"])
+        new = [
+            cases.run(truth, schedule, 0.0, case["noise"], 1000 * case["seed"] + i, "new %d" % i)
+            for i in range(min(MANY, proposed["repeat"]))
+        ]
+        after, _ = _told(runs + new, rivals)
+        result.update(
+            separates=proposed["separates"],
+            experiment=proposed["arguments"],
+            repeat=proposed["repeat"],
+            disagreement=proposed["expected_disagreement"],
+            after=after,
+        )
+    return result
+
+
+def _told(runs, rivals):
+    """What a diagnosis by the whole library chose, and what it could not tell from the first rival;
+    the experiment that it proposes."""
+    model = _core.load_model(cases.MODEL)
+    found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=1)
+    found.grow()
+    report = diagnosis_report.of(found, found.conclude(), model.name)
+    group = next(c["group"] for c in report["candidates"] if c["effect"] in rivals)
+    return {"chosen": report["improved"]["effects"], "group": group}, report["next_experiment"]
 
 
 def _inside(truth, parameters):
@@ -94,8 +135,18 @@ def list_cases(options):
             if "outside" in options.kind:
                 for name in cases.OUTSIDE:
                     yield dict(more, kind="outside", hidden=[name])
+        if "ambiguous" in options.kind:
+            yield from ambiguous_cases(shared)
         if "nothing" in options.kind:
             yield dict(shared, strength="none", factor=0, kind="nothing", hidden=[])
+
+
+def ambiguous_cases(shared):
+    """One case of each kind, the hidden effect by the seed."""
+    for name, (_, rivals) in cases.AMBIGUOUS.items():
+        hidden = [n for n in [sorted(rivals, key=str)[shared["seed"] % 2]] if n]
+        more = dict(shared, strength=name, factor=1.0)
+        yield dict(more, kind="ambiguous", ambiguous=name, hidden=hidden)
 
 
 NEARLY_THE_SAME = [
@@ -207,12 +258,26 @@ def summary(results, picture=None):
             named = [bool(depends & set(r["where"][:2])) for r in rows if "where" in r]
             print("its variable among the first 2 " + share(named))
             print("chosen besides: %s" % sorted({n for r in rows for n in r["chosen"]}))
+    for name in cases.AMBIGUOUS:
+        rows = [r for r in results if r.get("ambiguous") == name]
+        grouped = [r for r in rows if len(r["before"]["group"]) > 1]
+        told = [r for r in rows if r not in grouped]
+        if rows:
+            print("\n%s: %d cases" % (name, len(rows)))
+            print("told apart at once, rightly    " + share(_is_right(r, "before") for r in told))
+            print("a group, and an experiment     " + share("after" in r for r in grouped))
+            print("which tells apart, rightly     " + share(_is_right(r, "after") for r in grouped))
     seconds = [r["seconds"] for r in results]
     if seconds:
         print(
             "\nseconds a diagnosis on one core: median %.1f, most %.1f"
             % (np.median(seconds), max(seconds))
         )
+
+
+def _is_right(r, when):
+    told = r.get(when, {"chosen": None, "group": []})
+    return told["chosen"] == r["hidden"] and len(told["group"]) == 1
 
 
 def is_moderate(r):
@@ -311,7 +376,7 @@ def calibrate(options):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kind", nargs="+", default=["single", "nothing", "pairs", "outside"])
+    parser.add_argument("--kind", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--effects", nargs="+")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--strength", nargs="+", default=["moderate"], choices=list(cases.LEVELS))

@@ -56,6 +56,21 @@ OUTSIDE = {
         {"u_L", "u_R", "u_L+u_R"},
     ),
 }
+# Two runs that cannot tell effects apart: how they were driven, the effects, and how large those are.
+AMBIGUOUS = {
+    "delay or lag, slow PRBS": (
+        "slow",
+        {"input_delay": {"delay": 0.008}, "motor_lag": {"tau": 0.008}},
+    ),
+    "linear or momentum drag, one lift": ("prbs", {"momentum_drag": {"q": 0.0045}, None: {}}),
+    "tilt or force, one heading": (
+        "straight",
+        {
+            "floor_tilt": {"sx": 0.002, "sy": 0.0015},
+            "body_force_bias": {"x0": 0.0014, "y0": 0.0007},
+        },
+    ),
+}
 LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # of the strengths above
 
 
@@ -66,7 +81,7 @@ def scaled(effect, name, size, factor):
     return 1 + size * factor if (effect, name) == ("thrust_curve", "p") else size * factor
 
 
-def truth(effects, factor, seed):
+def truth(effects, factor, seed, strengths=STRENGTHS):
     """The craft's true model: nominal parameters and the effects' directions drawn by the seed."""
     random = np.random.default_rng(_number(seed, *effects))
     model = _core.load_model(MODEL)
@@ -78,7 +93,7 @@ def truth(effects, factor, seed):
             model = _outside(effect, factor).add(model)
             continue
         model.add_effect(effect)
-        for name, size in STRENGTHS[effect].items():
+        for name, size in strengths[effect].items():
             sign = 1 if effect in ONE_SIDED else random.choice([-1, 1])
             way = sign * random.uniform(0.7, 1.3) * factor
             model.set_value("%s.%s" % (effect, name), scaled(effect, name, size, way))
@@ -102,32 +117,43 @@ def _number(*parts):
     return int(hashlib.sha256(repr(parts).encode()).hexdigest()[:8], 16)
 
 
-def runs(model, excitation, noise, seed):
-    """What four runs of a true model look like to the tool: _core.RunData."""
+def runs(model, excitation, noise, seed, count=RUNS):
+    """What runs of a true model look like to the tool: _core.RunData."""
     found = []
-    for i in range(RUNS):
+    for i in range(count):
         random = np.random.default_rng(_number("run", seed, i))
-        mocap = _core.MocapParams()
-        mocap.rate = 120.0
-        mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
-        recording = experiments.simulate(
-            model,
-            _schedule(excitation, i, seed),
-            "run %d" % (i + 1),
-            pose=(0, 0, random.uniform(-np.pi, np.pi)),
-            mocap=mocap,
-            seed=_number(seed, i) % 2**31,
-        )
-        found.append(quality.Run(recording).data(_core.load_model(MODEL)))
+        heading = 0.7 if excitation == "straight" else random.uniform(-np.pi, np.pi)
+        schedule = _schedule(excitation, i, seed)
+        found.append(run(model, schedule, heading, noise, _number(seed, i), "run %d" % (i + 1)))
     return found
 
 
+def run(model, schedule, heading, noise, seed, name):
+    """What one run of a true model looks like to the tool: _core.RunData."""
+    mocap = _core.MocapParams()
+    mocap.rate = 120.0
+    mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
+    recording = experiments.simulate(
+        model, schedule, name, pose=(0, 0, heading), mocap=mocap, seed=seed % 2**31
+    )
+    return quality.Run(recording).data(_core.load_model(MODEL))
+
+
 def _schedule(excitation, i, seed):
-    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019."""
+    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019;
+    slow: the same twenty times slower; straight: both thrusters alike, so that it hardly turns."""
     length = DURATION - 1.0  # of which lift alone
     number = 10 * seed + i
     if excitation == "prbs":
         return experiments.with_lift(experiments.prbs(length, 10, (0, 1), 9, number), length)
+    if excitation == "slow":
+        return experiments.with_lift(experiments.prbs(length, 0.5, (0, 1), 9, number), length)
+    if excitation == "straight":
+        random = np.random.default_rng(_number("straight", number))
+        edges = np.arange(0, length, 0.5)
+        level = random.uniform(0.1, 0.6, len(edges))
+        right = level + random.uniform(-0.001, 0.001, len(edges))
+        return experiments.with_lift(np.column_stack([edges, level, right]), length)
     clock, levels, lift = [
         (5, (0, 1), 1.0),
         (10, (0.2, 0.8), 1.0),

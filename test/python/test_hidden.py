@@ -22,8 +22,10 @@ def results():
     cases += [dict(shared, factor=0, kind="nothing", hidden=[], seed=seed) for seed in range(1, 7)]
     cases += [
         dict(shared, factor=1.0, kind="outside", hidden=[name])
-        for name in ("washboard floor", "spin-surge side force")
+        for name in hidden_cases.OUTSIDE
     ]
+    for seed in (2, 3):
+        cases += hidden.ambiguous_cases(dict(shared, seed=seed))
     with concurrent.futures.ProcessPoolExecutor() as pool:
         found = list(pool.map(hidden.run_case, cases))
     assert not [r for r in found if "failed" in r]
@@ -54,6 +56,15 @@ def test_intervals_hold_the_truth(results):
 
 def test_nothing_is_found_where_nothing_is_hidden(results):
     assert [r["verdict"] for r in of(results, "nothing")] == ["complete"] * 6
+
+
+def test_what_runs_cannot_tell_apart_an_experiment_can(results):
+    ambiguous = of(results, "ambiguous")
+    grouped = [r for r in ambiguous if len(r["before"]["group"]) > 1]
+    assert len(grouped) >= 4
+    for r in ambiguous:
+        assert len(r["after" if r in grouped else "before"]["group"]) == 1, r
+        assert r["after" if r in grouped else "before"]["chosen"] == r["hidden"], r
 
 
 def test_what_is_not_in_the_library_stays_unexplained(results):

@@ -24,12 +24,13 @@ TELLS_APART = 2.0  # standard deviations between rivals that can be told apart
 SETTLED = 0.1  # log-likelihood by which one has to be better than the best to take its place
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
-EARNS = 0.002  # part of the error on held-out runs by which an effect has to lower it
-EARNS_AMONG_WRONG = 0.01  # the same where no model explains the data: many could, by a little
+EARNS = 0.01  # part of the error on held-out runs by which an effect among wrong models has to lower it
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
 WHITE = 1e-9  # chance of such colour in the residuals of a true model; rejected spikes add some
+SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
+MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 RESAMPLES = 500  # of the bootstrap over windows
 
 
@@ -117,7 +118,7 @@ class Diagnosis:
                 self._judge([t for t in found[:1] if t.fit is None])
         else:
             # Where all models are wrong, the likeliest need not be the one that predicts best.
-            self._judge(trials[1:], (1 - EARNS_AMONG_WRONG) * self.best.error.sum())
+            self._judge(trials[1:], (1 - EARNS) * self.best.error.sum())
             for trial in trials:
                 if trial.fit is None:
                     trial.chance = 1.0
@@ -134,16 +135,29 @@ class Diagnosis:
         trials[:] = found + [t for t in trials if t not in found]
         if not found:
             return False
-        earns = EARNS if self._explains(found[0].fit) else EARNS_AMONG_WRONG
-        if found[0].fit.heldout.sum() > (1 - earns) * self.best.heldout.sum():
+        if not self._earns_its_place(found[0]):
             return False
         self._choose(found[0])
         return True
 
+    def _earns_its_place(self, trial):
+        """Whether an effect does better on what was held out: where the data are explained with it, by
+        the likelihood of the poses, which sees more than the error does, on windows of every run."""
+        if not self._explains(trial.fit):
+            return bool(trial.fit.heldout.sum() < (1 - EARNS) * self.best.heldout.sum())
+
+        def held_out(model):
+            parts = [self.cut[i :: study.PARTS] for i in range(study.PARTS)]
+            return self.evidence.held_out(model, study.free_parameters(model), parts)
+
+        costs = list(self.pool.map(held_out, (self.model, trial.model)))
+        return bool(costs[1] < costs[0])
+
     def _explains(self, fit):
-        """Whether the noise of the poses alone leaves as much as the fitted model does."""
+        """Whether the noise of the poses alone leaves as much as the fitted model does. Of all runs: one
+        that tells what no other does cannot be foretold from the others."""
         floor = study.noise_floor(self.runs, fit.model).sum()
-        return bool(fit.heldout.sum() < EXPLAINED * floor)
+        return bool(fit.error.sum() < EXPLAINED * floor)
 
     def _judge(self, trials, below=np.inf):
         """Errors of trials on what they were not fitted to; not of those whose error on the rest is
@@ -328,6 +342,45 @@ class Diagnosis:
         for trial, share in zip(ranked, np.bincount(totals.argmin(axis=0), minlength=len(ranked))):
             trial.inclusion = float(share / RESAMPLES)
 
+    def unseen(self):
+        """Effects that the grown model does without and that these runs could not show: a list of
+        LookAlikes."""
+        trials = self.tried[-1] if self.tried else []
+        named = {c.name: c for c in self.candidates}
+        unseen = [t for t in trials if not t.seen and t.name not in self.model.effects]
+        found = [self._look_alike(named[t.name]) for t in unseen]
+        return [f for f in found if f]
+
+    def _look_alike(self, candidate):
+        """The grown model with an effect of typical size, or a part of it, and all else refitted, if
+        these runs allow it; else None."""
+        free = study.free_parameters(self.model)
+        neutral = candidate.neutral(self.model)
+        for part in SIZES:
+            model = neutral.copy()
+            for p in effects.parameters_of(neutral, candidate.name):
+                size = part * p["scale"]
+                value = 1 / size if np.isinf(p["neutral"]) else p["neutral"] + size
+                model.set_value(p["name"], float(np.clip(value, p["lower"], p["upper"])))
+            try:
+                found = self.evidence.fit(model, free)
+            except IdentifyError:
+                continue
+            behind = found["costs"].sum() - self.fitted["costs"].sum()
+            if behind < SETTLED:
+                model = found["model"]
+                return LookAlike(candidate.name, model, free, self._moved(model, free))
+        return None
+
+    def _moved(self, model, free):
+        """Which of the free parameters differ from those of the grown model."""
+
+        def way(name):
+            a, b = self.model.value(name), model.value(name)
+            return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
+
+        return sorted((n for n in free if way(n) > MOVED), key=lambda n: -way(n))
+
     def conclude(self, heldout=()):
         """Judges what was found: the verdict, and the model that improves on the given one.
 
@@ -336,7 +389,7 @@ class Diagnosis:
         """
         floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
         floor = float(np.mean([f.sum() for f in floors]))
-        explained = self.best.heldout.sum() < EXPLAINED * floor and self._is_white()
+        explained = self.best.error.sum() < EXPLAINED * floor and self._is_white()
         verdict = "unexplained" if not explained else "missing" if self.chosen else "complete"
         if explained:
             # The likelihood knows what the smoother of the velocities does, and is sharper.
@@ -357,6 +410,16 @@ class Diagnosis:
             return [float(fit.heldout.sum()) for fit in fits]
         cut = windows.cut(heldout)
         return [float(study.channel_errors(heldout, cut, fit.model).sum()) for fit in fits]
+
+
+@dataclass
+class LookAlike:
+    """A model with an effect more, which on the runs does the same as the one without."""
+
+    name: str  # of the effect
+    model: Any  # _core.Model
+    free: List[str]  # parameters that were refitted
+    moved: List[str]  # those of them that do in the model without what the effect does in this one
 
 
 @dataclass

@@ -8,6 +8,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on."""
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
+    alike = diagnosis.unseen()
     report = {
         "schema": SCHEMA,
         "model": model_name,
@@ -23,7 +24,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             "error": _errors(best, conclusion.heldout[-1]),
         },
         "noise_floor": conclusion.noise_floor,
-        "candidates": _candidates(diagnosis),
+        "candidates": _candidates(diagnosis, alike),
         "steps": [
             dict(
                 {k: step[k] for k in ("added", "removed") if k in step},
@@ -32,7 +33,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             )
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
-        "next_experiment": _next_experiment(diagnosis),
+        "next_experiment": _next_experiment(diagnosis, alike),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
     if conclusion.verdict == "unexplained":
@@ -57,7 +58,7 @@ def _parameters(parameters, prefix=""):
     }
 
 
-def _candidates(diagnosis):
+def _candidates(diagnosis, alike):
     """The effects as they were tried beside the refitted nominal model, best first."""
     if not diagnosis.tried:
         return []
@@ -65,6 +66,7 @@ def _candidates(diagnosis):
     diagnosis.judge_all(trials)
     group = [t.name for t in trials if t.equal]
     chosen = {c.name for c in diagnosis.chosen}
+    taken_over = {a.name: a.moved for a in alike}
     return [
         {
             "effect": trial.name,
@@ -74,22 +76,34 @@ def _candidates(diagnosis):
             "inclusion": trial.inclusion,
             "error": _errors(trial.fit),
             "selected": trial.name in chosen,
-            "group": group if trial.equal else [trial.name],
-            "seen": trial.seen,
+            "group": group if trial.equal else [trial.name] + taken_over.get(trial.name, []),
+            "seen": trial.name not in taken_over,
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
         for rank, trial in enumerate(trials, 1)
     ]
 
 
-def _next_experiment(diagnosis):
-    """What would tell the first group of effects apart that the runs do not; None without one."""
+def _next_experiment(diagnosis, alike):
+    """What would tell apart the first group of effects that the runs do not, or, where there is none,
+    would show an effect that they cannot; None without one."""
+    each = diagnosis.pool.map
     for trials in diagnosis.tried:
         group = [t for t in trials if t.equal and t.chance < 1]
         if len(group) > 1:
-            runs = diagnosis.runs
-            noise = (float(runs[0].noise[0]), float(runs[0].noise[2]))
-            return next_experiment.propose({t.name: t.model for t in group}, noise)
+            rivals = [
+                next_experiment.Rival(t.name, t.model, study.free_parameters(t.model)) for t in group
+            ]
+            return next_experiment.propose(rivals, diagnosis.evidence.runs, each)
+    for other in alike:
+        rivals = [
+            next_experiment.Rival(other.name, other.model, other.free),
+            next_experiment.Rival("", diagnosis.model, other.free),
+        ]
+        proposed = next_experiment.propose(rivals, diagnosis.evidence.runs, each)
+        if proposed:
+            proposed["separates"] = [other.name] + other.moved
+            return proposed
     return None
 
 

@@ -48,6 +48,15 @@ class Evidence:
         found["costs"] = found["scores"].costs
         return found
 
+    def held_out(self, model, free, parts):
+        """Cost of all windows, those of each part by a fit to the others."""
+        total = 0.0
+        for part in parts:
+            rest = [w for w in self.cut if w not in part]
+            fitted = Evidence(self.runs, rest).fit(model, free)["model"]
+            total += Evidence(self.runs, part).as_given(fitted, free)["costs"].sum()
+        return float(total)
+
     def as_given(self, model, free):
         """A model that is not fitted, in the place of a fit."""
         scores = self.scores(model, free)

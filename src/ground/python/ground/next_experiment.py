@@ -1,9 +1,12 @@
 """The experiment that would tell apart effects that recorded runs do not (DESIGN 7.6)."""
 import itertools
+import math
+from dataclasses import dataclass
+from typing import Any, List
 
 import numpy as np
 
-from ground import _core, experiments, quality, study, windows
+from ground import _core, evidence, experiments, quality, windows
 from ground.errors import IdentifyError
 
 DURATION = 8.0  # of the thrust [s]
@@ -12,39 +15,62 @@ CLOCKS = (2, 5, 10, 20, 40)  # of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
 LIFTS = (1.0, 0.6)
 RATE = 120.0  # of the mocap [Hz]
+CLEAN = 0.01  # of its noise is put into what rivals do: the mean disagreement is wanted
+LEAST = 1.0  # standard deviations between rivals that make an experiment worth while
+SURE = 6.0  # standard deviations that tell rivals apart in nearly all cases
 
 
-def propose(models, noise, duration=DURATION):
-    """Where rival models, fitted to the same runs, would part most.
+@dataclass
+class Rival:
+    """A model that does on the recorded runs what another one does."""
 
-    models: _core.Model by the name of its effect; noise: of positions [m] and headings [rad].
-    Each rival is run through each experiment that a lab can do, and the others predict what it did. The
-    disagreement is the error of DESIGN 8 of that prediction above the error that the noise leaves, in
-    units of the latter; of all pairs, the one that is hardest to tell apart counts. Returns `separates`
-    (names), `input` (a sentence), `arguments` (of identify simulate), `expected_disagreement`, and
-    `all`: every experiment with its disagreement, best first.
+    name: str
+    model: Any  # _core.Model
+    free: List[str]  # parameters that another run may correct
+
+
+def propose(rivals, runs, each=map):
+    """Where Rivals, which the same runs were explained with, would part most.
+
+    runs: _core.RunData with the levels of noise and disturbance under which the rivals were fitted.
+    Each rival is run through each experiment that a lab can do, and the others explain what it did: in
+    the promising ones again when refitted to the old runs and the new one together. They are
+    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses (ground.evidence); of
+    all pairs, the one that is hardest to tell apart counts. each: maps over experiments, in parallel
+    if it can.
+
+    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate), `repeat`, the
+    number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
+    and `all`: every experiment with its disagreement before the refit, best first. None when no
+    experiment tells the rivals apart.
     """
-    found = []
-    for words, arguments, schedule in _experiments(duration):
-        try:
-            found.append((_disagreement(models, schedule, noise), words, arguments))
-        except IdentifyError:
-            continue  # a rival does not move on this input, or not finitely
-    if not found:
+
+    known = {rival.name: _cost(rival, runs, True) for rival in rivals}
+    choice = list(_experiments(DURATION))
+    before = list(each(lambda experiment: _disagreement(rivals, experiment[2], runs), choice))
+    found = sorted((p for p in zip(before, choice) if p[0]), key=lambda pair: -pair[0])
+    best, proposed = 0.0, None
+    for most, experiment in found:
+        if most <= best:
+            break  # to refit rivals brings them nearer to each other
+        disagreement = _disagreement(rivals, experiment[2], runs, known)
+        if disagreement and disagreement > best:
+            best, proposed = disagreement, experiment
+    if best < LEAST:
         return None
-    found.sort(key=lambda f: -f[0])
     return {
-        "separates": list(models),
-        "input": found[0][1],
-        "arguments": found[0][2],
-        "expected_disagreement": found[0][0],
-        "all": [{"input": w, "expected_disagreement": d} for d, w, _ in found],
+        "separates": [rival.name for rival in rivals],
+        "input": proposed[0],
+        "arguments": proposed[1],
+        "repeat": math.ceil((SURE / best) ** 2),
+        "expected_disagreement": best,
+        "all": [{"input": e[0], "expected_disagreement": d} for d, e in found],
     }
 
 
-def schedule_of(arguments, duration=DURATION):
+def schedule_of(arguments):
     """The schedule of an experiment by the arguments that `propose` gave."""
-    return next(s for _, a, s in _experiments(duration) if a == arguments)
+    return next(s for _, a, s in _experiments(DURATION) if a == arguments)
 
 
 def _experiments(duration):
@@ -79,15 +105,31 @@ def _experiments(duration):
             )
 
 
-def _disagreement(models, schedule, noise):
+def _disagreement(rivals, schedule, runs, known=None):
+    """Of the pair that it is smallest of: what a new run adds to the difference of their costs. `known`:
+    the costs of the runs, when rivals are refitted to them and the new run. None when one does not
+    move on this input, or not finitely."""
+    noise, disturbance = runs[0].noise, runs[0].disturbance
+    mocap = _core.MocapParams()
+    mocap.rate, mocap.position_noise, mocap.heading_noise = RATE, CLEAN * noise[0], CLEAN * noise[2]
     worst = np.inf
-    for a, b in itertools.permutations(models, 2):
-        mocap = _core.MocapParams()
-        mocap.rate, mocap.position_noise, mocap.heading_noise = (RATE,) + tuple(noise)
-        recording = experiments.simulate(models[a], schedule, a, mocap=mocap)
-        runs = [quality.Run(recording).data(models[a])]
-        cut = windows.cut(runs)
-        own = study.channel_errors(runs, cut, models[a]).sum()
-        other = study.channel_errors(runs, cut, models[b]).sum()
-        worst = min(worst, float(other / own - 1))
+    try:
+        for true, other in itertools.permutations(rivals, 2):
+            recording = experiments.simulate(true.model, schedule, true.name, mocap=mocap)
+            new = quality.Run(recording).data(true.model).disturbed(noise, disturbance)
+            if known is None:
+                apart = _cost(other, [new], False) - _cost(true, [new], False)
+            else:
+                apart = _cost(other, runs + [new], True) - known[other.name]
+                apart -= _cost(true, runs + [new], True) - known[true.name]
+            worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
+    except IdentifyError:
+        return None
     return worst
+
+
+def _cost(rival, runs, refitted):
+    """Of poses under a rival, as it is or refitted."""
+    on = evidence.Evidence(runs, windows.cut(runs))
+    found = (on.fit if refitted else on.as_given)(rival.model, rival.free)
+    return float(found["costs"].sum())

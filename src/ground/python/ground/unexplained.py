@@ -11,12 +11,14 @@ import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 from sklearn.model_selection import GroupKFold
 
-from ground import _core, failure, repair, residuals
+from ground import _core, failure, repair, residuals, study
 
 CHANNELS = failure.CHANNELS
 STRETCH = 2.0  # of time, left out together [s]
 FOLDS = 6
 MOST = 4  # terms of a proposal
+NEW = 0.05  # part of a term that the model's own parameters cannot do: less is theirs
+STEP = 1e-3  # of a parameter, for the derivative by it
 LEAST = (
     0.02  # share of the wrench's variance, of stretches left out, below which nothing is proposed
 )
@@ -100,18 +102,20 @@ def explain(runs, model):
     bins of it explain; and `proposal`, an effect as a model file lists it with its `share`, or None.
     """
     terms = dictionary()
-    design, wrench, groups, shares = [], [], [], []
+    design, own, wrench, groups, shares = [], [], [], [], []
     scale = failure.full_scale(model)
     for run in runs:
         part = _prepare(run, model, terms, scale)
         design.append(part[0])
-        wrench.append(part[1])
-        groups.append(part[2] + 1000 * len(groups))
-        shares.append(part[3])
-    design, wrench = np.vstack(design), np.concatenate(wrench)
+        own.append(part[1])
+        wrench.append(part[2])
+        groups.append(part[3] + 1000 * len(groups))
+        shares.append(part[4])
     groups = np.concatenate(groups)
+    whole = np.sqrt((np.vstack(design) ** 2).mean(axis=0))
+    design, wrench = _beside(np.vstack(own), np.vstack(design), np.concatenate(wrench))
     size = np.sqrt((design**2).mean(axis=0))
-    usable = np.flatnonzero(size > 1e-9 * size.max())
+    usable = np.flatnonzero((whole > 1e-9 * whole.max()) & (size > NEW * whole))
     columns = design[:, usable] / size[usable]
     chosen = _choose(columns, wrench, groups)
     kept = [terms[usable[i]] for i in chosen]
@@ -124,7 +128,8 @@ def explain(runs, model):
 
 
 def _prepare(run, model, terms, scale):
-    """Responses (3 n, terms) and wrench (3 n,) in parts of full thrust, stretches, binned shares."""
+    """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters), wrench
+    (3 n,) in parts of full thrust, stretches, binned shares."""
     wrench_filter, run, _ = failure.undisturbed(model, run)
     found = failure.variables(run, model.input_max)
     bins = [v.indicators() for v in found.values()]
@@ -143,6 +148,7 @@ def _prepare(run, model, terms, scale):
     every = slice(None, None, failure.stride_of(np.array(run.times)))
     wrench = smoothed["wrench"][every]
     sigma = np.median(smoothed["sigma"], axis=0) / scale
+    own = _own_responses(run, model, noise, smoothed["wrench"])[every]
     responses = smoothed["responses"][every]  # of each column in the channel that it acts on
     design = np.zeros((len(wrench), 3, len(terms)))
     for column, (channel, at) in enumerate(zip(channels, owner)):
@@ -159,10 +165,39 @@ def _prepare(run, model, terms, scale):
     stretch = (np.array(run.times)[every] / STRETCH).astype(int)
     return (
         (design * weight[:, None]).reshape(-1, len(terms)),
+        (own * weight[:, None]).reshape(-1, own.shape[2]),
         (wrench * weight).reshape(-1),
         np.repeat(stretch, 3),
         shares,
     )
+
+
+def _own_responses(run, model, noise, wrench):
+    """Change of the inferred wrench by each free parameter of the model, (n, 3, parameters)."""
+    by_name = {p["name"]: p for p in model.parameters()}
+    changes = []
+    for name in study.free_parameters(model):
+        value, upper = model.value(name), by_name[name]["upper"]
+        if not np.isfinite(value):
+            continue
+        step = STEP * max(abs(value), by_name[name]["scale"])
+        moved = model.copy()
+        moved.set_value(name, value + step if value + step <= upper else value - step)
+        found = _core.WrenchFilter(moved, run, repair.MAX_GAP).smooth(noise)["wrench"]
+        changes.append((found - wrench) / step)
+    return np.stack(changes, axis=2)
+
+
+def _beside(own, design, wrench):
+    """Design and wrench without what other values of the model's own parameters would do: these were
+    fitted, and took over as much of the missing term as they could (Frisch and Waugh 1933)."""
+    size = np.sqrt((own**2).mean(axis=0))
+    own = own[:, size > 0] / size[size > 0]
+
+    def rest(columns):
+        return columns - own @ np.linalg.lstsq(own, columns, rcond=1e-6)[0]
+
+    return rest(design), rest(wrench)
 
 
 def _values(run):

@@ -152,12 +152,15 @@ def parameters(values):
 
 def apart(report):
     """What cannot be told apart, and what would tell it."""
-    unseen = [c["effect"] for c in report["candidates"] if not c["seen"]]
-    if unseen:
-        yield (
-            "These runs cannot see %s: to first order the refitted model does the same without."
-            % ", ".join(unseen)
-        )
+    for c in report["candidates"]:
+        if not c["seen"]:
+            others = c["group"][1:]
+            yield "These runs cannot show %s: %s." % (
+                c["effect"],
+                "with other values of %s the model does the same without" % ", ".join(others)
+                if others
+                else "on them it changes nothing",
+            )
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
         if others:
@@ -165,10 +168,11 @@ def apart(report):
     proposed = report["next_experiment"]
     if proposed:
         yield (
-            "To tell %s apart, record: %s (identify simulate %s). There the models would disagree by %.1f "
-            "times the error that the noise leaves."
+            "To tell %s apart, record%s: %s (identify simulate %s). One such run sets the models %.1f "
+            "standard deviations apart."
             % (
                 " and ".join(proposed["separates"]),
+                " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
                 proposed["arguments"],
                 proposed["expected_disagreement"],
@@ -181,9 +185,10 @@ def unexplained(report):
     rest = report["unexplained"]
     if not rest["where"]:
         return
+    named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
     yield "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s." % (
         100 * rest["fraction"],
-        " and ".join(w["variable"] for w in rest["where"][:2]),
+        " and ".join(w["variable"] for w in named[:2]),
     )
     proposal = rest["proposal"]
     if proposal:

@@ -183,7 +183,16 @@ PYBIND11_MODULE(_core, module) {
                              })
       .def("copy", [](const Model& m) { return Model(m); })
       .def(
-          "parameters", [](const Model& m) { return describe(m.parameters()); },
+          "parameters",
+          [](const Model& m) {
+            py::list list;
+            for (const ParameterInfo& info : m.parameters()) {
+              py::dict described = describe(info);
+              described["scale"] = info.scale(m.body);
+              list.append(described);
+            }
+            return list;
+          },
           "Name, unit, doc, neutral value and bounds of every parameter.")
       .def("value", &Model::value, py::arg("parameter"))
       .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
