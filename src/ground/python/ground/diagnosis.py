@@ -343,11 +343,12 @@ class Diagnosis:
             trial.inclusion = float(share / RESAMPLES)
 
     def unseen(self):
-        """Effects that the grown model does without and that these runs could not show: a list of
-        LookAlikes."""
+        """Effects in no group that the grown model does without and that these runs could not show: a
+        list of LookAlikes."""
         trials = self.tried[-1] if self.tried else []
         named = {c.name: c for c in self.candidates}
-        unseen = [t for t in trials if not t.seen and t.name not in self.model.effects]
+        told = set(self.model.effects) | {t.name for tried in self.tried for t in tried if t.equal}
+        unseen = [t for t in trials if not t.seen and t.name not in told]
         found = [self._look_alike(named[t.name]) for t in unseen]
         return [f for f in found if f]
 

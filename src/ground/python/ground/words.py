@@ -114,12 +114,17 @@ def error(by_channel, where):
     )
 
 
+def _listed(names):
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
+
+
 def verdict(report):
     """One sentence that says what a diagnosis came to."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
     effects = report["improved"]["effects"]
-    one, chosen = len(effects) == 1, " and ".join(effects)
+    one, chosen = len(effects) == 1, _listed(effects)
     fall = "with %s the error on held-out runs falls from %.3f to %.3f" % (
         "it" if one else "them",
         before,
@@ -157,21 +162,21 @@ def apart(report):
             others = c["group"][1:]
             yield "These runs cannot show %s: %s." % (
                 c["effect"],
-                "with other values of %s the model does the same without" % ", ".join(others)
+                "with other values of %s the model does the same without" % _listed(others)
                 if others
                 else "on them it changes nothing",
             )
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
         if others:
-            yield "These runs cannot tell %s from %s." % (step["added"], ", ".join(others))
+            yield "These runs cannot tell %s from %s." % (step["added"], _listed(others))
     proposed = report["next_experiment"]
     if proposed:
         yield (
             "To tell %s apart, record%s: %s (identify simulate %s). One such run sets the models %.1f "
             "standard deviations apart."
             % (
-                " and ".join(proposed["separates"]),
+                _listed(proposed["separates"]),
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
                 proposed["arguments"],
@@ -188,7 +193,7 @@ def unexplained(report):
     named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
     yield "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s." % (
         100 * rest["fraction"],
-        " and ".join(w["variable"] for w in named[:2]),
+        _listed([w["variable"] for w in named[:2]]),
     )
     proposal = rest["proposal"]
     if proposal:
