@@ -46,6 +46,16 @@ def mark_equals(trials, before):
         trial.equal = as_good and trial.delta_bic < (1 - NEARLY) * trials[0].delta_bic
 
 
+def bootstrap(trials, costs):
+    """How often each trial would have been the best, had other windows been recorded; costs: of the
+    windows under each of them."""
+    costs = np.array(costs)
+    picks = np.random.default_rng(1).integers(costs.shape[1], size=(RESAMPLES, costs.shape[1]))
+    best = costs[:, picks].sum(axis=2).argmin(axis=0)
+    for trial, count in zip(trials, np.bincount(best, minlength=len(trials))):
+        trial.inclusion = float(count / RESAMPLES)
+
+
 @dataclass
 class Trial:
     """An effect in the model, refitted."""
@@ -132,6 +142,7 @@ class Diagnosis:
                 found = self._compare(found)
             elif found:
                 mark_equals(found, self.best)
+                bootstrap(found, [t.fit.by_window for t in found])
         trials[:] = found + [t for t in trials if t not in found]
         if not found:
             return False
@@ -329,18 +340,8 @@ class Diagnosis:
             # Were the best true, the difference would scatter by the root of twice its mean.
             difference = float((trial.costs - ranked[0].costs).sum())
             trial.equal = np.sqrt(max(0.0, difference) / 2 / inflation) < TELLS_APART
-        self._bootstrap(ranked, penalty)
+        bootstrap(ranked, [t.costs + penalty * len(t.parameters) / len(t.costs) for t in ranked])
         return ranked + [t for t in trials if t not in ranked]
-
-    def _bootstrap(self, ranked, penalty):
-        """How often each would have been the best, had other windows been recorded."""
-        random = np.random.default_rng(1)
-        costs = np.array([t.costs for t in ranked])
-        parameters = np.array([len(t.parameters) for t in ranked])
-        picks = random.integers(costs.shape[1], size=(RESAMPLES, costs.shape[1]))
-        totals = costs[:, picks].sum(axis=2) + penalty * parameters[:, None]
-        for trial, share in zip(ranked, np.bincount(totals.argmin(axis=0), minlength=len(ranked))):
-            trial.inclusion = float(share / RESAMPLES)
 
     def unseen(self):
         """Effects in no group that the grown model does without and that these runs could not show: a
