@@ -173,10 +173,12 @@ def apart(report):
     proposed = report["next_experiment"]
     if proposed:
         yield (
-            "To tell %s apart, record%s: %s (identify simulate %s). One such run sets the models %.1f "
-            "standard deviations apart."
+            "To %s, record%s: %s (identify simulate %s). One such run sets the models %.1f standard "
+            "deviations apart."
             % (
-                _listed(proposed["separates"]),
+                "tell %s apart" % _listed(proposed["separates"])
+                if len(proposed["separates"]) > 1
+                else "show " + proposed["separates"][0],
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
                 proposed["arguments"],
