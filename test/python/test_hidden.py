@@ -21,8 +21,7 @@ def results():
     ]
     cases += [dict(shared, factor=0, kind="nothing", hidden=[], seed=seed) for seed in range(1, 7)]
     cases += [
-        dict(shared, factor=1.0, kind="outside", hidden=[name])
-        for name in hidden_cases.OUTSIDE
+        dict(shared, factor=1.0, kind="outside", hidden=[name]) for name in hidden_cases.OUTSIDE
     ]
     for seed in (2, 3):
         cases += hidden.ambiguous_cases(dict(shared, seed=seed))

@@ -24,7 +24,7 @@ TELLS_APART = 2.0  # standard deviations between rivals that can be told apart
 SETTLED = 0.1  # log-likelihood by which one has to be better than the best to take its place
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
-EARNS = 0.01  # part of the error on held-out runs by which an effect among wrong models has to lower it
+EARNS = 0.01  # part of the held-out error by which an effect among wrong models has to lower it
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
@@ -153,7 +153,8 @@ class Diagnosis:
 
     def _earns_its_place(self, trial):
         """Whether an effect does better on what was held out: where the data are explained with it, by
-        the likelihood of the poses, which sees more than the error does, on windows of every run."""
+        the likelihood of the poses, which sees more than the error does, on windows of every run.
+        """
         if not self._explains(trial.fit):
             return bool(trial.fit.heldout.sum() < (1 - EARNS) * self.best.heldout.sum())
 

@@ -92,7 +92,8 @@ def _next_experiment(diagnosis, alike):
         group = [t for t in trials if t.equal and t.chance < 1]
         if len(group) > 1:
             rivals = [
-                next_experiment.Rival(t.name, t.model, study.free_parameters(t.model)) for t in group
+                next_experiment.Rival(t.name, t.model, study.free_parameters(t.model))
+                for t in group
             ]
             return next_experiment.propose(rivals, diagnosis.evidence.runs, each)
     for other in alike:

@@ -15,7 +15,7 @@ CLOCKS = (2, 5, 10, 20, 40)  # of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
 LIFTS = (1.0, 0.6)
 RATE = 120.0  # of the mocap [Hz]
-REFITTED = 12  # experiments at most
+REFITTED, TOGETHER = 12, 4  # experiments at most, and at a time
 LEAST = 1.0  # standard deviations between rivals that make an experiment worth while
 SURE = 6.0  # standard deviations that tell rivals apart in nearly all cases
 
@@ -50,12 +50,14 @@ def propose(rivals, runs, each=map):
     before = list(each(lambda experiment: _disagreement(rivals, experiment[2], runs), choice))
     found = sorted((p for p in zip(before, choice) if p[0]), key=lambda pair: -pair[0])
     best, proposed = 0.0, None
-    for most, experiment in found[:REFITTED]:
-        if most <= best:
+    for at in range(0, min(REFITTED, len(found)), TOGETHER):
+        if found[at][0] <= best:
             break  # to refit rivals brings them nearer to each other
-        disagreement = _disagreement(rivals, experiment[2], runs, known)
-        if disagreement and disagreement > best:
-            best, proposed = disagreement, experiment
+        some = [experiment for _, experiment in found[at : at + TOGETHER]]
+        after = each(lambda experiment: _disagreement(rivals, experiment[2], runs, known), some)
+        for disagreement, experiment in zip(after, some):
+            if disagreement and disagreement > best:
+                best, proposed = disagreement, experiment
     if best < LEAST:
         return None
     return {
