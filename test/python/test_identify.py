@@ -250,7 +250,8 @@ def test_reads_the_topics_of_the_original_system(tmp_path, bag, guess):
         out = tmp_path / ("%d.yaml" % number)
         result = identify("fit", source, "--model", guess, "-o", out, "--json")
         values.append(json.loads(result.stdout)["parameters"]["k"]["value"])
-    assert values[0] == values[1]
+    # Threads add up costs in the order in which they come.
+    assert values[0] == pytest.approx(values[1], rel=1e-12)
 
 
 def test_a_reader_that_leaves_is_no_error_message(bag):
