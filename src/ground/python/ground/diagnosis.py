@@ -391,8 +391,11 @@ class Diagnosis:
         others, or each quarter of a single one. Returns a Conclusion.
         """
         floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
-        floor = float(np.mean([f.sum() for f in floors]))
-        explained = self.best.error.sum() < EXPLAINED * floor and self._is_white()
+        floors = [float(f.sum()) for f in floors]
+        floor, scatter = float(np.mean(floors)), float(np.std(floors, ddof=1))
+        error = self.best.error.sum()
+        # Colour that leaves the error where the noise puts it is no more than a clock's jitter.
+        explained = error < EXPLAINED * floor and (error < floor + scatter or self._is_white())
         verdict = "unexplained" if not explained else "missing" if self.chosen else "complete"
         if explained:
             # The likelihood knows what the smoother of the velocities does, and is sharper.
