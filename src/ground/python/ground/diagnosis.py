@@ -144,9 +144,7 @@ class Diagnosis:
                 mark_equals(found, self.best)
                 bootstrap(found, [t.fit.by_window for t in found])
         trials[:] = found + [t for t in trials if t not in found]
-        if not found:
-            return False
-        if not self._earns_its_place(found[0]):
+        if not found or not self._earns_its_place(found[0]):
             return False
         self._choose(found[0])
         return True

@@ -35,9 +35,8 @@ class Study:
 
     def __init__(self, runs, threads=0):
         self.runs = runs
-        self.threads = (
-            threads  # of fits from afar, 0 for all cores; one gives the same bits each time
-        )
+        # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
+        self.threads = threads
         self.windows = windows.cut(runs)
         self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
         self.length = windows.WINDOW  # of windows that are fitted to [s]

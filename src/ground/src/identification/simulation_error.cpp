@@ -79,8 +79,7 @@ class InitialCost {
 }  // namespace
 
 void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
-                  const Robust& robust, int window, Eigen::VectorXd& initial,
-                  double tolerance) {
+                  const Robust& robust, int window, Eigen::VectorXd& initial, double tolerance) {
   const WindowCost cost(problem, model, nothing, window, robust);
   const InitialCost function(cost, problem.initialSize());
   ceres::TinySolver<InitialCost> solver;
