@@ -180,7 +180,7 @@ def _own_responses(run, model, noise, wrench):
         value, upper = model.value(name), by_name[name]["upper"]
         if not np.isfinite(value):
             continue
-        step = STEP * max(abs(value), by_name[name]["scale"])
+        step = STEP * (abs(value) or by_name[name]["scale"])
         moved = model.copy()
         moved.set_value(name, value + step if value + step <= upper else value - step)
         found = _core.WrenchFilter(moved, run, repair.MAX_GAP).smooth(noise)["wrench"]
