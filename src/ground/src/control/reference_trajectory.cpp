@@ -1,8 +1,15 @@
 #include "ground/control/reference_trajectory.h"
 
+#include <Eigen/SparseCore>
+#include <Eigen/SparseLU>
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <complex>
+#include <fstream>
+#include <sstream>
 #include <stdexcept>
+#include <unsupported/Eigen/Splines>
 
 namespace ground {
 namespace {
@@ -39,35 +46,49 @@ class Circle : public ReferenceTrajectory {
   double radius_, rate_;
 };
 
+/// How far along a way one is, from 0 to 1, and the derivatives by time.
+struct Progress {
+  double s, s1, s2, s3;
+};
+
+/// Covers a way of some length once: at constant speed with a sudden start and stop, or smoothly.
+class Pace {
+ public:
+  Pace(double length, double speed, bool smooth) : smooth_(smooth) {
+    // The smooth profile's peak is 35/16 of its mean speed.
+    duration_ = length / speed * (smooth ? 35.0 / 16.0 : 1.0);
+  }
+  double duration() const { return duration_; }
+  Progress at(double t) const {
+    if (t >= duration_) return {1, 0, 0, 0};
+    const double x = t / duration_, d = 1 / duration_;
+    if (!smooth_) return {x, d, 0, 0};
+    // 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7: velocity, acceleration and jerk vanish at both ends.
+    const double x2 = x * x, x3 = x2 * x;
+    return {x2 * x2 * (35 + x * (-84 + x * (70 - 20 * x))),
+            d * 140 * x3 * (1 + x * (-3 + x * (3 - x))),
+            d * d * 420 * x2 * (1 + x * (-4 + x * (5 - 2 * x))),
+            d * d * d * 840 * x * (1 + x * (-6 + x * (10 - 5 * x)))};
+  }
+
+ private:
+  double duration_;
+  bool smooth_;
+};
+
 class Line : public ReferenceTrajectory {
  public:
   Line(const Vector2<double>& start, const Vector2<double>& end, double speed, bool smooth)
-      : start_(start), way_(end - start), smooth_(smooth) {
-    // The smooth profile's peak is 35/16 of its mean speed.
-    duration_ = way_.norm() / speed * (smooth ? 35.0 / 16.0 : 1.0);
-  }
+      : start_(start), way_(end - start), pace_(way_.norm(), speed, smooth) {}
   ReferencePoint at(double t) const override {
-    if (t >= duration_) return ground::at(start_ + way_);
-    const double x = t / duration_, d = 1 / duration_;
-    if (!smooth_) {
-      ReferencePoint point = ground::at(start_ + x * way_);
-      point.p_dot = d * way_;
-      return point;
-    }
-    // 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7: velocity, acceleration and jerk vanish at both ends.
-    const double x2 = x * x, x3 = x2 * x;
-    const double s = x2 * x2 * (35 + x * (-84 + x * (70 - 20 * x)));
-    const double s1 = 140 * x3 * (1 + x * (-3 + x * (3 - x)));
-    const double s2 = 420 * x2 * (1 + x * (-4 + x * (5 - 2 * x)));
-    const double s3 = 840 * x * (1 + x * (-6 + x * (10 - 5 * x)));
-    return {start_ + s * way_, d * s1 * way_, d * d * s2 * way_, d * d * d * s3 * way_};
+    const Progress on = pace_.at(t);
+    return {start_ + on.s * way_, on.s1 * way_, on.s2 * way_, on.s3 * way_};
   }
-  double extent() const override { return duration_; }
+  double extent() const override { return pace_.duration(); }
 
  private:
   Vector2<double> start_, way_;
-  double duration_;
-  bool smooth_;
+  Pace pace_;
 };
 
 class Rhodonea : public ReferenceTrajectory {
@@ -106,6 +127,88 @@ class Sinusoid : public ReferenceTrajectory {
   double speed_, amplitude_, rate_;
 };
 
+/// Quintic spline through points at ascending places from 0 on.
+class Curve {
+ public:
+  Curve(const std::vector<double>& places, const std::vector<Vector2<double>>& points)
+      : length_(places.back()) {
+    const Eigen::Index count = static_cast<Eigen::Index>(points.size());
+    const Eigen::Index degree = std::min<Eigen::Index>(kDegree, count - 1);
+    const Spline::ParameterVectorType u =
+        Eigen::Map<const Spline::ParameterVectorType>(places.data(), count) / length_;
+    Spline::KnotVectorType knots;
+    Eigen::KnotAveraging(u, degree, knots);
+    // Few basis functions reach a point: with a sparse system, thousands of points are no burden.
+    std::vector<Eigen::Triplet<double>> entries;
+    Eigen::MatrixXd wanted(count, 2);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const Eigen::Index span = Spline::Span(u(i), degree, knots);
+      const auto basis = Spline::BasisFunctions(u(i), degree, knots);
+      for (Eigen::Index j = 0; j <= degree; ++j)
+        entries.emplace_back(static_cast<int>(i), static_cast<int>(span - degree + j), basis(j));
+      wanted.row(i) = points[static_cast<std::size_t>(i)].transpose();
+    }
+    Eigen::SparseMatrix<double> collocation(count, count);
+    collocation.setFromTriplets(entries.begin(), entries.end());
+    Eigen::SparseLU<Eigen::SparseMatrix<double>> solver(collocation);
+    const Eigen::MatrixXd control = solver.solve(wanted);
+    if (solver.info() != Eigen::Success || !control.allFinite())
+      throw std::invalid_argument("no spline goes through these points");
+    spline_ = Spline(knots, control.transpose());
+  }
+  double length() const { return length_; }
+  /// Position and derivatives by place.
+  ReferencePoint at(double place) const {
+    const auto d = spline_.derivatives<3>(std::clamp(place / length_, 0.0, 1.0));
+    const double by = 1 / length_;
+    const auto derivative = [&](Eigen::Index i) {
+      return i < d.cols() ? Vector2<double>(d.col(i)) : Vector2<double>::Zero().eval();
+    };
+    return {derivative(0), by * derivative(1), by * by * derivative(2),
+            by * by * by * derivative(3)};
+  }
+
+ private:
+  using Spline = Eigen::Spline<double, 2, Eigen::Dynamic>;
+  static constexpr Eigen::Index kDegree = 5;
+  double length_;
+  Spline spline_;
+};
+
+class TimedSpline : public ReferenceTrajectory {
+ public:
+  TimedSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points)
+      : curve_(times, points) {}
+  ReferencePoint at(double t) const override {
+    const ReferencePoint point = curve_.at(t);
+    return t < curve_.length() ? point : ground::at(point.p);
+  }
+  double extent() const override { return curve_.length(); }
+
+ private:
+  Curve curve_;
+};
+
+class Waypoints : public ReferenceTrajectory {
+ public:
+  Waypoints(const std::vector<double>& distances, const std::vector<Vector2<double>>& points,
+            double speed, bool smooth)
+      : curve_(distances, points), pace_(curve_.length(), speed, smooth) {}
+  ReferencePoint at(double t) const override {
+    const Progress on = pace_.at(t);
+    const double length = curve_.length();
+    const double s1 = length * on.s1, s2 = length * on.s2, s3 = length * on.s3;
+    const ReferencePoint by = curve_.at(length * on.s);
+    return {by.p, s1 * by.p_dot, s2 * by.p_dot + s1 * s1 * by.p_ddot,
+            s3 * by.p_dot + 3 * s1 * s2 * by.p_ddot + s1 * s1 * s1 * by.p_dddot};
+  }
+  double extent() const override { return pace_.duration(); }
+
+ private:
+  Curve curve_;
+  Pace pace_;
+};
+
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
 }
@@ -140,12 +243,70 @@ ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amp
   return std::make_shared<Sinusoid>(start, speed, amplitude, rate);
 }
 
+ReferencePtr makeSpline(const std::vector<double>& times,
+                        const std::vector<Vector2<double>>& points) {
+  require(points.size() >= 2 && points.size() == times.size(), "a spline needs at least two points");
+  require(times.front() == 0, "the first point of a spline has to be at time 0");
+  for (std::size_t i = 1; i < times.size(); ++i)
+    require(times[i] > times[i - 1] && std::isfinite(times[i]), "times have to grow");
+  return std::make_shared<TimedSpline>(times, points);
+}
+
+ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth) {
+  require(points.size() >= 2, "a way needs at least two points");
+  require(speed > 0, "a way needs a positive speed");
+  std::vector<double> distances = {0};
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    distances.push_back(distances.back() + (points[i] - points[i - 1]).norm());
+    require(distances[i] > distances[i - 1], "a way needs neighbouring points to be different");
+  }
+  return std::make_shared<Waypoints>(distances, points, speed, smooth);
+}
+
+ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
+                           bool smooth) {
+  std::ifstream file(path);
+  if (!file) throw std::runtime_error(path + ": cannot be read");
+  const auto fail = [&](int line, const std::string& what) {
+    throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
+  };
+  std::string text;
+  std::getline(file, text);
+  text.erase(std::remove_if(text.begin(), text.end(), [](char c) { return std::isspace(c); }),
+             text.end());
+  const bool timed = text == "time,x,y";
+  if (!timed && text != "x,y") fail(1, "the columns must be time,x,y or x,y, not '" + text + "'");
+  std::vector<double> times;
+  std::vector<Vector2<double>> points;
+  for (int line = 2; std::getline(file, text); ++line) {
+    if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
+    std::replace(text.begin(), text.end(), ',', ' ');
+    std::istringstream cells(text);
+    double time = 0, x = 0, y = 0;
+    std::string rest;
+    if (timed) cells >> time;
+    if (!(cells >> x >> y) || cells >> rest || !std::isfinite(time + x + y))
+      fail(line, std::string("it needs ") + (timed ? "three" : "two") + " finite numbers");
+    if (timed && !times.empty() && time <= times.back()) fail(line, "times have to grow");
+    if (!timed && !points.empty() && points.back() == Vector2<double>(x, y) + origin)
+      fail(line, "the point is the same as the one before");
+    times.push_back(time);
+    points.push_back(origin + Vector2<double>(x, y));
+  }
+  if (points.size() < 2) fail(1, "at least two points have to follow");
+  if (!timed) return makeWaypoints(points, speed, smooth);
+  const double start = times.front();
+  for (double& time : times) time -= start;
+  return makeSpline(times, points);
+}
+
 ReferencePtr makeReference(const ReferenceParams& p) {
   if (p.kind == "circle") return makeCircle(p.origin, p.size, p.rate_of_turn);
   if (p.kind == "line") return makeLine(p.origin, p.end, p.speed, p.smooth);
   if (p.kind == "rhodonea") return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn);
   if (p.kind == "sinusoid") return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn);
-  throw std::invalid_argument("reference must be circle, line, rhodonea or sinusoid, not '" +
+  if (p.kind == "file") return readReference(p.file, p.origin, p.speed, p.smooth);
+  throw std::invalid_argument("reference must be circle, line, rhodonea, sinusoid or file, not '" +
                               p.kind + "'");
 }
 

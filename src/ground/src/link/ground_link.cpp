@@ -32,6 +32,8 @@ std::string GroundLinkParams::validate() const {
   const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
   if (!positive(command_timeout)) return "command_timeout must be positive";
   if (!positive(state_timeout)) return "state_timeout must be positive";
+  if (!std::isfinite(recovery_time) || recovery_time < 0)
+    return "recovery_time must not be negative";
   if (!positive(keepalive_rate)) return "keepalive_rate must be positive";
   if (!positive(peer_timeout)) return "peer_timeout must be positive";
   if (!positive(send_timeout)) return "send_timeout must be positive";
@@ -47,6 +49,7 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
       command_until_(kNever),
       clash_until_(kNever),
       state_until_(kNever),
+      lost_since_(kNever),
       sent_until_(kNever),
       next_packet_(kNever) {
   check(params);
@@ -153,6 +156,7 @@ std::string GroundLink::arm(double now) {
   if (!zero(command_)) return "the command is not zero";
   armed_source_ = command_source_;
   peer_locked_ = true;
+  lost_since_ = kNever;
   enter(State::kArmed, "armed with commands of " + armed_source_);
   return "";
 }
@@ -175,11 +179,25 @@ void GroundLink::tick(double now) {
 void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
-  if (params_.require_state && !state_valid_)
-    return fault(now, because("the state is invalid", state_problem_));
-  if (params_.require_state && state_until_ <= now) return fault(now, "the state is stale");
+  const std::string lost = params_.require_state ? stateProblem(now) : "";
+  if (!lost.empty() && lost_since_ == kNever) {
+    if (params_.recovery_time == 0) return fault(now, lost);
+    lost_since_ = now;
+    enter(State::kArmed, "zero until the state is back: " + lost);
+    transmit(now);
+  } else if (lost.empty() && lost_since_ != kNever) {
+    lost_since_ = kNever;
+    enter(State::kArmed, "armed with commands of " + armed_source_);
+  } else if (!lost.empty() && now - lost_since_ >= params_.recovery_time) {
+    return fault(now, lost);
+  }
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
+}
+
+std::string GroundLink::stateProblem(double now) const {
+  if (!state_valid_) return because("the state is invalid", state_problem_);
+  return state_until_ <= now ? "the state is stale" : "";
 }
 
 void GroundLink::fault(double now, const std::string& reason) {
@@ -194,7 +212,8 @@ void GroundLink::enter(State state, const std::string& reason) {
 }
 
 void GroundLink::transmit(double now) {
-  sendPacket(now, state_ == State::kArmed ? command_ : MotorCommand());
+  const bool obeys = state_ == State::kArmed && lost_since_ == kNever;
+  sendPacket(now, obeys ? command_ : MotorCommand());
   next_packet_ = now + 1 / params_.keepalive_rate;
 }
 

@@ -81,7 +81,7 @@ void Controller::onState(const ground_msgs::State::ConstPtr& message) {
   measured_ = message;
   measured_at_ = steadyNow();
   watch();
-  if (!running() || nextChange(0) != kByState) return;
+  if (!running() || lost_since_ != 0 || nextChange(0) != kByState) return;
   const double since = secondsBetween(last_update_, message->header.stamp);
   // A tenth of tolerance, so that jitter does not skip every other state.
   if (last_update_.isZero() || since >= 0.9 / params_.rate) control(message->header.stamp);
@@ -91,6 +91,7 @@ bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Respons
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   response.message = start();
   response.success = response.message.empty();
+  if (response.success) response.message = caution();
   return true;
 }
 
@@ -116,10 +117,34 @@ std::string Controller::stateProblem() const {
   // A state may also come on time and be old.
   const double age = secondsBetween(measured_->header.stamp, ros::Time::now());
   if (age > params_.state_timeout) return "the state is stale";
-  for (int i = 0; i < 3; ++i)
-    if (!std::isfinite(measured_->eta[i]) || !std::isfinite(measured_->nu[i]))
-      return "the state is not finite";
+  if (!stateIsFinite()) return "the state is not finite";
   return "";
+}
+
+bool Controller::stateIsFinite() const {
+  for (int i = 0; i < 3; ++i)
+    if (!std::isfinite(measured_->eta[i]) || !std::isfinite(measured_->nu[i])) return false;
+  return true;
+}
+
+/// Takes the thrust away while the state is lost; whether it may still come back.
+bool Controller::bridge(double now, const std::string& problem) {
+  if (problem.empty()) {
+    if (lost_since_ == 0) return true;
+    lost_since_ = 0;
+    reason_ = "driving again";
+    publishStatus();
+    return true;
+  }
+  if (!stateIsFinite() || params_.recovery_time == 0) return false;
+  if (lost_since_ == 0) {
+    lost_since_ = now;
+    reason_ = "no thrust until the state is back: " + problem;
+    ROS_WARN("%s: %s", name_.c_str(), reason_.c_str());
+    publish(0, 0, params_.lift);
+    publishStatus();
+  }
+  return now - lost_since_ < params_.recovery_time;
 }
 
 /// Moves the life cycle on; returns how long it may be left alone [s].
@@ -136,7 +161,9 @@ double Controller::watch() {
     lifting_since_ = time;
     enter(Status::LIFTING, "lift on");
   }
-  if ((state_ == Status::LIFTING || running()) && !problem.empty()) enter(Status::STOPPED, problem);
+  const bool bridged = running() && bridge(now, problem);
+  if ((state_ == Status::LIFTING || running()) && !problem.empty() && !bridged)
+    enter(Status::STOPPED, problem);
   if ((state_ == Status::LIFTING && time < lifting_since_) || (running() && time < running_since_))
     enter(Status::STOPPED, "time jumped back");
   if (state_ == Status::LIFTING && secondsBetween(lifting_since_, time) >= params_.lift_time)
@@ -147,14 +174,17 @@ double Controller::watch() {
     const double elapsed = secondsBetween(running_since_, time);
     if (finished(elapsed)) {
       enter(Status::DONE, "came to its end");
-    } else if (nextChange(0) != kByState) {
+    } else if (nextChange(0) != kByState && lost_since_ == 0) {
       const double last = secondsBetween(running_since_, last_update_);
       const double due = last_update_.isZero() ? 0.0 : nextChange(last);
       if (elapsed >= due || now >= next_keepalive_) control(time);
       const double left = nextChange(elapsed) - elapsed;
       wait = std::clamp(left, 0.0, ros::Time::isSimTime() ? kSimulatedTick : wait);
     }
-  } else if (now >= next_keepalive_) {
+  }
+  if (running() && lost_since_ != 0) {
+    if (now >= next_keepalive_) publish(0, 0, params_.lift);
+  } else if (!running() && now >= next_keepalive_) {
     publish(0, 0, state_ == Status::LIFTING ? params_.lift : 0.0);
   }
   if (now >= next_status_) publishStatus();
@@ -178,7 +208,9 @@ void Controller::begin(const ros::Time& stamp) {
     enter(Status::STOPPED, error.what());
     return;
   }
-  enter(Status::RUNNING, "driving");
+  lost_since_ = 0;
+  const std::string remark = caution();
+  enter(Status::RUNNING, remark.empty() ? "driving" : "driving; " + remark);
 }
 
 void Controller::control(const ros::Time& stamp) {
@@ -219,6 +251,7 @@ void Controller::publish(double left, double right, double lift) {
   message->right = right;
   message->lift = lift;
   controls_.publish(message);
+  published(now, left, right, lift);
   next_keepalive_ = steadyNow() + kKeepalive;
 }
 

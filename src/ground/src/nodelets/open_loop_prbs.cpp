@@ -30,7 +30,11 @@ class OpenLoopPRBS : public Controller {
         [this](const OpenLoopPRBSConfig& c) {
           const std::lock_guard<std::recursive_mutex> lock(mutex());
           params_ = params(c);
-          setParams({c.lift, c.lift_time, c.state_timeout, 50.0});
+          ControllerParams common;
+          common.lift = c.lift;
+          common.lift_time = c.lift_time;
+          common.state_timeout = c.state_timeout;
+          setParams(common);
         });
   }
 

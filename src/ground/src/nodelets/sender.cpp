@@ -120,6 +120,7 @@ class Sender : public nodelet::Nodelet {
     GroundLinkParams p;
     p.command_timeout = c.command_timeout;
     p.state_timeout = c.state_timeout;
+    p.recovery_time = c.recovery_time;
     p.keepalive_rate = c.keepalive_rate;
     p.require_state = c.require_state;
     return p;

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "ground/control/feasibility.h"
 #include "ground/control/prbs.h"
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/smoother.h"
@@ -112,6 +113,9 @@ py::dict toDict(const ExperimentLog& log) {
     return (Eigen::RowVectorXd(9) << r.time, r.point.p.transpose(), r.point.p_dot.transpose(),
             r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
         .finished();
+  });
+  d["decisions"] = toRows(log.decisions, 4, [](const ExperimentLog::Decision& c) {
+    return Eigen::RowVector4d(c.time, c.thrusters.x(), c.thrusters.y(), c.computing);
   });
   d["stopped"] = log.stopped;
   return d;
@@ -244,7 +248,26 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("petals", &ReferenceParams::petals)
       .def_readwrite("speed", &ReferenceParams::speed)
       .def_readwrite("end", &ReferenceParams::end)
-      .def_readwrite("smooth", &ReferenceParams::smooth);
+      .def_readwrite("smooth", &ReferenceParams::smooth)
+      .def_readwrite("file", &ReferenceParams::file)
+      .def(
+          "extent", [](const ReferenceParams& params) { return makeReference(params)->extent(); },
+          "Time after which it repeats or stands still [s].")
+      .def(
+          "infeasibility",
+          [](const ReferenceParams& params, const Model& model) {
+            return infeasibility(*makeReference(params), model.body);
+          },
+          py::arg("model"), "Why the craft cannot follow it exactly; empty when it can.")
+      .def(
+          "sample",
+          [](const ReferenceParams& params, const std::vector<double>& times) {
+            const ReferencePtr reference = makeReference(params);
+            return toRows(times, 2, [&](double t) {
+              return Eigen::RowVector2d(reference->at(std::max(0.0, t)).p.transpose());
+            });
+          },
+          py::arg("times"), "Positions x, y [m] at `times` [s].");
   py::class_<TrackingGains>(module, "TrackingGains", "Gains of the tracking law (4.7).")
       .def(py::init<>())
       .def_readwrite("k_e", &TrackingGains::k_e)
@@ -253,10 +276,47 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("k_phi_2", &TrackingGains::k_phi_2)
       .def_readwrite("delta_1", &TrackingGains::delta_1)
       .def_readwrite("delta_2", &TrackingGains::delta_2);
+  py::class_<PlanWeights>(module, "PlanWeights", "What a plan costs.")
+      .def(py::init<>())
+      .def_readwrite("velocity", &PlanWeights::velocity)
+      .def_readwrite("input", &PlanWeights::input)
+      .def_readwrite("turning", &PlanWeights::turning)
+      .def_readwrite("end_position", &PlanWeights::end_position)
+      .def_readwrite("end_velocity", &PlanWeights::end_velocity);
+  py::class_<ObserverParams>(module, "ObserverParams", "Noise that the observer reckons with.")
+      .def(py::init<>())
+      .def_readwrite("position_noise", &ObserverParams::position_noise)
+      .def_readwrite("heading_noise", &ObserverParams::heading_noise)
+      .def_readwrite("push", &ObserverParams::push)
+      .def_readwrite("twist", &ObserverParams::twist)
+      .def_readwrite("push_drift", &ObserverParams::push_drift)
+      .def_readwrite("twist_drift", &ObserverParams::twist_drift);
+  py::class_<PredictiveParams>(module, "PredictiveParams", "Model predictive control.")
+      .def(py::init<>())
+      .def_readwrite("horizon", &PredictiveParams::horizon)
+      .def_readwrite("steps", &PredictiveParams::steps)
+      .def_readwrite("iterations", &PredictiveParams::iterations)
+      .def_readwrite("lost", &PredictiveParams::lost)
+      .def_readwrite("search_iterations", &PredictiveParams::search_iterations)
+      .def_readwrite("weights", &PredictiveParams::weights)
+      .def_readwrite("observer", &PredictiveParams::observer);
+  py::class_<PrbsParams>(module, "PrbsParams", "How a binary sequence is played.")
+      .def(py::init<>())
+      .def_readwrite("clock", &PrbsParams::clock)
+      .def_readwrite("duration", &PrbsParams::duration);
+  py::class_<ControllerChoice>(module, "ControllerChoice", "A controller by its name.")
+      .def(py::init<>())
+      .def_readwrite("kind", &ControllerChoice::kind)
+      .def_readwrite("gains", &ControllerChoice::gains)
+      .def_readwrite("predictive", &ControllerChoice::predictive)
+      .def_readwrite("prbs", &ControllerChoice::prbs)
+      .def_readwrite("prbs_seed", &ControllerChoice::prbs_seed);
+  module.def("controller_names", &controllerNames);
   py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
-      .def_readwrite("gains", &TrackingParams::gains)
+      .def_readwrite("controller", &TrackingParams::controller)
+      .def_readwrite("estimate", &TrackingParams::estimate)
       .def_readwrite("rate", &TrackingParams::rate)
       .def_readwrite("start", &TrackingParams::start)
       .def_readwrite("lift", &TrackingParams::lift)
@@ -296,8 +356,9 @@ PYBIND11_MODULE(_core, module) {
       },
       py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"),
-      "The same with the tracking controller in the loop; besides, references (time, p, p_dot, "
-      "p_ddot, p_dddot) and why it stopped early, empty when it did not.");
+      "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
+      "p_dddot), decisions (time, left, right, processor time) and why it stopped early, empty "
+      "when it did not.");
 
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");

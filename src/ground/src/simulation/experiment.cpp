@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -59,42 +60,45 @@ class Player : public Driver {
   std::size_t next_ = 0;  ///< first command that has not been issued
 };
 
-/// The life of nodelets MocapState, Controller and TrajectoryTracking, without their clocks.
+/// Processor time of this thread [s]: what else the machine does is no part of it.
+double processorTime() {
+  timespec time;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+/// The life of nodelets MocapState and Controller, without their clocks.
 class Tracker : public Driver {
  public:
-  Tracker(const Body<double>& believed, const TrackingParams& params, ExperimentLog& log)
-      : law_(believed),
+  Tracker(const Model& believed, const TrackingParams& params, ExperimentLog& log)
+      : controller_(makeController(believed, params.controller)),
+        input_max_(believed.body.input_max),
         params_(params),
         reference_(makeReference(params.reference)),
         estimator_(makeKalmanEstimator(params.estimator)),
         log_(log) {}
 
   void see(const MocapFrame& frame) override {
-    const StateEstimate& estimate = estimator_->update(frame.captured, frame.eta);
-    if (!estimate.used && (estimate.ignored || estimate.valid)) return;
+    if (params_.estimate) {
+      const StateEstimate& estimate = estimator_->update(frame.captured, frame.eta);
+      if (!estimate.used && (estimate.ignored || estimate.valid)) return;
+      state_ = {estimate.eta, estimate.nu};
+    } else {
+      const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(), [&](const auto& t) {
+        return t.time <= frame.captured;
+      });
+      state_ = truth->state;
+    }
     stamp_ = frame.captured;
     fresh_ = true;
   }
 
   std::optional<Command> act(double now) override {
-    const bool fresh = std::exchange(fresh_, false);
-    const std::string problem = stateProblem(now);
-    if (phase_ == Phase::kWaiting && now >= kPatience + params_.start)
-      return finish(now, "there was no valid state to start with");
-    if (phase_ == Phase::kWaiting && now >= params_.start && problem.empty())
-      return enter(Phase::kLifting, now);
-    if ((phase_ == Phase::kLifting || phase_ == Phase::kRunning) && !problem.empty())
-      return finish(now, problem);
-    if (phase_ == Phase::kLifting && now >= since_ + params_.lift_time) {
-      phase_ = Phase::kRunning;
-      since_ = now;
-    }
-    if (phase_ == Phase::kRunning) {
-      if (now >= since_ + params_.duration) return finish(now, "");
-      return fresh ? control(now) : std::nullopt;
-    }
-    if (now < keepalive_) return std::nullopt;
-    return idle(now);
+    const std::optional<Command> command = choose(now);
+    if (command)
+      controller_->commanded(now, input_max_ * Vector2<double>(command->left, command->right),
+                             command->lift);
+    return command;
   }
 
   double wakesAt() const override {
@@ -116,9 +120,30 @@ class Tracker : public Driver {
  private:
   enum class Phase { kWaiting, kLifting, kRunning, kFinished };
 
+  std::optional<Command> choose(double now) {
+    const bool fresh = std::exchange(fresh_, false);
+    const std::string problem = stateProblem(now);
+    if (phase_ == Phase::kWaiting && now >= kPatience + params_.start)
+      return finish(now, "there was no valid state to start with");
+    if (phase_ == Phase::kWaiting && now >= params_.start && problem.empty())
+      return enter(Phase::kLifting, now);
+    if ((phase_ == Phase::kLifting || phase_ == Phase::kRunning) && !problem.empty())
+      return finish(now, problem);
+    if (phase_ == Phase::kLifting && now >= since_ + params_.lift_time) {
+      phase_ = Phase::kRunning;
+      since_ = now;
+    }
+    if (phase_ == Phase::kRunning) {
+      if (now >= since_ + params_.duration) return finish(now, "");
+      return fresh ? control(now) : std::nullopt;
+    }
+    if (now < keepalive_) return std::nullopt;
+    return idle(now);
+  }
+
   std::string stateProblem(double now) const {
     const StateEstimate& estimate = estimator_->estimate();
-    if (!estimate.valid) return std::string("the state is invalid: ") + estimate.status;
+    if (params_.estimate && !estimate.valid) return std::string("the state is invalid: ") + estimate.status;
     if (now >= stamp_ + kStateTimeout) return "the state is stale";
     return "";
   }
@@ -146,16 +171,18 @@ class Tracker : public Driver {
     if (last_update_ && stamp_ - *last_update_ < 0.9 / params_.rate) return std::nullopt;
     if (!last_update_) reference_start_ = stamp_;
     last_update_ = stamp_;
-    const StateEstimate& estimate = estimator_->estimate();
-    const ReferencePoint point = reference_->at(stamp_ - reference_start_);
-    const Vector2<double> inputs =
-        law_.run({estimate.eta, estimate.nu}, point, params_.gains).inputs / law_.inputMax();
-    if (!inputs.allFinite()) return finish(now, "the command is not finite");
-    log_.references.push_back({stamp_, point});
+    const double before = processorTime();
+    const Vector2<double> thrusters = controller_->decide(
+        {now, stamp_, state_, reference_.get(), reference_start_, params_.lift});
+    log_.decisions.push_back({now, thrusters, processorTime() - before});
+    if (!thrusters.allFinite()) return finish(now, "the command is not finite");
+    log_.references.push_back({stamp_, reference_->at(stamp_ - reference_start_)});
+    const Vector2<double> inputs = thrusters / input_max_;
     return Command{now, inputs.x(), inputs.y(), params_.lift};
   }
 
-  TrackingLaw law_;
+  std::unique_ptr<TrackingController> controller_;
+  double input_max_;
   TrackingParams params_;
   ReferencePtr reference_;
   std::unique_ptr<VelocityEstimator> estimator_;
@@ -164,6 +191,7 @@ class Tracker : public Driver {
   double since_ = 0;                                         ///< start of the phase [s]
   double keepalive_ = 0;                                     ///< next repeated command [s]
   double stamp_ = -std::numeric_limits<double>::infinity();  ///< of the newest state [s]
+  RigidState<double> state_;                                 ///< the newest
   bool fresh_ = false;                                       ///< it has not been acted upon
   std::optional<double> last_update_;                        ///< stamp of the state last used [s]
   double reference_start_ = 0;                               ///< [s]
@@ -222,7 +250,7 @@ std::string TrackingParams::validate() const {
   if (!within(lift_time, 0, 30)) return "lift_time must be between 0 and 30 s";
   if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
   if (!within(tail, 0, 3600)) return "tail must be between 0 and 3600 s";
-  const std::string wrong = gains.validate();
+  const std::string wrong = controller.validate();
   return wrong.empty() ? estimator.validate() : wrong;
 }
 
@@ -246,7 +274,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params) {
   require(tracking.validate());
   ExperimentLog log;
-  Tracker tracker(believed.body, tracking, log);
+  Tracker tracker(believed, tracking, log);
   run(model, tracker, params, log);
   return log;
 }

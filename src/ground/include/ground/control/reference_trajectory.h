@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "ground/model/types.h"
 
@@ -38,19 +39,33 @@ ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, doubl
 ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude,
                           double rate);
 
+/// Through `points` [m] at `times` [s], ascending, the first at 0: quintic spline, three times
+/// continuously differentiable in between. Stands still at the last point from then on.
+ReferencePtr makeSpline(const std::vector<double>& times,
+                        const std::vector<Vector2<double>>& points);
+/// Through `points` [m] by a spline over their distance, at `speed` [m/s]; smooth: the way is
+/// started and ended at rest, with `speed` as the peak.
+ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth);
+/// From a CSV file with a first line time,x,y (spline over time [s]) or x,y (waypoints), world_ned
+/// [m], moved by `origin`. Throws std::runtime_error that names file and line.
+ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
+                           bool smooth);
+
 /// A reference by its kind; each kind takes what it needs.
 struct ReferenceParams {
-  std::string kind = "circle";                       ///< circle, line, rhodonea or sinusoid
+  std::string kind = "circle";                       ///< circle, line, rhodonea, sinusoid or file
   Vector2<double> origin = Vector2<double>::Zero();  ///< centre or start, world_ned [m]
   double size = 2.0;                                 ///< radius or amplitude [m]
   double rate_of_turn = 0.6;                         ///< [rad/s]
   double petals = 1.5;                               ///< rhodonea: rate of the radius per turn
-  double speed = 0.5;                                ///< line, sinusoid [m/s]
+  double speed = 0.5;                                ///< line, sinusoid, waypoints [m/s]
   Vector2<double> end{2.5, 2.5};                     ///< line: world_ned [m]
-  bool smooth = true;                                ///< line: start and stop smoothly
+  bool smooth = true;  ///< line, waypoints of a file: start and stop smoothly
+  std::string file;    ///< CSV, see readReference
 };
 
-/// Throws std::invalid_argument when the kind is unknown or cannot be drawn with these numbers.
+/// Throws std::invalid_argument when the kind is unknown or cannot be drawn with these numbers,
+/// std::runtime_error when the file cannot be read.
 ReferencePtr makeReference(const ReferenceParams& params);
 
 }  // namespace ground

@@ -1,8 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <string>
 
-#include "ground/control/reference_trajectory.h"
+#include "ground/control/tracking_controller.h"
 #include "ground/model/dynamics.h"
 
 namespace ground {
@@ -45,6 +46,22 @@ class TrackingLaw {
 
  private:
   Body<double> body_;
+};
+
+/// The law as a controller: it takes the state for that of now.
+class BacksteppingControl : public TrackingController {
+ public:
+  BacksteppingControl(const Body<double>& body, const TrackingGains& gains)
+      : law_(body), gains_(gains) {}
+  void setGains(const TrackingGains& gains) { gains_ = gains; }
+  Vector2<double> decide(const Observation& seen) override {
+    const double t = std::max(0.0, seen.stamp - seen.reference_start);
+    return law_.run(seen.state, seen.reference->at(t), gains_).inputs;
+  }
+
+ private:
+  TrackingLaw law_;
+  TrackingGains gains_;
 };
 
 }  // namespace ground

@@ -15,6 +15,7 @@ namespace ground {
 struct GroundLinkParams {
   double command_timeout = 0.2;  ///< oldest command that is still obeyed [s]
   double state_timeout = 0.2;    ///< oldest state with which the craft may be driven [s]
+  double recovery_time = 0.0;    ///< without a state that zero packets bridge before a fault [s]
   double keepalive_rate = 50.0;  ///< packets per second when nothing new comes [Hz]
   double peer_timeout = 2.0;     ///< silence after which a craft may come back on another port [s]
   double send_timeout = 0.2;     ///< longest that the system may refuse to send while armed [s]
@@ -28,7 +29,8 @@ struct GroundLinkParams {
 /// DISARMED sends zero packets; ARMED sends commands, each at once and again at the keepalive rate;
 /// FAULT sends zero packets and stays until disarmed by hand. ARMED is entered only with a known
 /// craft, a fresh valid state and a fresh zero command of a single controller, and left for FAULT
-/// as soon as commands or state are stale, the state is invalid, or packets cannot be sent. All
+/// as soon as commands are stale or packets cannot be sent, and when the state is stale or invalid
+/// for recovery_time; until then zero packets go out, and the commands again when it is back. All
 /// times are those of one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
@@ -85,6 +87,7 @@ class GroundLink {
   bool isCraft(double now, const UdpAddress& from, bool telemetry);
   void refuse(const std::string& why, bool of_controller);
   void watch(double now);
+  std::string stateProblem(double now) const;
   void enter(State state, const std::string& reason);
   void fault(double now, const std::string& reason);
   void transmit(double now);
@@ -108,6 +111,7 @@ class GroundLink {
   double clash_until_;           ///< when a second controller may be taken to have gone
   std::string clash_;
   double state_until_;  ///< when the state becomes stale
+  double lost_since_;   ///< when the state was lost while armed; never when it is there
   bool state_valid_ = false;
   std::string state_problem_;
   std::string refusal_;

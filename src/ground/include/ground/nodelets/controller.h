@@ -24,6 +24,7 @@ struct ControllerParams {
   double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
   double lift_time = 1.0;      ///< lift alone before the thrusters start [s]
   double state_timeout = 0.2;  ///< oldest state with which to drive [s]
+  double recovery_time = 0.0;  ///< without a state that zero thrust bridges before a stop [s]
   double rate = 50.0;          ///< of closed-loop control [Hz]
 };
 
@@ -32,8 +33,8 @@ struct ControllerParams {
 ///
 /// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED.
 /// Zero inputs go out in every state but LIFTING and RUNNING. It stops itself when the state is
-/// stale or invalid, when the sender disarms, when time jumps back and when a command is not
-/// finite.
+/// stale or invalid for recovery_time (until then thrust is zero), when the sender disarms, when
+/// time jumps back and when state or command are not finite.
 ///
 /// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
 /// sender/status. Publishes: controls, ~status (latched). Services: ~start, ~stop.
@@ -55,6 +56,11 @@ class Controller : public nodelet::Nodelet {
   virtual Vector2<double> update(double elapsed, const ros::Time& stamp,
                                  const RigidState<double>& state) = 0;
   virtual bool finished(double elapsed) const = 0;
+  /// Every command that goes out: left, right, lift, 0..1.
+  virtual void published(const ros::Time& /*stamp*/, double /*left*/, double /*right*/,
+                         double /*lift*/) {}
+  /// What whoever starts it should know; empty when nothing.
+  virtual std::string caution() const { return ""; }
   /// When an open-loop controller changes its inputs next, seconds since RUNNING began; a
   /// closed-loop one is driven by the state instead, at most at `rate`.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
@@ -82,6 +88,8 @@ class Controller : public nodelet::Nodelet {
   void begin(const ros::Time& stamp);
   void control(const ros::Time& stamp);
   std::string stateProblem() const;
+  bool stateIsFinite() const;
+  bool bridge(double now, const std::string& problem);
   void publish(double left, double right, double lift);
   void publishStatus();
 
@@ -95,6 +103,7 @@ class Controller : public nodelet::Nodelet {
   ground_msgs::State::ConstPtr measured_;
   double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
   ros::Time lifting_since_, running_since_, last_update_;
+  double lost_since_ = 0;  ///< when the state was lost while RUNNING, 0 while it is there
   double next_keepalive_ = 0, next_status_ = 0;  ///< steady clock [s]
   ros::Publisher controls_, status_;
   ros::Subscriber state_subscriber_, sender_subscriber_;

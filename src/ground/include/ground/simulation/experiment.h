@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "ground/control/controllers.h"
 #include "ground/control/reference_trajectory.h"
-#include "ground/control/tracking_law.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/simulation/room.h"
 
@@ -17,12 +17,13 @@ struct ExperimentParams {
   unsigned long seed = 1;  ///< of the mocap's noise and losses
 };
 
-/// The tracking controller as the nodelets run it: lift alone first, then the law at `rate` on the
-/// states that the estimator makes of the delivered frames.
+/// A controller as the nodelets run it: lift alone first, then decisions at `rate` on the states
+/// that the estimator makes of the delivered frames.
 struct TrackingParams {
   ReferenceParams reference;
-  TrackingGains gains;
+  ControllerChoice controller;
   EstimatorParams estimator;
+  bool estimate = true;    ///< otherwise the true states at the frames' captures are known
   double rate = 50.0;      ///< of control [Hz]
   double start = 0.5;      ///< lift on, or later when there is no valid state yet [s]
   double lift = 1.0;       ///< input of the lift fan, 0..1
@@ -44,6 +45,11 @@ struct ExperimentLog {
     RigidState<double> state;
     Vector3<double> nu_dot;  ///< body [m/s^2, m/s^2, rad/s^2]
   };
+  struct Decision {
+    double time;               ///< [s]
+    Vector2<double> thrusters;  ///< inputs, in the model's units
+    double computing;          ///< time of the processor that it took [s]
+  };
   struct Reference {
     double time;  ///< stamp of the state that was compared with it [s]
     ReferencePoint point;
@@ -53,6 +59,7 @@ struct ExperimentLog {
   std::vector<Command> commands;
   std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
   std::vector<Reference> references;  ///< when tracking
+  std::vector<Decision> decisions;    ///< when tracking
   std::string stopped;  ///< why the controller stopped before its end; empty when it did not
 };
 
@@ -63,7 +70,7 @@ struct ExperimentLog {
 ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
                            const ExperimentParams& params);
 
-/// Tracks a reference with the controller that believes in `believed`. The log ends early when the
+/// Tracks a reference with a controller that believes in `believed`. The log ends early when the
 /// controller stops itself: without a valid state for 0.2 s, as the nodelet does. Throws alike.
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params);

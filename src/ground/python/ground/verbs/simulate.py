@@ -169,7 +169,7 @@ def configure(parser):
     )
     tracking.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
     _add_numbers(tracking, REFERENCE, defaults.reference)
-    _add_numbers(tracking, GAINS, defaults.gains)
+    _add_numbers(tracking, GAINS, defaults.controller.gains)
     _add_numbers(tracking, CONTROL, defaults)
     tracking.add_argument(
         "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
@@ -248,7 +248,7 @@ def _tracking(arguments):
     _filled(params, CONTROL, arguments)
     for name, value in _given(arguments, LIFT).items():
         setattr(params, name, value)
-    _filled(params.gains, GAINS, arguments)
+    _filled(params.controller.gains, GAINS, arguments)
     reference = _filled(params.reference, REFERENCE, arguments)
     reference.smooth = not arguments.sharp
     for name, value in _given(arguments, ["origin", "end"]).items():

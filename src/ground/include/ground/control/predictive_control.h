@@ -1,0 +1,68 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "ground/control/tracking_controller.h"
+#include "ground/control/trajectory_optimizer.h"
+#include "ground/estimation/disturbance_observer.h"
+
+namespace ground {
+
+/// How far to look ahead, what to want, and how long to think.
+struct PredictiveParams {
+  double horizon = 2.0;        ///< [s]
+  int steps = 40;              ///< of the horizon
+  int iterations = 4;          ///< most improvements of the plan in one decision
+  double lost = 0.02;          ///< error of a plan beyond which others are tried, too, rms [m]
+  int search_iterations = 12;  ///< most improvements of other plans in one decision
+  PlanWeights weights;
+  ObserverParams observer;
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// Nonlinear model predictive control with the whole model, effects included.
+///
+/// An observer estimates velocity and the acceleration that the model lacks, so that a wrong model
+/// leaves no lasting error; it also foretells the state at which the inputs will act, which makes up
+/// for latency, delay and lag. A plan is carried on from decision to decision and improved a few
+/// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that
+/// turn it left or right first are tried. Work in one decision is bounded and allocates nothing; a
+/// decision that is not finite is to cut the thrust.
+class PredictiveControl : public TrackingController {
+ public:
+  /// Throws std::invalid_argument when parameters are bad or the model has too many actuator states.
+  PredictiveControl(const Model& model, const PredictiveParams& params);
+
+  /// Takes effect with the next decision; allocates when the horizon changes. Throws alike.
+  void setParams(const PredictiveParams& params);
+  void reset() override;
+  void commanded(double time, const Vector2<double>& thrusters, double lift) override;
+  Vector2<double> decide(const Observation& observation) override;
+
+  /// Of the last decision.
+  const DisturbanceObserver::Estimate& estimate() const { return start_; }
+  const TrajectoryOptimizer& plan() const { return *plan_; }
+  int improvements() const { return improvements_; }
+
+ private:
+  void carryOn(double time);
+  void search();
+  void seed(int number);
+
+  Model model_;
+  PredictiveParams params_;
+  double input_max_, quarter_turn_;  ///< [s] that a quarter turn from rest takes
+  DisturbanceObserver observer_;
+  std::unique_ptr<TrajectoryOptimizer> plan_, other_;
+  std::vector<ReferencePoint> references_;
+  DisturbanceObserver::Estimate start_;
+  bool has_plan_ = false;
+  double plan_time_ = 0;  ///< at which the plan begins [s]
+  int next_seed_ = 0;
+  int improvements_ = 0;
+};
+
+}  // namespace ground

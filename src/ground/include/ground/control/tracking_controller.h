@@ -1,0 +1,30 @@
+#pragma once
+
+#include "ground/control/reference_trajectory.h"
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// What a controller decides upon.
+struct Observation {
+  double now = 0;            ///< when the command will be given [s]
+  double stamp = 0;          ///< when the state was measured, at most `now` [s]
+  RigidState<double> state;  ///< as measured
+  const ReferenceTrajectory* reference = nullptr;
+  double reference_start = 0;  ///< time at which the reference begins [s]
+  double lift = 1;             ///< input of the lift fan, 0..1
+};
+
+/// Follows a reference: state in, inputs out. One thread at a time.
+class TrackingController {
+ public:
+  virtual ~TrackingController() = default;
+  /// Forgets what happened so far.
+  virtual void reset() {}
+  /// Every command that went out, whoever gave it; in order of time [s], in the model's units.
+  virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}
+  /// Inputs left, right, in the model's units, inside 0..input_max; not finite when it is at a loss.
+  virtual Vector2<double> decide(const Observation& observation) = 0;
+};
+
+}  // namespace ground

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "ground/control/reference_trajectory.h"
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// What a plan costs, by the state at the end of each of its steps and by its inputs. The weights
+/// compare with that of the position error, which is 1 per m^2.
+struct PlanWeights {
+  double velocity = 0.1;     ///< of the velocity error [s^2]
+  double input = 1e-5;       ///< of the inputs, of full scale [m^2]
+  double turning = 1e-3;     ///< of the difference of the inputs, of full scale [m^2]
+  double end_position = 10;  ///< of the position error at the end, as often as along the way
+  double end_velocity = 1;   ///< of the velocity error at the end [s^2]
+};
+
+/// Plans the inputs of a craft over a horizon: iterative linear-quadratic regulator with bounds on
+/// the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming, 2014),
+/// Gauss-Newton, with exact derivatives of the model. Everything is allocated at construction.
+class TrajectoryOptimizer {
+ public:
+  static constexpr int kActuators = 2;  ///< most states of actuators
+  static constexpr int kStates = 6 + kActuators;
+  static constexpr int kMostSteps = 200;
+  using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, actuators
+
+  /// Steps are `step` [s] long. Throws std::invalid_argument when the model has too many actuator
+  /// states or the horizon is bad.
+  TrajectoryOptimizer(const Model& model, int steps, double step);
+  void setWeights(const PlanWeights& weights) { weights_ = weights; }
+
+  int steps() const { return static_cast<int>(inputs_.size()); }
+  double step() const { return step_; }
+
+  /// The problem: from `start` at run time t [s], with references at the end of every step, under
+  /// a constant acceleration that the model lacks (body; m/s^2, m/s^2, rad/s^2).
+  void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
+                  const std::vector<ReferencePoint>& references);
+  /// The plan's inputs left, right, in the model's units; to be followed by rollOut().
+  std::vector<Vector2<double>>& inputs() { return inputs_; }
+  const std::vector<Vector2<double>>& inputs() const { return inputs_; }
+  /// Follows the plan; its cost [m^2 s].
+  double rollOut();
+  /// One iteration; whether the cost fell.
+  bool improve();
+  double cost() const { return cost_; }
+  /// Root mean square of the position error along the plan [m].
+  double error() const;
+  const std::vector<State>& states() const { return states_; }  ///< start and after every step
+
+  /// The craft one step of h [s] on, under held inputs.
+  State advance(double t, const State& state, const Vector2<double>& input, double lift,
+                const Vector3<double>& missing, double h) const;
+
+ private:
+  using Square = Eigen::Matrix<double, kStates, kStates>;
+  using Drive = Eigen::Matrix<double, kStates, 2>;
+  using Gain = Eigen::Matrix<double, 2, kStates>;
+  struct Linear {
+    Square A;
+    Drive B;
+  };
+
+  void linearize(int k);
+  bool backward();
+  double stateCost(int k, const State& state) const;
+  double inputCost(const Vector2<double>& input) const;
+
+  Dynamics<double> dynamics_;
+  Dynamics<Jet> derivatives_;
+  int actuators_;
+  double input_max_;
+  PlanWeights weights_;
+  double step_;
+  double t_ = 0, lift_ = 1;
+  Vector3<double> missing_ = Vector3<double>::Zero();
+  std::vector<ReferencePoint> references_;
+  std::vector<Vector2<double>> inputs_, tried_inputs_, open_;
+  std::vector<State> states_, tried_states_;
+  std::vector<Linear> linear_;
+  std::vector<Gain> gains_;
+  double cost_ = 0;
+  double damping_ = 0;
+};
+
+}  // namespace ground

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// Noise that the observer reckons with; spectral densities are one-sided roots.
+struct ObserverParams {
+  double position_noise = 3e-4;  ///< of the measured x, y, 1 sigma [m]
+  double heading_noise = 5e-3;   ///< of the measured psi, 1 sigma [rad]
+  double push = 0.02;            ///< white acceleration, surge and sway [m/s^2/sqrt(Hz)]
+  double twist = 0.5;            ///< white acceleration, yaw [rad/s^2/sqrt(Hz)]
+  double push_drift = 0.1;       ///< of the missing acceleration, surge and sway [m/s^2/sqrt(s)]
+  double twist_drift = 1.0;      ///< the same, yaw [rad/s^2/sqrt(s)]
+  double max_gap = 1.0;          ///< between measurements, beyond which it starts anew [s]
+};
+
+/// Pose, velocity and the acceleration that the model lacks, from measured poses and from the
+/// commands that were given: an extended Kalman filter around the craft's own model, the missing
+/// acceleration a random walk in the body frame. Knows the model's delay and actuators, so that it
+/// also foretells the state at which a command of now will act. Nothing is allocated after
+/// construction.
+class DisturbanceObserver {
+ public:
+  static constexpr int kActuators = 2;  ///< most states of actuators
+
+  struct Estimate {
+    RigidState<double> state;
+    std::array<double, kActuators> actuators{};
+    Vector3<double> missing = Vector3<double>::Zero();  ///< body [m/s^2, m/s^2, rad/s^2]
+  };
+
+  /// Throws std::invalid_argument when the model has more than two actuator states.
+  DisturbanceObserver(const Model& model, const ObserverParams& params);
+
+  void setParams(const ObserverParams& params) { params_ = params; }
+  /// Forgets everything.
+  void reset();
+  /// A command, in the model's units, that was given at `time` [s]; ascending.
+  void command(double time, const Vector2<double>& thrusters, double lift);
+  /// What was measured at `time`; velocities are only looked at when it starts anew. Measurements
+  /// that are not newer than the last one are left out.
+  void measure(double time, const RigidState<double>& measured);
+  /// The estimate at `time`, at the last measurement or later.
+  Estimate at(double time) const;
+  /// Of the model's input [s].
+  double delay() const { return dynamics_.inputDelay(); }
+  double start() const { return start_; }  ///< time of the first measurement [s]
+
+ private:
+  using Vector9 = Eigen::Matrix<double, 9, 1>;
+  using Matrix9 = Eigen::Matrix<double, 9, 9>;
+  struct Command {
+    double time = 0;
+    Vector2<double> thrusters = Vector2<double>::Zero();
+    double lift = 0;
+  };
+
+  void begin(double time, const RigidState<double>& measured);
+  const Command& recent(std::size_t age) const;
+  /// Calls step(h, command) for the pieces of `from`..`until` over which the command is held.
+  template <typename Step>
+  void replay(double from, double until, Step step) const;
+  void predict(double until);
+  void correct(const Vector3<double>& eta);
+
+  Dynamics<double> dynamics_;
+  Dynamics<Jet> derivatives_;
+  ObserverParams params_;
+  std::array<Command, 128> commands_;  ///< a ring
+  std::size_t count_ = 0;              ///< of commands ever given
+  bool started_ = false;
+  double start_ = 0, time_ = 0;
+  Estimate estimate_;
+  Matrix9 covariance_;  ///< of eta, nu, missing
+};
+
+}  // namespace ground

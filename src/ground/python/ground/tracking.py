@@ -1,0 +1,183 @@
+"""A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ground import _core
+from ground.errors import IdentifyError
+
+SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
+AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
+# What the references of the thesis look like; window: from settled until the end [s].
+REFERENCES = {
+    "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
+    "line": (dict(speed=0.707, end=(2.5, 2.5), smooth=False), (0.0, 20.0)),
+    "rhodonea": (dict(size=1.5, petals=1.5, rate_of_turn=0.4), (20.0, 60.0)),
+    "sinusoid": (dict(speed=0.5, size=1.0, rate_of_turn=0.6), (20.0, 60.0)),
+}
+
+
+@dataclass
+class Task:
+    """A reference and the window in which errors count, [s] since the reference began."""
+
+    reference: object  # _core.ReferenceParams
+    settled: float
+    end: float
+
+    @property
+    def ends(self):
+        """Whether the reference comes to a stop."""
+        return self.reference.kind in ("line", "file")
+
+
+@dataclass
+class Conditions:
+    """What the loop has to cope with."""
+
+    noise: bool = False  # mocap as the simulator's, through the estimator; else the true state
+    delay: float = 0.0  # from measurement to command [s]
+    loss: float = 0.0  # share of mocap frames lost
+
+
+@dataclass
+class Tracked:
+    """One run. Arrays are over the frames; times since the reference began [s]."""
+
+    times: np.ndarray  # (n,)
+    eta: np.ndarray  # (n, 3) true x, y [m], psi [rad], world_ned
+    wanted: np.ndarray  # (n, 2) x, y [m]
+    decisions: np.ndarray  # (k, 4) time, left, right (0..1), processor time [s]
+    numbers: dict = field(default_factory=dict)
+
+    @property
+    def errors(self):
+        return np.hypot(*(self.eta[:, :2] - self.wanted).T)
+
+
+def task(kind, settled=None, end=None, **settings):
+    """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
+    are given."""
+    reference = _core.ReferenceParams()
+    if kind in REFERENCES:
+        defaults, window = REFERENCES[kind]
+        reference.kind = kind
+    else:
+        defaults, window = {}, None
+        reference.kind, reference.file = "file", kind
+    for name, value in {**defaults, **settings}.items():
+        setattr(reference, name, value)
+    if window is None:
+        window = (0.0, reference.extent() + 2 * AFTER_STOP)
+    return Task(
+        reference,
+        window[0] if settled is None else settled,
+        window[1] if end is None else end,
+    )
+
+
+def starts(count, seed, spread=SPREAD):
+    """(pose, velocity) of `count` starts, normally spread about rest at the origin."""
+    random = np.random.default_rng(seed)
+    return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
+
+
+def anywhere(count, seed, reach):
+    """(pose, velocity) of `count` starts at rest, within +-reach [m], any heading."""
+    random = np.random.default_rng(seed)
+    places = random.uniform(-1, 1, (count, 3)) * [reach, reach, np.pi]
+    return [(place, np.zeros(3)) for place in places]
+
+
+def run(truth, believed, controller, task, start=None, conditions=None, seed=1, rate=50.0):
+    """Tracks a Task once with a _core.ControllerChoice that believes in a model; gives a Tracked.
+
+    start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. Raises
+    IdentifyError when the motion is not finite or the controller stopped itself, ValueError on bad
+    parameters.
+    """
+    conditions = conditions or Conditions()
+    params = _core.TrackingParams()
+    params.reference, params.controller = task.reference, controller
+    params.rate, params.duration = rate, task.end
+    params.estimate = conditions.noise
+    params.start, params.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
+    controller.prbs.duration = task.end
+    mocap = _core.MocapParams()
+    mocap.loss = conditions.loss
+    mocap.latency = conditions.delay
+    if not conditions.noise:
+        mocap.rate, mocap.position_noise, mocap.heading_noise = rate, 0.0, 0.0
+    pose, velocity = (np.zeros(3), np.zeros(3)) if start is None else start
+    try:
+        log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+    if log["stopped"]:
+        raise IdentifyError("the controller stopped: %s" % log["stopped"])
+    return _tracked(log, task, believed.input_max)
+
+
+def _tracked(log, task, input_max):
+    began = log["references"][0, 0]
+    truth, decisions = log["truth"], log["decisions"]
+    times = truth[:, 0] - began
+    kept = times >= -1e-9
+    times = times[kept]
+    found = Tracked(
+        times,
+        truth[kept, 1:4],
+        task.reference.sample(times),
+        decisions * [1, 1 / input_max, 1 / input_max, 1] - [began, 0, 0, 0],
+    )
+    found.numbers = _numbers(found, task)
+    return found
+
+
+def _numbers(found, task):
+    errors = found.errors
+    counts = found.times >= task.settled - 1e-9
+    at_work = found.decisions[found.decisions[:, 0] >= task.settled - 1e-9]
+    inputs = at_work[:, 1:3]
+    at_bound = ((inputs <= 1e-9) | (inputs >= 1 - 1e-9)).any(axis=1)
+    saturated = found.decisions[
+        ((found.decisions[:, 1:3] <= 1e-9) | (found.decisions[:, 1:3] >= 1 - 1e-9)).any(axis=1), 0
+    ]
+    computing = 1e3 * found.decisions[:, 3]
+    numbers = {
+        "rms": float(np.sqrt(np.mean(errors[counts] ** 2))),
+        "max": float(errors[counts].max()),
+        "final": float(errors[-1]),
+        "saturated_fraction": float(at_bound.mean()),
+        "last_saturation": float(saturated[-1]) if len(saturated) else None,
+        "effort": float(np.mean(inputs**2)),
+        "compute_ms": {
+            "median": float(np.median(computing)),
+            "p999": float(np.quantile(computing, 0.999)),
+            "max": float(computing.max()),
+        },
+    }
+    if task.ends:
+        late = found.times >= task.reference.extent() + AFTER_STOP
+        numbers["after_stop_max"] = float(errors[late].max()) if late.any() else None
+    return numbers
+
+
+def in_parallel(calls):
+    """Results of calls without arguments, in their order, on all cores."""
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        return [future.result() for future in [pool.submit(call) for call in calls]]
+
+
+def many(truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0):
+    """The Tracked of every start, each with a seed of its own."""
+    return in_parallel(
+        [
+            lambda i=i, start=start: run(
+                truth, believed, controller, task, start, conditions, seed + i, rate
+            )
+            for i, start in enumerate(starts)
+        ]
+    )

@@ -1,0 +1,173 @@
+#include "ground/estimation/disturbance_observer.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace ground {
+namespace {
+
+constexpr double kLongestStep = 0.01;  // [s]
+
+}  // namespace
+
+DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
+    : dynamics_(model), derivatives_(model), params_(params) {
+  if (model.stateCount() > kActuators)
+    throw std::invalid_argument("a model with more than two actuator states cannot be observed");
+  reset();
+}
+
+void DisturbanceObserver::reset() {
+  count_ = 0;
+  started_ = false;
+  estimate_ = Estimate();
+}
+
+void DisturbanceObserver::command(double time, const Vector2<double>& thrusters, double lift) {
+  commands_[count_++ % commands_.size()] = {time, thrusters, lift};
+}
+
+const DisturbanceObserver::Command& DisturbanceObserver::recent(std::size_t age) const {
+  return commands_[(count_ - 1 - age) % commands_.size()];
+}
+
+template <typename Step>
+void DisturbanceObserver::replay(double from, double until, Step step) const {
+  static const Command none;
+  const std::size_t known = std::min(count_, commands_.size());
+  std::size_t age = 0;  // of the first command that acts after `from`
+  while (age < known && recent(age).time + delay() > from) ++age;
+  double now = from;
+  while (now < until) {
+    const Command& held = age < known ? recent(age) : none;
+    const double change = age > 0 ? recent(age - 1).time + delay() : until;
+    const double end = std::min(until, change);
+    const int pieces = std::max(1, static_cast<int>(std::ceil((end - now) / kLongestStep - 1e-9)));
+    for (int i = 0; i < pieces && end > now; ++i)
+      step(now + i * (end - now) / pieces, (end - now) / pieces, held);
+    now = end;
+    if (age > 0) --age;
+  }
+}
+
+void DisturbanceObserver::begin(double time, const RigidState<double>& measured) {
+  if (!started_) start_ = time;
+  started_ = true;
+  time_ = time;
+  estimate_.state = measured;
+  // The centre of the craft rather than what the mocap sees of it: Newton's method.
+  for (int i = 0; i < 5; ++i) {
+    RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
+    for (int j = 0; j < 3; ++j) {
+      state.eta(j).v(j) = 1;
+      state.nu(j).v(3 + j) = 1;
+    }
+    const Measurement<Jet> seen = derivatives_.measure(state);
+    Eigen::Matrix<double, 6, 6> J;
+    Eigen::Matrix<double, 6, 1> off;
+    for (int j = 0; j < 3; ++j) {
+      J.row(j) = seen.eta(j).v.head<6>().transpose();
+      J.row(3 + j) = seen.nu(j).v.head<6>().transpose();
+      off(j) = measured.eta(j) - seen.eta(j).a;
+      off(3 + j) = measured.nu(j) - seen.nu(j).a;
+    }
+    const Eigen::Matrix<double, 6, 1> change = J.partialPivLu().solve(off);
+    estimate_.state.eta += change.head<3>();
+    estimate_.state.nu += change.tail<3>();
+  }
+  Vector9 deviation;
+  deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05,
+      0.2, params_.push_drift, params_.push_drift, params_.twist_drift;
+  covariance_ = deviation.array().square().matrix().asDiagonal();
+}
+
+void DisturbanceObserver::measure(double time, const RigidState<double>& measured) {
+  if (started_ && time <= time_) return;
+  if (!started_ || time - time_ > params_.max_gap) {
+    begin(time, measured);
+    return;
+  }
+  predict(time);
+  correct(measured.eta);
+}
+
+void DisturbanceObserver::predict(double until) {
+  // Derivatives by psi, nu and the missing acceleration; what the motion may owe to the place is
+  // left out of them.
+  constexpr int kPsi = 0, kNu = 1, kMissing = 4;
+  RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
+  Vector3<Jet> missing = estimate_.missing.cast<Jet>();
+  std::array<Jet, kActuators> actuators;
+  for (std::size_t i = 0; i < actuators.size(); ++i) actuators[i] = Jet(estimate_.actuators[i]);
+  state.eta.z().v(kPsi) = 1;
+  for (int i = 0; i < 3; ++i) {
+    state.nu(i).v(kNu + i) = 1;
+    missing(i).v(kMissing + i) = 1;
+  }
+  replay(time_, until, [&](double t, double h, const Command& c) {
+    const Jet half(h / 2);
+    const StepInputs<Jet> acting =
+        derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), actuators.data());
+    state.nu += half * missing;
+    state = derivatives_.step<true>(Jet(t - start_), state, acting, h);
+    state.nu += half * missing;
+  });
+  Matrix9 F = Matrix9::Identity();
+  for (int i = 0; i < 3; ++i) {
+    estimate_.state.eta(i) = state.eta(i).a;
+    estimate_.state.nu(i) = state.nu(i).a;
+    F.row(i).tail<7>() = state.eta(i).v.head<7>().transpose();
+    F.row(3 + i).tail<7>() = state.nu(i).v.head<7>().transpose();
+  }
+  for (std::size_t i = 0; i < actuators.size(); ++i) estimate_.actuators[i] = actuators[i].a;
+  const double h = until - time_;
+  time_ = until;
+  Vector9 noise = Vector9::Zero();
+  noise.segment<6>(3) << params_.push, params_.push, params_.twist, params_.push_drift,
+      params_.push_drift, params_.twist_drift;
+  covariance_ = (F * covariance_ * F.transpose()).eval();
+  covariance_.diagonal() += h * noise.array().square().matrix();
+}
+
+void DisturbanceObserver::correct(const Vector3<double>& eta) {
+  RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
+  for (int i = 0; i < 3; ++i) state.eta(i).v(i) = 1;
+  const Measurement<Jet> seen = derivatives_.measure(state);
+  Eigen::Matrix<double, 3, 9> H = Eigen::Matrix<double, 3, 9>::Zero();
+  Vector3<double> off;
+  for (int i = 0; i < 3; ++i) {
+    H.row(i).head<3>() = seen.eta(i).v.head<3>().transpose();
+    off(i) = eta(i) - seen.eta(i).a;
+  }
+  off.z() = wrapAngle(off.z());
+  const Vector3<double> noise(params_.position_noise, params_.position_noise,
+                              params_.heading_noise);
+  Matrix3<double> S = H * covariance_ * H.transpose();
+  S.diagonal() += noise.array().square().matrix();
+  const Eigen::Matrix<double, 9, 3> K = S.llt().solve(H * covariance_).transpose();
+  const Vector9 change = K * off;
+  estimate_.state.eta += change.head<3>();
+  estimate_.state.nu += change.segment<3>(3);
+  estimate_.missing += change.tail<3>();
+  // Joseph's form keeps it symmetric and positive.
+  const Matrix9 rest = Matrix9::Identity() - K * H;
+  covariance_ = (rest * covariance_ * rest.transpose() +
+                 K * noise.array().square().matrix().asDiagonal() * K.transpose())
+                    .eval();
+}
+
+DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
+  Estimate at = estimate_;
+  replay(time_, time, [&](double t, double h, const Command& c) {
+    const StepInputs<double> acting =
+        dynamics_.actuate(c.thrusters, c.lift, h, at.actuators.data());
+    at.state.nu += h / 2 * at.missing;
+    at.state = dynamics_.step<true>(t - start_, at.state, acting, h);
+    at.state.nu += h / 2 * at.missing;
+  });
+  return at;
+}
+
+}  // namespace ground

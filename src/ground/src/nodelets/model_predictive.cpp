@@ -1,0 +1,49 @@
+#include <ground/ModelPredictiveConfig.h>
+
+#include <pluginlib/class_list_macros.hpp>
+
+#include "ground/control/predictive_control.h"
+#include "ground/nodelets/reference_tracking.h"
+
+namespace ground {
+
+/// Tracks a reference by nonlinear model predictive control on the whole model, effects included;
+/// parameters as ReferenceTracking, and horizon, weights and the observer's noise.
+class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
+ public:
+  ~ModelPredictive() override { shutdown(); }
+
+ private:
+  using Config = ModelPredictiveConfig;
+
+  static PredictiveParams params(const Config& c) {
+    PredictiveParams p;
+    p.horizon = c.horizon;
+    p.steps = c.steps;
+    p.iterations = c.iterations;
+    p.search_iterations = c.search_iterations;
+    p.lost = c.lost;
+    p.weights = {c.velocity, c.input, c.turning, c.end_position, c.end_velocity};
+    p.observer.position_noise = c.position_noise;
+    p.observer.heading_noise = c.heading_noise;
+    p.observer.push = c.push;
+    p.observer.twist = c.twist;
+    p.observer.push_drift = c.push_drift;
+    p.observer.twist_drift = c.twist_drift;
+    return p;
+  }
+
+  std::unique_ptr<TrackingController> make(const Model& model, const Config& c) override {
+    auto control = std::make_unique<PredictiveControl>(model, params(c));
+    control_ = control.get();
+    return control;
+  }
+  std::string check(const Config& c) const override { return params(c).validate(); }
+  void tune(const Config& c) override { control_->setParams(params(c)); }
+
+  PredictiveControl* control_ = nullptr;  ///< of the base
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::ModelPredictive, nodelet::Nodelet)
