@@ -1,4 +1,4 @@
-"""The identification tool's command line: rosrun ground identify VERB."""
+"""The command lines: rosrun ground identify VERB, and programs of one verb, rosrun ground track."""
 import argparse
 import json
 import os
@@ -9,15 +9,26 @@ from ground.errors import IdentifyError
 
 
 def main(argv=None):
-    """Runs one verb; exit status 0 done, 1 could not, 2 bad usage."""
+    """Runs one verb of identify; exit status 0 done, 1 could not, 2 bad usage."""
     arguments = _parser().parse_args(argv)
+    return _run("identify " + arguments.verb, arguments)
+
+
+def program(verb, argv=None):
+    """Runs a program that has this verb only; exit status alike."""
+    parser = argparse.ArgumentParser(prog=verb.NAME, description=verb.SUMMARY)
+    _configure(parser, verb)
+    return _run(verb.NAME, parser.parse_args(argv))
+
+
+def _run(name, arguments):
     try:
         result = arguments.run(arguments)
     except IdentifyError as error:
-        print("identify %s: %s" % (arguments.verb, error), file=sys.stderr)
+        print("%s: %s" % (name, error), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("identify %s: interrupted" % arguments.verb, file=sys.stderr)
+        print("%s: interrupted" % name, file=sys.stderr)
         return 1
     except BrokenPipeError:
         return _nobody_reads()
@@ -45,7 +56,11 @@ def _parser():
     subparsers.required = True
     for verb in verbs.ALL:
         sub = subparsers.add_parser(verb.NAME, help=verb.SUMMARY, description=verb.SUMMARY)
-        sub.set_defaults(run=verb.run)
-        sub.add_argument("--json", action="store_true", help="print the result as JSON")
-        verb.configure(sub)
+        _configure(sub, verb)
     return parser
+
+
+def _configure(parser, verb):
+    parser.set_defaults(run=verb.run)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    verb.configure(parser)

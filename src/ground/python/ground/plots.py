@@ -91,6 +91,60 @@ def error_fall(path, report, force=False):
     _save(figure, path, force)
 
 
+def tracked(path, run, task, result, force=False):
+    """Path, error and inputs of a tracking.Tracked, with its numbers in the title."""
+    figure = plt.figure(figsize=(13, 6.5))
+    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.4], hspace=0.12, wspace=0.18)
+    axis = figure.add_subplot(grid[:, 0])
+    axis.plot(run.wanted[:, 1], run.wanted[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference")
+    axis.plot(run.eta[:, 1], run.eta[:, 0], color=MEASURED, lw=1, label="craft")
+    every = max(1, len(run.eta) // 24)
+    heading = run.eta[::every]
+    axis.quiver(
+        heading[:, 1],
+        heading[:, 0],
+        np.sin(heading[:, 2]),
+        np.cos(heading[:, 2]),
+        color=MODELS[0],
+        scale=28,
+        width=0.004,
+        label="heading",
+        zorder=3,
+    )
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("y [m] (world_ned)")
+    axis.set_ylabel("x [m] (world_ned)")
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+    error = figure.add_subplot(grid[0, 1])
+    error.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
+    error.axvspan(task.settled, task.end, color=MODELS[2], alpha=0.12, label="counts")
+    error.set_ylabel("error [m]")
+    error.tick_params(labelbottom=False)
+    error.legend(fontsize=8)
+    error.grid(alpha=0.3)
+    inputs = figure.add_subplot(grid[1, 1], sharex=error)
+    for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
+        inputs.step(
+            run.decisions[:, 0], run.decisions[:, column], where="post", color=color, lw=0.7, label=label
+        )
+    inputs.set_ylabel("input [-]")
+    inputs.set_xlabel("time since the reference began [s]")
+    inputs.legend(fontsize=8, loc="upper right")
+    inputs.grid(alpha=0.3)
+    figure.suptitle(
+        "%s, %s: error %s m rms, saturated %.0f%% of the time"
+        % (
+            result["controller"],
+            result["reference"],
+            number(run.numbers["rms"]),
+            100 * run.numbers["saturated_fraction"],
+        ),
+        fontsize=11,
+    )
+    _save(figure, path, force)
+
+
 def _draw_commands(axis, study):
     run = study["run"]
     times, inputs = np.array(run.times), run.inputs

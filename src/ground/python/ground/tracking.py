@@ -95,16 +95,16 @@ def run(truth, believed, controller, task, start=None, conditions=None, seed=1, 
     """Tracks a Task once with a _core.ControllerChoice that believes in a model; gives a Tracked.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. Raises
-    IdentifyError when the motion is not finite or the controller stopped itself, ValueError on bad
-    parameters.
+    IdentifyError when the motion is not finite, ValueError on bad parameters. A controller that
+    stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
+    controller.prbs.duration = task.end
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
     params.rate, params.duration = rate, task.end
     params.estimate = conditions.noise
     params.start, params.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
-    controller.prbs.duration = task.end
     mocap = _core.MocapParams()
     mocap.loss = conditions.loss
     mocap.latency = conditions.delay
@@ -115,9 +115,10 @@ def run(truth, believed, controller, task, start=None, conditions=None, seed=1, 
         log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
     except RuntimeError as error:
         raise IdentifyError(str(error))
+    found = _tracked(log, task, believed.input_max)
     if log["stopped"]:
-        raise IdentifyError("the controller stopped: %s" % log["stopped"])
-    return _tracked(log, task, believed.input_max)
+        found.numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"])
+    return found
 
 
 def _tracked(log, task, input_max):
@@ -147,12 +148,13 @@ def _numbers(found, task):
     ]
     computing = 1e3 * found.decisions[:, 3]
     numbers = {
-        "rms": float(np.sqrt(np.mean(errors[counts] ** 2))),
-        "max": float(errors[counts].max()),
+        "rms": float(np.sqrt(np.mean(errors[counts] ** 2))) if counts.any() else np.inf,
+        "max": float(errors[counts].max()) if counts.any() else np.inf,
         "final": float(errors[-1]),
-        "saturated_fraction": float(at_bound.mean()),
+        "saturated_fraction": float(at_bound.mean()) if len(at_work) else 1.0,
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
-        "effort": float(np.mean(inputs**2)),
+        "effort": float(np.mean(inputs**2)) if len(at_work) else 0.0,
+        "stopped": None,
         "compute_ms": {
             "median": float(np.median(computing)),
             "p999": float(np.quantile(computing, 0.999)),
@@ -181,3 +183,44 @@ def many(truth, believed, controller, task, starts, conditions=None, seed=1, rat
             for i, start in enumerate(starts)
         ]
     )
+
+
+def perturbed(model, factors):
+    """The model with parameters multiplied by factors, {name: factor}."""
+    moved = model.copy()
+    for name, factor in factors.items():
+        moved.set_value(name, moved.value(name) * factor)
+    return moved
+
+
+def pooled(runs):
+    """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
+    numbers = [r.numbers for r in runs]
+    computing = 1e3 * np.concatenate([r.decisions[:, 3] for r in runs])
+    result = {
+        name: float(np.median([n[name] for n in numbers]))
+        for name in ("rms", "max", "final", "saturated_fraction", "effort")
+    }
+    last = [n["last_saturation"] for n in numbers if n["last_saturation"] is not None]
+    result["last_saturation"] = float(np.median(last)) if last else None
+    late = [n.get("after_stop_max") for n in numbers]
+    if None not in late:
+        result["after_stop_max"] = float(np.median(late))
+    result["compute_ms"] = {
+        "median": float(np.median(computing)),
+        "p999": float(np.quantile(computing, 0.999)),
+        "max": float(computing.max()),
+    }
+    errors = [n["rms"] for n in numbers]
+    result["rms_quantiles"] = {
+        "p05": _quantile(errors, 0.05),
+        "median": _quantile(errors, 0.5),
+        "p95": _quantile(errors, 0.95),
+    }
+    result["stopped"] = sum(n["stopped"] is not None for n in numbers)
+    return result
+
+
+def _quantile(values, share):
+    """A value that was measured, which an endless one does not spoil."""
+    return float(np.sort(values)[int(share * (len(values) - 1) + 0.5)])

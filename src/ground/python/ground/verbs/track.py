@@ -1,0 +1,219 @@
+"""track: a controller in closed loop with a simulated craft."""
+import argparse
+
+import numpy as np
+
+from ground import _core, files, gains, plots, tracking
+from ground.errors import IdentifyError
+from ground.verbs import common
+
+NAME = "track"
+SUMMARY = "drives a simulated craft along a reference, without ROS running and faster than real time"
+
+DETAILS = """
+references, by default as in the thesis:
+  circle      of radius --size, at --rate-of-turn (2 m, 0.6 rad/s)
+  line        from --origin to --end at --speed, then stop ((0, 0), (2.5, 2.5) m, 0.707 m/s);
+              --smooth starts and stops it three times differentiably
+  rhodonea    rose curve: --size, --petals, --rate-of-turn (1.5 m, 1.5, 0.4 rad/s)
+  sinusoid    along x at --speed, amplitude --size, --rate-of-turn (0.5 m/s, 1 m, 0.6 rad/s)
+  FILE.csv    spline through time,x,y, or through waypoints x,y at --speed
+
+Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
+--noise the controller knows the true state at its rate; with it, what mocap_state makes of a
+mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
+With --starts N the craft starts N times, each time a little elsewhere, and medians are given.
+"""
+
+REFERENCE = [
+    ("--size", "size", common.positive, "M"),
+    ("--rate-of-turn", "rate_of_turn", float, "RAD/S"),
+    ("--petals", "petals", float, "N"),
+    ("--speed", "speed", common.positive, "M/S"),
+]
+
+
+def configure(parser):
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    takes_loop(parser)
+    parser.add_argument(
+        "--reference", default="circle", metavar="KIND", help="below (%(default)s)"
+    )
+    for option, name, kind, metavar in REFERENCE:
+        parser.add_argument(option, dest=name, type=kind, metavar=metavar)
+    parser.add_argument("--origin", type=float, nargs=2, metavar=("X", "Y"))
+    parser.add_argument("--end", type=float, nargs=2, metavar=("X", "Y"))
+    parser.add_argument("--smooth", action="store_true", help="line, waypoints: start, stop gently")
+    parser.add_argument("--settled", type=common.seconds, metavar="S")
+    parser.add_argument("--end-time", type=common.positive, metavar="S")
+    parser.add_argument("--starts", type=common.count, default=1, metavar="N")
+    parser.add_argument(
+        "--spread",
+        type=common.positive,
+        default=tracking.SPREAD,
+        help="of N starts about rest at the origin, all states, 1 sigma (%(default)s)",
+    )
+    parser.add_argument(
+        "--anywhere",
+        type=common.positive,
+        metavar="M",
+        help="start at rest up to M metres off in x and y, any heading",
+    )
+    parser.add_argument("--picture", metavar="FILE.png", help="path, error and inputs of the run")
+    parser.add_argument("--force", action="store_true", help="overwrite the picture")
+
+
+def takes_loop(parser):
+    """What track and tune share: controller, craft, and what the loop has to cope with."""
+    parser.add_argument(
+        "--controller", choices=_core.controller_names(), default="TrajectoryTracking"
+    )
+    parser.add_argument("--model", required=True, metavar="M.yaml", help="what it believes in")
+    parser.add_argument("--truth", metavar="T.yaml", help="what the craft moves by (--model)")
+    parser.add_argument("--gains", metavar="G.yaml", help="of the controller, as tune writes them")
+    parser.add_argument(
+        "--perturb",
+        type=_factor,
+        nargs="+",
+        default=[],
+        metavar="NAME=FACTOR",
+        help="parameters of the craft to multiply: k=0.85 I_z=1.15",
+    )
+    parser.add_argument("--noise", action="store_true", help="mocap noise, and the estimator")
+    parser.add_argument(
+        "--delay", type=common.seconds, default=0.0, metavar="S", help="measurement to command"
+    )
+    parser.add_argument("--loss", type=_share, default=0.0, help="share of frames lost, 0..1")
+    parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
+    parser.add_argument("--seed", type=int, default=1, help="of noise and starts (%(default)s)")
+
+
+def loop(arguments):
+    """(truth, believed, controller, conditions) of the arguments of takes_loop."""
+    believed = common.load(arguments.model)
+    truth = common.load(arguments.truth) if arguments.truth else believed
+    try:
+        truth = tracking.perturbed(truth, dict(arguments.perturb))
+    except ValueError as error:
+        raise IdentifyError("--perturb: %s" % error)
+    controller = gains.choice(arguments.controller, arguments.gains)
+    conditions = tracking.Conditions(arguments.noise, arguments.delay, arguments.loss)
+    return truth, believed, controller, conditions
+
+
+def run(arguments):
+    if arguments.picture:
+        files.refuse_existing(arguments.picture, arguments.force)
+    truth, believed, controller, conditions = loop(arguments)
+    task = _task(arguments)
+    caution = task.reference.infeasibility(believed)
+    if caution:
+        common.say(arguments, "note: %s" % caution)
+    if arguments.anywhere:
+        starts = tracking.anywhere(arguments.starts, arguments.seed, arguments.anywhere)
+    elif arguments.starts > 1:
+        starts = tracking.starts(arguments.starts, arguments.seed, arguments.spread)
+    else:
+        starts = [(np.zeros(3), np.zeros(3))]
+    try:
+        runs = tracking.many(
+            truth,
+            believed,
+            controller,
+            task,
+            starts,
+            conditions,
+            arguments.seed,
+            arguments.rate,
+        )
+    except ValueError as error:
+        raise IdentifyError(str(error))
+    result = {
+        "controller": arguments.controller,
+        "model": arguments.model,
+        "truth": arguments.truth or arguments.model,
+        "reference": arguments.reference,
+        "starts": len(runs),
+        "window": [task.settled, task.end],
+        "caution": caution or None,
+        "gains": gains.get(controller),
+    }
+    result.update(tracking.pooled(runs))
+    if arguments.picture:
+        plots.tracked(arguments.picture, runs[0], task, result, arguments.force)
+        result["picture"] = arguments.picture
+    _say(arguments, result)
+    stopped = [r.numbers["stopped"] for r in runs if r.numbers["stopped"]]
+    if len(stopped) == len(runs):
+        raise IdentifyError("the controller stopped: %s" % stopped[0])
+    return result
+
+
+def _task(arguments):
+    kind = arguments.reference
+    if kind not in tracking.REFERENCES and not kind.lower().endswith(".csv"):
+        raise IdentifyError(
+            "the reference must be one of %s, or a .csv file, not '%s'"
+            % (", ".join(tracking.REFERENCES), kind)
+        )
+    names = [name for _, name, _, _ in REFERENCE] + ["origin", "end"]
+    settings = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
+    if arguments.smooth:
+        settings["smooth"] = True
+    try:
+        return tracking.task(kind, arguments.settled, arguments.end_time, **settings)
+    except (ValueError, RuntimeError) as error:
+        raise IdentifyError(str(error))
+
+
+def _say(arguments, result):
+    say = lambda text: common.say(arguments, text)  # noqa: E731
+    many = result["starts"] > 1
+    say(
+        "%s on %s, %g to %g s%s"
+        % (
+            result["controller"],
+            result["reference"],
+            result["window"][0],
+            result["window"][1],
+            ", medians of %d starts" % result["starts"] if many else "",
+        )
+    )
+    say("error      %s rms, %s at most" % (metres(result["rms"]), metres(result["max"])))
+    if many:
+        q = result["rms_quantiles"]
+        say("           5 to 95%% of the starts: %s to %s rms" % (metres(q["p05"]), metres(q["p95"])))
+    if result.get("after_stop_max") is not None:
+        say(
+            "after stop %s at most, from %g s after the end on"
+            % (metres(result["after_stop_max"]), tracking.AFTER_STOP)
+        )
+    say("saturated  %.1f%% of the time" % (100 * result["saturated_fraction"]))
+    say("effort     %.3f (mean square of the inputs)" % result["effort"])
+    c = result["compute_ms"]
+    say("computing  %.3f ms median, %.3f ms 99.9%%, a decision" % (c["median"], c["p999"]))
+    if result["stopped"]:
+        say("stopped    %d of %d runs ended early" % (result["stopped"], result["starts"]))
+
+
+def metres(value):
+    return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
+
+
+def _factor(text):
+    name, separator, factor = text.partition("=")
+    try:
+        value = float(factor)
+    except ValueError:
+        value = np.nan
+    if not separator or not np.isfinite(value):
+        raise argparse.ArgumentTypeError("'%s' is not NAME=FACTOR" % text)
+    return name, value
+
+
+def _share(text):
+    value = float(text)
+    if not 0 <= value < 1:
+        raise argparse.ArgumentTypeError("%s is not between 0 and 1" % text)
+    return value
