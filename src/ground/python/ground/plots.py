@@ -5,7 +5,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import failure, files, repair  # noqa: E402
+from ground import failure, files, repair, tuning  # noqa: E402
 from ground.words import number  # noqa: E402
 
 MEASURED = "#222222"
@@ -142,6 +142,48 @@ def tracked(path, run, task, result, force=False):
         ),
         fontsize=11,
     )
+    _save(figure, path, force)
+
+
+def tuned(path, compared, tried, result, force=False):
+    """What tune tried: error against saturation and effort; and errors before and after."""
+    figure, (cloud, bars) = plt.subplots(1, 2, figsize=(14, 6), width_ratios=[1, 1.3])
+    errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
+    shown = cloud.scatter(
+        errors,
+        [100 * c.saturated for c in tried],
+        c=[c.effort for c in tried],
+        s=12,
+        cmap="viridis",
+        alpha=0.6,
+    )
+    best = sorted((t["error"], 100 * t["saturated"]) for t in result["trade_off"])
+    cloud.plot(*zip(*best), ".", color=MODELS[0], ms=5, label="none better in all three")
+    cloud.set_xscale("log")
+    cloud.set_xlabel("error [m], mean of references and conditions")
+    cloud.set_ylabel("saturated [% of the time]")
+    cloud.set_title("every candidate; what was traded for what", fontsize=10)
+    cloud.legend(fontsize=8)
+    cloud.grid(alpha=0.3)
+    figure.colorbar(shown, ax=cloud, label="effort (mean square of the inputs)")
+    rows = result["table"]
+    names = list(compared)
+    height = 0.8 / len(names)
+    for count, (name, color) in enumerate(zip(names, [MEASURED, "#999999", MODELS[4], MODELS[1]][-len(names) :])):
+        medians = np.array([row["rms"][name]["median"] for row in rows])
+        low = medians - [row["rms"][name]["p05"] for row in rows]
+        high = np.array([row["rms"][name]["p95"] for row in rows]) - medians
+        places = np.arange(len(rows))[::-1] + 0.4 - height * (count + 0.5)
+        bars.barh(places, medians, height, xerr=[low, high], color=color, label=name, error_kw={"lw": 0.8})
+    bars.set_yticks(np.arange(len(rows))[::-1])
+    bars.set_yticklabels(
+        ["%s%s, %s" % (r["reference"], " *" if r["held_out"] else "", r["condition"]) for r in rows]
+    )
+    bars.set_xscale("log")
+    bars.set_xlabel("error rms [m]: median, 5 to 95% of fresh starts (* not seen by the search)")
+    bars.legend(fontsize=8)
+    bars.grid(alpha=0.3, axis="x")
+    figure.tight_layout()
     _save(figure, path, force)
 
 

@@ -213,14 +213,14 @@ def pooled(runs):
     }
     errors = [n["rms"] for n in numbers]
     result["rms_quantiles"] = {
-        "p05": _quantile(errors, 0.05),
-        "median": _quantile(errors, 0.5),
-        "p95": _quantile(errors, 0.95),
+        "p05": quantile(errors, 0.05),
+        "median": quantile(errors, 0.5),
+        "p95": quantile(errors, 0.95),
     }
     result["stopped"] = sum(n["stopped"] is not None for n in numbers)
     return result
 
 
-def _quantile(values, share):
+def quantile(values, share):
     """A value that was measured, which an endless one does not spoil."""
     return float(np.sort(values)[int(share * (len(values) - 1) + 0.5)])

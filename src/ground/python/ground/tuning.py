@@ -1,0 +1,239 @@
+"""Search for the gains of a controller in closed loop, over references, starts and conditions.
+
+What is searched are the logarithms of the gains, by CMA-ES (Hansen, Ostermeier 2001), restarted
+from several places. A candidate is as good as its errors, its saturation and its effort together:
+
+    score = mean over cells of (log10 of the median + log10 of the worst of the starts) / 2
+            + saturation_weight * saturated share + effort_weight * effort
+
+A cell is a reference in one of the conditions. The errors that decide are those of starts that the
+search has not seen.
+"""
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ground import gains, tracking
+from ground.errors import IdentifyError
+
+# bounds of what is searched, as sign and powers of ten; others stay as they are
+SPACE = {
+    "TrajectoryTracking": {
+        "k_e": (1, -3, 2),
+        "k_z": (1, -6, 1),
+        "k_phi_1": (1, -4, 2),
+        "k_phi_2": (1, -4, 2),
+        "delta_1": (-1, -4, 0),
+    },
+    "ModelPredictive": {
+        "velocity": (1, -4, 1),
+        "input": (1, -7, -1),
+        "turning": (1, -7, -1),
+        "end_position": (1, -2, 3),
+        "end_velocity": (1, -2, 3),
+    },
+}
+# The model is never right: by how much parameters are off.
+MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
+SMALLEST = 1e-3  # error [m] below which nothing is gained
+SIGMA = 0.5  # of the first steps, in powers of ten
+FINALISTS = 6
+
+
+@dataclass
+class Cell:
+    """A reference in one of the conditions."""
+
+    reference: str
+    condition: str
+    task: object  # tracking.Task
+    truth: object  # _core.Model
+    conditions: object  # tracking.Conditions
+
+    @property
+    def name(self):
+        return "%s, %s" % (self.reference, self.condition)
+
+
+@dataclass
+class Candidate:
+    """Gains and what came of them; errors are by cell, [m] rms of every start."""
+
+    gains: dict
+    errors: dict = field(default_factory=dict)
+    saturated: float = np.nan
+    effort: float = np.nan
+    score: float = np.inf
+
+    def quantile(self, cell, share):
+        return tracking.quantile(self.errors[cell], share)
+
+
+@dataclass
+class Weights:
+    """What a share of saturation and a unit of effort are worth, in powers of ten of error."""
+
+    saturation: float = 0.3
+    effort: float = 0.3
+
+
+def cells(tasks, truth, delay=0.02):
+    """Cells of {name: Task}: as the model says, with mocap noise and delay, and a wrong model."""
+    wrong = tracking.perturbed(truth, MODEL_ERROR)
+    conditions = [
+        ("nominal", truth, tracking.Conditions()),
+        ("noise", truth, tracking.Conditions(noise=True, delay=delay)),
+        ("model error", wrong, tracking.Conditions()),
+    ]
+    return [
+        Cell(name, condition, task, craft, how)
+        for name, task in tasks.items()
+        for condition, craft, how in conditions
+    ]
+
+
+def evaluate(choices, believed, cells, starts, weights, seed, rate=50.0):
+    """A Candidate of every _core.ControllerChoice."""
+    plan = list(itertools.product(range(len(choices)), cells, range(len(starts))))
+
+    def one(count, cell, start):
+        return tracking.run(
+            cell.truth,
+            believed,
+            choices[count],
+            cell.task,
+            starts[start],
+            cell.conditions,
+            seed + start,
+            rate,
+        ).numbers
+
+    numbers = tracking.in_parallel([lambda job=job: one(*job) for job in plan])
+    found = [Candidate(gains.get(choice)) for choice in choices]
+    for (count, cell, _), result in zip(plan, numbers):
+        found[count].errors.setdefault(cell.name, []).append(result["rms"])
+    for count, candidate in enumerate(found):
+        own = [n for (c, _, _), n in zip(plan, numbers) if c == count]
+        candidate.saturated = float(np.mean([n["saturated_fraction"] for n in own]))
+        candidate.effort = float(np.mean([n["effort"] for n in own]))
+        candidate.score = score(candidate, weights)
+    return found
+
+
+def score(candidate, weights):
+    """The lower the better; see the module."""
+    logs = [
+        0.5 * (_log(np.median(errors)) + _log(np.max(errors)))
+        for errors in candidate.errors.values()
+    ]
+    return float(
+        np.mean(logs)
+        + weights.saturation * candidate.saturated
+        + weights.effort * candidate.effort
+    )
+
+
+def _log(error):
+    return np.log10(min(error, 100.0) + SMALLEST)
+
+
+def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0, progress=None):
+    """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
+
+    progress(count, best) is called after every generation. Raises IdentifyError when the optimiser
+    is not installed.
+    """
+    CMA = _optimizer()
+    kind = first[0].kind
+    names = list(SPACE[kind])
+    bounds = np.array([SPACE[kind][n][1:] for n in names], float)
+    random = np.random.default_rng(seed)
+    tried = evaluate(first, believed, cells, starts, weights, seed, rate)
+    # Where to begin: what is given, and random places as many as it takes to see the good ones.
+    places = [_coordinates(kind, gains.get(choice), bounds) for choice in first]
+    random_places = bounds[:, 0] + random.uniform(size=(4 * len(names), len(names))) * np.ptp(
+        bounds, axis=1
+    )
+    tried += evaluate(
+        [_choice(first[0], kind, place) for place in random_places],
+        believed,
+        cells,
+        starts,
+        weights,
+        seed,
+        rate,
+    )
+    places += list(random_places)
+    order = np.argsort([c.score for c in tried])
+    restarts = max(1, min(3, evaluations // 300))
+    for restart in range(restarts):
+        optimizer = CMA(
+            mean=places[order[restart]],
+            sigma=SIGMA,
+            bounds=bounds,
+            seed=seed + restart,
+            population_size=4 + 2 * len(names),
+        )
+        end = evaluations * (restart + 1) // restarts
+        while len(tried) < end and not optimizer.should_stop():
+            generation = [optimizer.ask() for _ in range(optimizer.population_size)]
+            found = evaluate(
+                [_choice(first[0], kind, place) for place in generation],
+                believed,
+                cells,
+                starts,
+                weights,
+                seed,
+                rate,
+            )
+            optimizer.tell([(place, c.score) for place, c in zip(generation, found)])
+            tried += found
+            if progress:
+                progress(len(tried), min(tried, key=lambda c: c.score))
+    return tried
+
+
+def choose(tried, first, believed, cells, starts, weights, seed, rate=50.0):
+    """The best of the finalists on other starts than the search had; gives Candidates, best first."""
+    best = sorted(tried, key=lambda c: c.score)[:FINALISTS]
+    choices = [_with(first[0], candidate.gains) for candidate in best]
+    return sorted(
+        evaluate(choices, believed, cells, starts, weights, seed, rate), key=lambda c: c.score
+    )
+
+
+def trade_off(tried):
+    """Those that no other beats in score of error, saturation and effort at once."""
+    points = np.array([[score(c, Weights(0, 0)), c.saturated, c.effort] for c in tried])
+    return [
+        c
+        for c, p in zip(tried, points)
+        if np.isfinite(p).all() and not ((points <= p).all(axis=1) & (points < p).any(axis=1)).any()
+    ]
+
+
+def _coordinates(kind, values, bounds):
+    logs = [np.log10(max(1e-12, abs(values[name]))) for name in SPACE[kind]]
+    return np.clip(logs, bounds[:, 0], bounds[:, 1])
+
+
+def _choice(like, kind, place):
+    values = {n: s[0] * 10.0**x for (n, s), x in zip(SPACE[kind].items(), place)}
+    return _with(like, {**gains.get(like), **values})
+
+
+def _with(like, values):
+    choice = gains.choice(like.kind)
+    gains.put(choice, values)
+    return choice
+
+
+def _optimizer():
+    try:
+        from cmaes import CMA
+    except ImportError:
+        raise IdentifyError(
+            "the optimiser is missing: install python3-cmaes (Debian) or cmaes from PyPI"
+        )
+    return CMA

@@ -1,0 +1,219 @@
+"""tune: search for the gains of a controller."""
+import argparse
+import sys
+
+from ground import files, gains, plots, tracking, tuning
+from ground.errors import IdentifyError
+from ground.verbs import common
+from ground.verbs.track import metres
+
+NAME = "tune"
+SUMMARY = "searches for the gains of a controller in closed loop, on all cores"
+
+DETAILS = """
+Every candidate follows the references from several starts: as the model says, with mocap noise and
+20 ms of delay, and with a craft whose thrust is 15% weaker, whose damping is 30% and whose inertia
+15% higher than the model says. What decides is the error (median and worst start), and beside it
+saturation and effort with their weights. The gains of the thesis are among those to start from.
+The table is of starts and references that the search has not seen (--holdout).
+"""
+THESIS = {
+    "TrajectoryTracking": {
+        "(4.11)": dict(k_e=4.0, k_z=3e-4, k_phi_1=0.005, k_phi_2=0.005, delta_1=-0.01, delta_2=0.0),
+        "(4.12)": dict(k_e=0.5, k_z=4e-4, k_phi_1=0.05, k_phi_2=0.05, delta_1=-0.01, delta_2=0.0),
+    }
+}
+
+
+def configure(parser):
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    parser.add_argument("--controller", choices=list(tuning.SPACE), default="TrajectoryTracking")
+    parser.add_argument("--model", required=True, metavar="M.yaml", help="of the craft")
+    parser.add_argument("--gains", metavar="G.yaml", help="to start from, and to compare with")
+    parser.add_argument("-o", "--output", required=True, metavar="GAINS.yaml")
+    parser.add_argument("--picture", metavar="FILE.png", help="what was tried, before and after")
+    parser.add_argument("--force", action="store_true", help="overwrite them")
+    parser.add_argument(
+        "--references",
+        nargs="+",
+        metavar="KIND",
+        default=["circle", "line", "sinusoid"],
+        help="to search on: circle, line, rhodonea, sinusoid, FILE.csv (circle line sinusoid)",
+    )
+    parser.add_argument(
+        "--holdout", nargs="*", metavar="KIND", default=["rhodonea"], help="to test on (rhodonea)"
+    )
+    parser.add_argument("--evaluations", type=common.count, default=1200, metavar="N", help="(1200)")
+    parser.add_argument(
+        "--starts", type=common.count, default=4, metavar="N", help="of a candidate (%(default)s)"
+    )
+    parser.add_argument(
+        "--test-starts", type=common.count, default=100, metavar="N", help="fresh ones (100)"
+    )
+    parser.add_argument("--saturation-weight", type=float, default=0.3, help="(%(default)s)")
+    parser.add_argument("--effort-weight", type=float, default=0.3, help="(%(default)s)")
+    parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
+    parser.add_argument("--seed", type=int, default=1, help="(%(default)s)")
+
+
+def run(arguments):
+    for path in (arguments.output, arguments.picture):
+        if path:
+            files.refuse_existing(path, arguments.force)
+    model = common.load(arguments.model)
+    weights = tuning.Weights(arguments.saturation_weight, arguments.effort_weight)
+    try:
+        seen = tuning.cells({k: tracking.task(k) for k in arguments.references}, model)
+        unseen = tuning.cells({k: tracking.task(k) for k in arguments.holdout}, model)
+    except (ValueError, RuntimeError) as error:
+        raise IdentifyError(str(error))
+    before = _starting(arguments)
+    seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
+    places = [
+        tracking.starts(count, seed)
+        for count, seed in zip((arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds)
+    ]
+    try:
+        tried = tuning.search(
+            list(before.values()),
+            model,
+            seen,
+            places[0],
+            weights,
+            arguments.evaluations,
+            seeds[0],
+            arguments.rate,
+            None if arguments.json else _progress,
+        )
+        print(file=sys.stderr)
+        best = tuning.choose(
+            tried,
+            list(before.values()),
+            model,
+            seen,
+            places[1],
+            weights,
+            seeds[1],
+            arguments.rate,
+        )[0]
+        tuned = gains.choice(arguments.controller)
+        gains.put(tuned, best.gains)
+        compared = dict(
+            zip(
+                list(before) + ["tuned"],
+                tuning.evaluate(
+                    list(before.values()) + [tuned],
+                    model,
+                    seen + unseen,
+                    places[2],
+                    weights,
+                    seeds[2],
+                    arguments.rate,
+                ),
+            )
+        )
+    except ValueError as error:
+        raise IdentifyError(str(error))
+    result = _result(arguments, compared, seen + unseen, tried)
+    comments = [
+        "Found by tune: %d candidates on %s of %s."
+        % (len(tried), ", ".join(arguments.references), model.name),
+        "Median error of %d fresh starts, nominal: %s."
+        % (
+            arguments.test_starts,
+            "; ".join(
+                "%s %s" % (c.reference, metres(compared["tuned"].quantile(c.name, 0.5)))
+                for c in seen + unseen
+                if c.condition == "nominal"
+            ),
+        ),
+    ]
+    gains.write(arguments.output, tuned, comments, arguments.force)
+    if arguments.picture:
+        plots.tuned(arguments.picture, compared, tried, result, arguments.force)
+    _say(arguments, result)
+    return result
+
+
+def _starting(arguments):
+    """Name to the _core.ControllerChoice to start from and to compare with."""
+    found = {}
+    if arguments.gains:
+        found["given"] = gains.choice(arguments.controller, arguments.gains)
+    for name, values in THESIS.get(arguments.controller, {}).items():
+        found[name] = gains.choice(arguments.controller)
+        gains.put(found[name], values)
+    return found or {"default": gains.choice(arguments.controller)}
+
+
+def _progress(count, best):
+    print(
+        "\r%5d candidates; best: score %.3f, saturated %.0f%%, effort %.3f "
+        % (count, best.score, 100 * best.saturated, best.effort),
+        end="",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _result(arguments, compared, cells, tried):
+    rows = []
+    for cell in cells:
+        rows.append(
+            {
+                "reference": cell.reference,
+                "condition": cell.condition,
+                "held_out": cell.reference not in arguments.references,
+                "rms": {
+                    name: {q: c.quantile(cell.name, share) for q, share in _SHARES.items()}
+                    for name, c in compared.items()
+                },
+            }
+        )
+    return {
+        "controller": arguments.controller,
+        "model": arguments.model,
+        "gains": compared["tuned"].gains,
+        "output": arguments.output,
+        "candidates": len(tried),
+        "test_starts": arguments.test_starts,
+        "table": rows,
+        "saturated": {name: c.saturated for name, c in compared.items()},
+        "effort": {name: c.effort for name, c in compared.items()},
+        "trade_off": [
+            {
+                "gains": c.gains,
+                "error": 10 ** tuning.score(c, tuning.Weights(0, 0)),
+                "saturated": c.saturated,
+                "effort": c.effort,
+            }
+            for c in tuning.trade_off(tried)
+        ],
+    }
+
+
+_SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+
+
+def _say(arguments, result):
+    names = list(result["saturated"])
+    common.say(arguments, "error rms, median (95%%) of %d fresh starts" % result["test_starts"])
+    common.say(arguments, "%-28s" % "" + "".join("%24s" % n for n in names))
+    for row in result["table"]:
+        label = "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
+        cells = [
+            "%s (%s)" % (metres(row["rms"][n]["median"]), metres(row["rms"][n]["p95"]))
+            for n in names
+        ]
+        common.say(arguments, "%-28s" % label + "".join("%24s" % cell for cell in cells))
+    for what, form in (("saturated", "%.1f%%"), ("effort", "%.3f")):
+        scale = 100 if what == "saturated" else 1
+        cells = [form % (scale * result[what][n]) for n in names]
+        common.say(arguments, "%-28s" % what + "".join("%24s" % cell for cell in cells))
+    common.say(arguments, "* not seen by the search")
+    common.say(
+        arguments,
+        "%s: %s"
+        % (result["output"], ", ".join("%s %.4g" % item for item in result["gains"].items())),
+    )
