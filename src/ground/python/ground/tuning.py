@@ -1,7 +1,7 @@
 """Search for the gains of a controller in closed loop, over references, starts and conditions.
 
-What is searched are the logarithms of the gains, by CMA-ES (Hansen, Ostermeier 2001), restarted
-from several places. A candidate is as good as its errors, its saturation and its effort together:
+What is searched are the logarithms of the gains: a quarter of the candidates all over the range,
+the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far apart. A candidate is as good as its errors, its saturation and its effort together:
 
     score = mean over cells of (log10 of the median + log10 of the worst of the starts) / 2
             + saturation_weight * saturated share + effort_weight * effort
@@ -38,6 +38,7 @@ SPACE = {
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
 SMALLEST = 1e-3  # error [m] below which nothing is gained
 SIGMA = 0.5  # of the first steps, in powers of ten
+RESTARTS = 4
 FINALISTS = 6
 
 
@@ -150,48 +151,43 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     bounds = np.array([SPACE[kind][n][1:] for n in names], float)
     random = np.random.default_rng(seed)
     tried = evaluate(first, believed, cells, starts, weights, seed, rate)
-    # Where to begin: what is given, and random places as many as it takes to see the good ones.
     places = [_coordinates(kind, gains.get(choice), bounds) for choice in first]
-    random_places = bounds[:, 0] + random.uniform(size=(4 * len(names), len(names))) * np.ptp(
-        bounds, axis=1
-    )
-    tried += evaluate(
-        [_choice(first[0], kind, place) for place in random_places],
-        believed,
-        cells,
-        starts,
-        weights,
-        seed,
-        rate,
-    )
-    places += list(random_places)
-    order = np.argsort([c.score for c in tried])
-    restarts = max(1, min(3, evaluations // 300))
-    for restart in range(restarts):
+
+    def attempt(generation):
+        choices = [_choice(first[0], kind, place) for place in generation]
+        found = evaluate(choices, believed, cells, starts, weights, seed, rate)
+        tried.extend(found)
+        places.extend(generation)
+        if progress:
+            progress(len(tried), min(tried, key=lambda c: c.score))
+        return [candidate.score for candidate in found]
+
+    population = 4 + 2 * len(names)
+    while len(tried) < evaluations / 4:
+        shares = random.uniform(size=(population, len(names)))
+        attempt(list(bounds[:, 0] + shares * np.ptp(bounds, axis=1)))
+    begins = _apart(places, [c.score for c in tried])
+    explored = len(tried)
+    for restart, place in enumerate(begins):
         optimizer = CMA(
-            mean=places[order[restart]],
-            sigma=SIGMA,
-            bounds=bounds,
-            seed=seed + restart,
-            population_size=4 + 2 * len(names),
+            mean=place, sigma=SIGMA, bounds=bounds, seed=seed + restart, population_size=population
         )
-        end = evaluations * (restart + 1) // restarts
+        end = explored + (evaluations - explored) * (restart + 1) // len(begins)
         while len(tried) < end and not optimizer.should_stop():
-            generation = [optimizer.ask() for _ in range(optimizer.population_size)]
-            found = evaluate(
-                [_choice(first[0], kind, place) for place in generation],
-                believed,
-                cells,
-                starts,
-                weights,
-                seed,
-                rate,
-            )
-            optimizer.tell([(place, c.score) for place, c in zip(generation, found)])
-            tried += found
-            if progress:
-                progress(len(tried), min(tried, key=lambda c: c.score))
+            generation = [optimizer.ask() for _ in range(population)]
+            optimizer.tell(list(zip(generation, attempt(generation))))
     return tried
+
+
+def _apart(places, scores):
+    """The best places, none within a power of ten of another in all gains."""
+    chosen = []
+    for count in np.argsort(scores):
+        if all(np.max(np.abs(places[count] - other)) > 1 for other in chosen):
+            chosen.append(places[count])
+        if len(chosen) == RESTARTS:
+            break
+    return chosen
 
 
 def choose(tried, first, believed, cells, starts, weights, seed, rate=50.0):

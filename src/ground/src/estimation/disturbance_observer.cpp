@@ -43,7 +43,7 @@ void DisturbanceObserver::replay(double from, double until, Step step) const {
   while (now < until) {
     const Command& held = age < known ? recent(age) : none;
     const double change = age > 0 ? recent(age - 1).time + delay() : until;
-    const double end = std::min(until, change);
+    const double end = std::max(now, std::min(until, change));
     const int pieces = std::max(1, static_cast<int>(std::ceil((end - now) / kLongestStep - 1e-9)));
     for (int i = 0; i < pieces && end > now; ++i)
       step(now + i * (end - now) / pieces, (end - now) / pieces, held);

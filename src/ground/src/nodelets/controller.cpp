@@ -11,6 +11,7 @@ namespace ground {
 namespace {
 
 constexpr double kKeepalive = 0.02;      // between repeated commands [s]
+constexpr double kHandover = 0.2;        // after which a silent controller has gone [s]
 constexpr double kStatusPeriod = 0.5;    // [s]
 constexpr double kWatch = 0.005;         // between looks at the watchdog [s]
 constexpr double kSimulatedTick = 5e-4;  // between looks at a simulated clock [s]
@@ -34,6 +35,7 @@ void Controller::shutdown() {
   if (thread_.joinable()) thread_.join();
   state_subscriber_.shutdown();
   sender_subscriber_.shutdown();
+  controls_subscriber_.shutdown();
   start_service_.shutdown();
   stop_service_.shutdown();
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
@@ -57,6 +59,7 @@ void Controller::onInit() {
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     ros::NodeHandle& topics = getMTNodeHandle();
     sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
+    controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
     state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
   } catch (const std::exception& error) {
     NODELET_FATAL("%s: %s", name_.c_str(), error.what());
@@ -67,6 +70,25 @@ void Controller::onInit() {
 void Controller::setParams(const ControllerParams& params) {
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   params_ = params;
+}
+
+bool Controller::started() const {
+  return state_ == Status::WAITING || state_ == Status::LIFTING || running();
+}
+
+void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
+  const std::string& driver = message->header.frame_id;
+  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (driver.empty() || driver == name_) return;
+  const double now = steadyNow();
+  published(message->header.stamp, message->left, message->right, message->lift);
+  if (!started()) {
+    others_until_ = now + kHandover;
+    lifted_ = message->lift > 0;
+  } else if (now - started_at_ > kHandover) {  // until then it is the one that was replaced
+    others_until_ = now + kHandover;
+    change(Status::STOPPED, driver + " has taken over");
+  }
 }
 
 void Controller::onSender(const ground_msgs::SenderStatus::ConstPtr& message) {
@@ -104,8 +126,9 @@ bool Controller::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response
 }
 
 std::string Controller::start() {
-  if (state_ == Status::WAITING || state_ == Status::LIFTING || running())
-    return "it has been started already";
+  if (started()) return "it has been started already";
+  started_at_ = steadyNow();
+  lifted_ = lifted_ && others_until_ > started_at_;
   enter(Status::WAITING, "waits for a valid state and an armed sender");
   return "";
 }
@@ -166,8 +189,8 @@ double Controller::watch() {
     enter(Status::STOPPED, problem);
   if ((state_ == Status::LIFTING && time < lifting_since_) || (running() && time < running_since_))
     enter(Status::STOPPED, "time jumped back");
-  if (state_ == Status::LIFTING && secondsBetween(lifting_since_, time) >= params_.lift_time)
-    begin(time);
+  const double lift_time = lifted_ ? 0 : params_.lift_time;
+  if (state_ == Status::LIFTING && secondsBetween(lifting_since_, time) >= lift_time) begin(time);
 
   double wait = kWatch;
   if (running()) {
@@ -182,10 +205,14 @@ double Controller::watch() {
       wait = std::clamp(left, 0.0, ros::Time::isSimTime() ? kSimulatedTick : wait);
     }
   }
+  // Without a new state a closed-loop controller decides upon the last one, until that is stale.
+  if (running() && lost_since_ == 0 && nextChange(0) == kByState && !last_update_.isZero() &&
+      now >= next_keepalive_ + 1 / params_.rate)
+    control(last_update_);
   if (running() && lost_since_ != 0) {
     if (now >= next_keepalive_) publish(0, 0, params_.lift);
   } else if (!running() && now >= next_keepalive_) {
-    publish(0, 0, state_ == Status::LIFTING ? params_.lift : 0.0);
+    publish(0, 0, liftAlone());
   }
   if (now >= next_status_) publishStatus();
   return wait;
@@ -229,11 +256,22 @@ void Controller::control(const ros::Time& stamp) {
 }
 
 void Controller::enter(std::uint8_t state, const std::string& reason) {
+  change(state, reason);
+  if (state != Status::RUNNING) publish(0, 0, liftAlone());
+}
+
+/// The lift's input while the thrusters are off; one that takes over leaves it on.
+double Controller::liftAlone() const {
+  const bool on = state_ == Status::LIFTING || (state_ == Status::WAITING && lifted_);
+  return on ? params_.lift : 0.0;
+}
+
+/// Without a word to the craft.
+void Controller::change(std::uint8_t state, const std::string& reason) {
   const bool was_running = running();
   state_ = state;
   reason_ = reason;
   if (was_running) deactivate();
-  if (state != Status::RUNNING) publish(0, 0, state == Status::LIFTING ? params_.lift : 0.0);
   publishStatus();
   if (state == Status::STOPPED) {
     ROS_WARN("%s: %s: %s", name_.c_str(), nameOf(state), reason.c_str());
@@ -244,9 +282,11 @@ void Controller::enter(std::uint8_t state, const std::string& reason) {
 
 void Controller::publish(double left, double right, double lift) {
   const ros::Time now = ros::Time::now();
+  if (!started() && steadyNow() < others_until_) return;
   if (now.isZero()) return;  // a simulated clock has not started: there is no stamp to give
   auto message = boost::make_shared<ground_msgs::Controls>();
   message->header.stamp = now;
+  if (started()) message->header.frame_id = name_;
   message->left = left;
   message->right = right;
   message->lift = lift;

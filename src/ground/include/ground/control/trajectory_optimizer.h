@@ -12,7 +12,7 @@ namespace ground {
 /// compare with that of the position error, which is 1 per m^2.
 struct PlanWeights {
   double velocity = 0.1;     ///< of the velocity error [s^2]
-  double input = 1e-4;       ///< of the inputs, of full scale [m^2]
+  double input = 1e-5;       ///< of the inputs, of full scale [m^2]
   double turning = 1e-3;     ///< of the difference of the inputs, of full scale [m^2]
   double end_position = 3;   ///< of the position error at the end, as often as along the way
   double end_velocity = 5;   ///< of the velocity error at the end [s^2]

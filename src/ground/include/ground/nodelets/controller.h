@@ -36,8 +36,12 @@ struct ControllerParams {
 /// stale or invalid for recovery_time (until then thrust is zero), when the sender disarms, when
 /// time jumps back and when state or command are not finite.
 ///
+/// Several controllers may be loaded into one manager: the one that was started last drives. It says
+/// its name in the frame_id of its commands; whoever drove until then stops and is silent, and the
+/// lift stays on.
+///
 /// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
-/// sender/status. Publishes: controls, ~status (latched). Services: ~start, ~stop.
+/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop.
 class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
@@ -56,7 +60,7 @@ class Controller : public nodelet::Nodelet {
   virtual Vector2<double> update(double elapsed, const ros::Time& stamp,
                                  const RigidState<double>& state) = 0;
   virtual bool finished(double elapsed) const = 0;
-  /// Every command that goes out: left, right, lift, 0..1.
+  /// Every command, also those of other controllers: left, right, lift, 0..1.
   virtual void published(const ros::Time& /*stamp*/, double /*left*/, double /*right*/,
                          double /*lift*/) {}
   /// What whoever starts it should know; empty when nothing.
@@ -78,11 +82,15 @@ class Controller : public nodelet::Nodelet {
 
   void onInit() override;
   void onState(const ground_msgs::State::ConstPtr& message);
+  void onControls(const ground_msgs::Controls::ConstPtr& message);
   void onSender(const ground_msgs::SenderStatus::ConstPtr& message);
   bool onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response);
   bool onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response);
   void run();
   double watch();
+  bool started() const;
+  double liftAlone() const;
+  void change(std::uint8_t state, const std::string& reason);
   void enter(std::uint8_t state, const std::string& reason);
   std::string start();
   void begin(const ros::Time& stamp);
@@ -103,10 +111,13 @@ class Controller : public nodelet::Nodelet {
   ground_msgs::State::ConstPtr measured_;
   double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
   ros::Time lifting_since_, running_since_, last_update_;
+  double started_at_ = 0;   ///< steady clock [s]
+  double others_until_ = 0;  ///< how long another controller may be taken to drive [s]
+  bool lifted_ = false;      ///< by another controller, whose place is taken
   double lost_since_ = 0;  ///< when the state was lost while RUNNING, 0 while it is there
   double next_keepalive_ = 0, next_status_ = 0;  ///< steady clock [s]
   ros::Publisher controls_, status_;
-  ros::Subscriber state_subscriber_, sender_subscriber_;
+  ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_;
   ros::ServiceServer start_service_, stop_service_;
   std::condition_variable_any wake_;
   std::atomic<bool> alive_{true};

@@ -107,7 +107,7 @@ class ReferenceTracking : public Controller {
 
   Vector2<double> update(double, const ros::Time& stamp, const RigidState<double>& state) override {
     if (reference_start_.isZero()) reference_start_ = stamp;
-    publishReference(stamp);
+    if (stamp != published_) publishReference(stamp);
     Observation seen;
     seen.stamp = seconds(stamp);
     seen.now = std::max(seen.stamp, seconds(ros::Time::now()));
@@ -129,6 +129,7 @@ class ReferenceTracking : public Controller {
   }
 
   void publishReference(const ros::Time& stamp) {
+    published_ = stamp;
     const double t = std::max(0.0, secondsBetween(reference_start_, stamp));
     const ReferencePoint point = reference_->at(t);
     auto message = boost::make_shared<ground_msgs::Reference>();
@@ -166,6 +167,7 @@ class ReferenceTracking : public Controller {
   ReferencePtr reference_;
   std::string caution_;
   ros::Time reference_start_;  ///< zero until the first update with this reference
+  ros::Time published_;        ///< stamp of the newest message of the reference
   std::unique_ptr<TrackingController> controller_;
   ros::Publisher reference_publisher_, path_publisher_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

@@ -1,0 +1,127 @@
+#!/usr/bin/python3
+"""Both tracking controllers in closed loop through UDP; gains, reference and controller change live,
+and the mocap loses the craft in mid-track."""
+import math
+import os
+import sys
+import unittest
+
+import dynamic_reconfigure.client
+import rospy
+import rostest
+from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+S = ControllerStatus
+TUNED_BOUND = 0.25  # error of the tuned backstepping law [m]; 0.05 to 0.12 in its table
+PREDICTIVE_BOUND = 0.02  # error of the predictive controller [m]; about 1 mm without a network
+
+
+class TrackingLoopTest(unittest.TestCase):
+    def setUp(self):
+        self.truth = harness.Latest("simulator/truth", State, keep=True)
+        self.reference = harness.Latest("reference", Reference, keep=True)
+        self.sender = harness.Latest("sender/status", SenderStatus, keep=True)
+        self.controls = harness.Latest("controls", Controls, keep=True)
+        self.status = {
+            name: harness.Latest(name + "/status", S, keep=True)
+            for name in ("controller", "predictive")
+        }
+
+        harness.wait_for(lambda: not rospy.Time.now().is_zero(), 20, "the clock")
+
+    def expect(self, name, state, timeout=30):
+        harness.wait_for(
+            lambda: self.status[name].message and self.status[name].message.state == state,
+            timeout,
+            "%s in state %d" % (name, state),
+        )
+
+    def start(self, name):
+        rospy.wait_for_service(name + "/start", 20)
+        answer = rospy.ServiceProxy(name + "/start", Trigger)()
+        self.assertTrue(answer.success, answer.message)
+
+    def change(self, node, **values):
+        client = dynamic_reconfigure.client.Client(node, timeout=10)
+        answer = client.update_configuration(values)
+        client.close()
+        for name, value in values.items():
+            self.assertEqual(answer[name], value)
+
+    def error(self, duration):
+        """Root mean square of the true error over the next `duration` seconds."""
+        begin = rospy.Time.now().to_sec()
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time")
+        # The simulator counts time in floating point.
+        truths = {round(m.header.stamp.to_sec(), 2): m for _, m in list(self.truth.all)}
+        squares = []
+        for _, r in list(self.reference.all):
+            stamp = round(r.header.stamp.to_sec(), 2)
+            if stamp > begin and stamp in truths:
+                t = truths[stamp]
+                squares.append((t.eta[0] - r.p[0]) ** 2 + (t.eta[1] - r.p[1]) ** 2)
+        self.assertGreater(len(squares), 30 * duration)
+        return math.sqrt(sum(squares) / len(squares))
+
+    def settled(self, bound, what, patience=30):
+        """Waits until the error stays within the bound for 3 s."""
+        error = None
+        deadline = rospy.Time.now().to_sec() + patience
+        while rospy.Time.now().to_sec() < deadline:
+            error = self.error(3)
+            if error < bound:
+                print("%s: %.1f mm" % (what, 1e3 * error))
+                return
+        self.fail("%s: the error is %.3f m, not within %.3f m" % (what, error, bound))
+
+    def test_live(self):
+        self.expect("controller", S.RUNNING)
+        self.settled(TUNED_BOUND, "tuned gains on the circle")
+
+        # gains: the thesis's saturate and keep within about half a metre
+        tuned = rospy.get_param("controller/k_phi_1"), rospy.get_param("controller/k_e")
+        self.change("controller", k_e=4.0, k_phi_1=0.005)
+        rough = self.error(6)
+        print("other gains: %.1f mm" % (1e3 * rough))
+        self.assertGreater(rough, 2 * PREDICTIVE_BOUND)
+        self.change("controller", k_phi_1=tuned[0], k_e=tuned[1])
+        self.assertEqual(self.status["controller"].message.state, S.RUNNING)
+
+        # controller: the other takes over without a word to the sender
+        self.start("predictive")
+        self.expect("predictive", S.RUNNING, 5)
+        self.expect("controller", S.STOPPED, 5)
+        self.assertIn("taken over", self.status["controller"].message.reason)
+        self.settled(PREDICTIVE_BOUND, "the predictive controller on the circle")
+        drivers = {m.header.frame_id for _, m in self.controls.all[-50:]}
+        self.assertEqual(len(drivers), 1, drivers)
+        self.assertTrue(all(m.lift == 1 for _, m in self.controls.all[-50:]))
+
+        # reference
+        self.change("predictive", reference="rhodonea", size=1.5, rate_of_turn=0.4)
+        self.settled(PREDICTIVE_BOUND, "the predictive controller on the rhodonea")
+
+        # mocap: gone for 0.3 s
+        before = len(self.sender.all)
+        began = rospy.Time.now().to_sec()
+        self.change("simulator", loss=1.0)
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > began + 0.3, 5, "a loss of 0.3 s")
+        self.change("simulator", loss=0.0)
+        self.settled(PREDICTIVE_BOUND, "after the loss")
+        self.assertEqual(self.status["predictive"].message.state, S.RUNNING)
+        states = {m.state for _, m in self.sender.all[before:]}
+        self.assertEqual(states, {SenderStatus.ARMED}, self.sender.message.reason)
+
+        # and back
+        self.start("controller")
+        self.expect("predictive", S.STOPPED, 5)
+        self.settled(TUNED_BOUND, "tuned gains again")
+
+
+if __name__ == "__main__":
+    rospy.init_node("tracking_loop_test")
+    rostest.rosrun("ground", "tracking_loop_test", TrackingLoopTest)
