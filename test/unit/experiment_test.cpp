@@ -33,7 +33,7 @@ TrackingParams mvwtCircle() {
   TrackingParams tracking;
   tracking.reference.size = 1.5;
   tracking.reference.rate_of_turn = 0.3;
-  tracking.gains = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
+  tracking.controller.gains = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
   tracking.duration = 60;
   return tracking;
 }
@@ -219,7 +219,7 @@ TEST(Experiment, TracksACircleAsWithTheExactStateWhenTheMocapIsExact) {
 TEST(Experiment, TracksACircleOnWhatTheMocapDelivers) {
   // With delta_1 of (4.10), -0.01 m/s, the law answers noise of the velocity with wild turns.
   TrackingParams tracking = mvwtCircle();
-  tracking.gains.delta_1 = -0.1;
+  tracking.controller.gains.delta_1 = -0.1;
   EXPECT_LT(worst(trackReference(mvwt(), mvwt(), tracking, {}), 40), 0.1);
 
   // The Tiny Whoover's gains (4.11) saturate all the time: within the size of its circle.
@@ -267,7 +267,7 @@ TEST(Experiment, RefusesNonsense) {
   tracking.reference.kind = "square";
   EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
   tracking = {};
-  tracking.gains.delta_1 = 0;
+  tracking.controller.gains.delta_1 = 0;
   EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
   Model wild = model;
   wild.setValue("I_z", 1e-9);

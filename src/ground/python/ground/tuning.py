@@ -3,7 +3,7 @@
 What is searched are the logarithms of the gains: a quarter of the candidates all over the range,
 the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far apart. A candidate is as good as its errors, its saturation and its effort together:
 
-    score = mean over cells of (log10 of the median + log10 of the worst of the starts) / 2
+    score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
             + saturation_weight * saturated share + effort_weight * effort
 
 A cell is a reference in one of the conditions. The errors that decide are those of starts that the
@@ -39,7 +39,7 @@ MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
 SMALLEST = 1e-3  # error [m] below which nothing is gained
 SIGMA = 0.5  # of the first steps, in powers of ten
 RESTARTS = 4
-FINALISTS = 6
+FINALISTS = 24
 
 
 @dataclass
@@ -125,7 +125,7 @@ def evaluate(choices, believed, cells, starts, weights, seed, rate=50.0):
 def score(candidate, weights):
     """The lower the better; see the module."""
     logs = [
-        0.5 * (_log(np.median(errors)) + _log(np.max(errors)))
+        (_log(np.median(errors)) + 2 * _log(np.max(errors))) / 3
         for errors in candidate.errors.values()
     ]
     return float(
@@ -148,7 +148,7 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     CMA = _optimizer()
     kind = first[0].kind
     names = list(SPACE[kind])
-    bounds = np.array([SPACE[kind][n][1:] for n in names], float)
+    bounds = _bounds(kind)
     random = np.random.default_rng(seed)
     tried = evaluate(first, believed, cells, starts, weights, seed, rate)
     places = [_coordinates(kind, gains.get(choice), bounds) for choice in first]
@@ -166,7 +166,7 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     while len(tried) < evaluations / 4:
         shares = random.uniform(size=(population, len(names)))
         attempt(list(bounds[:, 0] + shares * np.ptp(bounds, axis=1)))
-    begins = _apart(places, [c.score for c in tried])
+    begins = [places[i] for i in _apart(places, tried, RESTARTS, 1.0)]
     explored = len(tried)
     for restart, place in enumerate(begins):
         optimizer = CMA(
@@ -179,21 +179,23 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     return tried
 
 
-def _apart(places, scores):
-    """The best places, none within a power of ten of another in all gains."""
+def _apart(places, tried, most, distance):
+    """Which of the Candidates are the best, none as near as that to another in all gains."""
     chosen = []
-    for count in np.argsort(scores):
-        if all(np.max(np.abs(places[count] - other)) > 1 for other in chosen):
-            chosen.append(places[count])
-        if len(chosen) == RESTARTS:
+    for count in np.argsort([c.score for c in tried]):
+        if all(np.max(np.abs(places[count] - places[other])) > distance for other in chosen):
+            chosen.append(int(count))
+        if len(chosen) == most:
             break
     return chosen
 
 
 def choose(tried, first, believed, cells, starts, weights, seed, rate=50.0):
     """The best of the finalists on other starts than the search had; gives Candidates, best first."""
-    best = sorted(tried, key=lambda c: c.score)[:FINALISTS]
-    choices = [_with(first[0], candidate.gains) for candidate in best]
+    kind = first[0].kind
+    bounds = _bounds(kind)
+    places = [_coordinates(kind, c.gains, bounds) for c in tried]
+    choices = [_with(first[0], tried[i].gains) for i in _apart(places, tried, FINALISTS, 0.1)]
     return sorted(
         evaluate(choices, believed, cells, starts, weights, seed, rate), key=lambda c: c.score
     )
@@ -207,6 +209,10 @@ def trade_off(tried):
         for c, p in zip(tried, points)
         if np.isfinite(p).all() and not ((points <= p).all(axis=1) & (points < p).any(axis=1)).any()
     ]
+
+
+def _bounds(kind):
+    return np.array([limits[1:] for limits in SPACE[kind].values()], float)
 
 
 def _coordinates(kind, values, bounds):

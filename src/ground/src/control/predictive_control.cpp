@@ -134,6 +134,10 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   observer_.measure(seen.stamp, seen.state);
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
+  if (!start_.state.eta.allFinite() || !start_.state.nu.allFinite()) {
+    reset();  // nothing to go by: no thrust, and a new beginning with the next state
+    return Vector2<double>::Zero();
+  }
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
   state.segment<3>(3) = start_.state.nu;

@@ -29,8 +29,8 @@ struct PredictiveParams {
 /// leaves no lasting error; it also foretells the state at which the inputs will act, which makes up
 /// for latency, delay and lag. A plan is carried on from decision to decision and improved a few
 /// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that
-/// turn it left or right first are tried. Work in one decision is bounded and allocates nothing; a
-/// decision that is not finite is to cut the thrust.
+/// turn it left or right first are tried. Work in one decision is bounded and allocates nothing.
+/// Without a finite state or plan the thrust is cut.
 class PredictiveControl : public TrackingController {
  public:
   /// Throws std::invalid_argument when parameters are bad or the model has too many actuator states.

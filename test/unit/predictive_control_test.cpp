@@ -1,0 +1,257 @@
+// Planning, the observer and the predictive controller made of them.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdlib>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "ground/control/predictive_control.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+
+namespace {
+std::atomic<long> allocations{0};
+}
+
+// Every allocation goes through here, whoever asks for it.
+extern "C" void* __libc_malloc(std::size_t size);
+extern "C" void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+
+namespace ground {
+namespace {
+
+Model craft(const std::vector<std::pair<std::string, std::vector<double>>>& effects = {}) {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
+  for (const auto& [name, values] : effects) {
+    model.addEffect(makeEffect(name));
+    model.effects.back().values = values;
+  }
+  return model;
+}
+
+struct Planned {
+  std::string name;
+  Model model;
+  friend void PrintTo(const Planned& planned, std::ostream* out) { *out << planned.name; }
+};
+
+class Plans : public testing::TestWithParam<Planned> {};
+
+TEST_P(Plans, EndWhereNoAllowedChangeOfAnInputHelps) {
+  // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost itself.
+  const Model& model = GetParam().model;
+  TrajectoryOptimizer plan(model, 25, 0.05);
+  const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
+  std::vector<ReferencePoint> points;
+  for (int k = 1; k <= 25; ++k) points.push_back(circle->at(0.05 * k));
+  TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
+  start.head<6>() << 0.97, -0.01, 1.5, 0.75, 0.02, 0.7;
+  plan.setProblem(0, start, 1.0, {0.05, -0.02, 0.4}, points);
+  for (auto& input : plan.inputs()) input.setConstant(0.5);
+  double cost = plan.rollOut();
+  const double first = cost;
+  for (int i = 0; i < 400; ++i) {
+    plan.improve();
+    EXPECT_LE(plan.cost(), cost);
+    cost = plan.cost();
+  }
+  EXPECT_LT(cost, 0.5 * first);
+  const std::vector<Vector2<double>> best = plan.inputs();
+  int inside = 0, at_bounds = 0;
+  for (std::size_t k = 0; k < best.size(); ++k) {
+    for (int side = 0; side < 2; ++side) {
+      const double h = 1e-4, input = best[k](side);
+      ASSERT_TRUE(input >= 0 && input <= 1);
+      const auto at = [&](double value) {
+        plan.inputs() = best;
+        plan.inputs()[k](side) = value;
+        return plan.rollOut();
+      };
+      const double slope = (at(input + h) - at(input - h)) / (2 * h);
+      const double tolerance = 2e-5;
+      if (input > 1e-6) {
+        EXPECT_LT(slope, tolerance) << k << ' ' << side << ' ' << input;
+      }
+      if (input < 1 - 1e-6) {
+        EXPECT_GT(slope, -tolerance) << k << ' ' << side << ' ' << input;
+      }
+      (input > 1e-6 && input < 1 - 1e-6 ? inside : at_bounds) += 1;
+    }
+  }
+  EXPECT_GT(inside, 5);
+  EXPECT_GT(at_bounds, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, Plans,
+    testing::Values(Planned{"nominal", craft()},
+                    Planned{"lag", craft({{"motor_lag", {0.06}}})},
+                    Planned{"lag_on_a_slope", craft({{"motor_lag", {0.06}},
+                                                     {"floor_tilt", {0.02, -0.01}},
+                                                     {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
+    [](const auto& info) { return info.param.name; });
+
+TEST(TrajectoryOptimizer, RefusesWhatItCannotPlan) {
+  EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);
+  EXPECT_THROW(TrajectoryOptimizer(craft(), 10, 0), std::invalid_argument);
+  EXPECT_THROW(TrajectoryOptimizer(craft(), 1000, 0.05), std::invalid_argument);
+}
+
+/// Drives `truth` by a fixed pattern and shows its poses to an observer that believes in `believed`.
+template <typename Look>
+void observe(const Model& truth, const Model& believed, double duration, Look look) {
+  const Dynamics<double> dynamics(truth);
+  InputSequence inputs;
+  RigidState<double> initial;
+  initial.eta << 0.3, -0.2, 2.0;
+  Simulation<double> simulation(dynamics, inputs, initial, 0);
+  DisturbanceObserver observer(believed, {});
+  for (int i = 0; i <= duration * 100; ++i) {
+    const double t = i / 100.0;
+    simulation.advance(t);
+    const Measurement<double> seen = simulation.measure();
+    observer.measure(t, {seen.eta, seen.nu});
+    if (i % 2 == 0) {
+      const Vector2<double> command(0.5 + 0.4 * std::sin(3 * t), 0.5 + 0.4 * std::sin(4 * t + 1));
+      inputs.add(t, command.x(), command.y(), 1);
+      observer.command(t, command, 1);
+    }
+    look(t, observer, simulation, inputs);
+  }
+}
+
+TEST(DisturbanceObserver, FindsTheForceAndTheMomentThatTheModelLacks) {
+  const Model truth = craft({{"body_force_bias", {0.005, -0.008}}, {"yaw_bias", {4e-5}}});
+  observe(truth, craft(), 6, [&](double t, const DisturbanceObserver& observer, auto&, auto&) {
+    if (t < 4) return;
+    const Vector3<double> missing = observer.at(t).missing;
+    EXPECT_NEAR(missing.x(), 0.005 / truth.body.m, 0.05 * 0.005 / truth.body.m);
+    EXPECT_NEAR(missing.y(), -0.008 / truth.body.m, 0.05 * 0.008 / truth.body.m);
+    EXPECT_NEAR(missing.z(), 4e-5 / truth.body.I_z, 0.05 * 4e-5 / truth.body.I_z);
+  });
+}
+
+TEST(DisturbanceObserver, ForetellsTheStateAtWhichACommandOfNowActs) {
+  const Model truth =
+      craft({{"input_delay", {0.07}}, {"motor_lag", {0.05}}, {"marker_offset", {0.02, -0.01}}});
+  std::vector<std::pair<double, RigidState<double>>> foretold;
+  observe(truth, truth, 4,
+          [&](double t, const DisturbanceObserver& observer, const auto& simulation, auto&) {
+            if (t > 2 && t < 3)
+              foretold.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
+            for (const auto& [time, state] : foretold) {
+              if (std::abs(time - t) > 1e-9) continue;
+              EXPECT_LT((state.eta - simulation.state().eta).norm(), 1e-3) << t;
+              EXPECT_LT((state.nu - simulation.state().nu).norm(), 2e-2) << t;
+            }
+          });
+  EXPECT_GT(foretold.size(), 50u);
+}
+
+TEST(DisturbanceObserver, StartsFromWhatTheMocapSeesOfTheCentre) {
+  const Model model = craft({{"heading_offset", {2.5}}, {"marker_offset", {0.05, 0.03}}});
+  const Dynamics<double> dynamics(model);
+  RigidState<double> state;
+  state.eta << 1, -2, 0.4;
+  state.nu << 0.6, -0.1, 1.5;
+  const Measurement<double> seen = dynamics.measure(state);
+  DisturbanceObserver observer(model, {});
+  observer.measure(0, {seen.eta, seen.nu});
+  EXPECT_LT((observer.at(0).state.eta - state.eta).norm(), 1e-9);
+  EXPECT_LT((observer.at(0).state.nu - state.nu).norm(), 1e-9);
+}
+
+/// Closed loop at 50 Hz on the true state; look(t, error, controller) after every decision.
+template <typename Look>
+void track(const Model& truth, PredictiveControl& control, const ReferenceTrajectory& reference,
+           const RigidState<double>& initial, double duration, Look look) {
+  const Dynamics<double> dynamics(truth);
+  InputSequence inputs;
+  Simulation<double> simulation(dynamics, inputs, initial, 0);
+  inputs.times.reserve(10000);
+  for (int i = 0; i < duration * 50; ++i) {
+    const double t = i / 50.0;
+    simulation.advance(t);
+    const long before = allocations;
+    const Vector2<double> chosen =
+        control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    control.commanded(t, chosen, 1);
+    const long made = allocations - before;
+    ASSERT_TRUE(chosen.minCoeff() >= 0 && chosen.maxCoeff() <= truth.body.input_max);
+    inputs.add(t, chosen.x(), chosen.y(), 1);
+    look(t, (simulation.state().eta.head<2>() - reference.at(t).p).norm(), made);
+  }
+}
+
+TEST(PredictiveControl, WorksWithinItsBoundsAndAllocatesNothing) {
+  const Model model = craft({{"motor_lag", {0.05}}, {"floor_tilt", {0.01, 0.01}}});
+  PredictiveParams params;
+  PredictiveControl control(model, params);
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  RigidState<double> start;
+  start.eta << -2, 2, 3;  // far off, so that other plans are tried
+  int searched = 0;
+  track(model, control, *circle, start, 20, [&](double t, double error, long made) {
+    EXPECT_EQ(made, 0) << t;
+    EXPECT_LE(control.improvements(), params.iterations + params.search_iterations);
+    searched += control.improvements() > params.iterations;
+    if (t > 15) {
+      EXPECT_LT(error, 1e-3) << t;
+    }
+  });
+  EXPECT_GT(searched, 20);
+}
+
+TEST(PredictiveControl, AWrongModelLeavesNoLastingError) {
+  const Model believed = craft();
+  Model truth = believed;
+  truth.body.k *= 0.85;
+  truth.body.X_u *= 1.3;
+  truth.body.Y_v *= 1.3;
+  truth.body.N_r *= 1.3;
+  truth.body.I_z *= 1.15;
+  PredictiveControl control(believed, {});
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  track(truth, control, *circle, {}, 30, [&](double t, double error, long) {
+    if (t > 20) {
+      EXPECT_LT(error, 1e-3) << t;
+    }
+  });
+}
+
+TEST(PredictiveControl, WithoutAFiniteStateThereIsNoThrustUntilThereIsOneAgain) {
+  PredictiveControl control(craft(), {});
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  RigidState<double> good, bad;
+  good.eta << 2, 0, 1.57;
+  bad.eta << std::nan(""), 0, 0;
+  EXPECT_GT(control.decide({0.00, 0.00, good, circle.get(), 0, 1}).norm(), 0);
+  EXPECT_EQ(control.decide({0.02, 0.02, bad, circle.get(), 0, 1}).norm(), 0);
+  EXPECT_GT(control.decide({0.04, 0.04, good, circle.get(), 0, 1}).norm(), 0);
+}
+
+TEST(PredictiveParams, RefuseNonsense) {
+  EXPECT_EQ(PredictiveParams().validate(), "");
+  PredictiveParams params;
+  params.steps = 1;
+  EXPECT_NE(params.validate(), "");
+  EXPECT_THROW(PredictiveControl(craft(), params), std::invalid_argument);
+  params = {};
+  params.horizon = std::nan("");
+  EXPECT_NE(params.validate(), "");
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
