@@ -12,8 +12,13 @@ MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 
 def identify(*arguments):
     """Runs the tool as a user does."""
+    return program("identify", *arguments)
+
+
+def program(name, *arguments):
+    """Runs a program of the package as a user does."""
     return subprocess.run(
-        ["rosrun", "ground", "identify"] + [str(a) for a in arguments],
+        ["rosrun", "ground", name] + [str(a) for a in arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         universal_newlines=True,

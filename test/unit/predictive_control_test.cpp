@@ -85,7 +85,7 @@ TEST_P(Plans, EndWhereNoAllowedChangeOfAnInputHelps) {
       (input > 1e-6 && input < 1 - 1e-6 ? inside : at_bounds) += 1;
     }
   }
-  EXPECT_GT(inside, 5);
+  EXPECT_GT(inside, 2);
   EXPECT_GT(at_bounds, 0);
 }
 
@@ -193,7 +193,9 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
 TEST(PredictiveControl, WorksWithinItsBoundsAndAllocatesNothing) {
   const Model model = craft({{"motor_lag", {0.05}}, {"floor_tilt", {0.01, 0.01}}});
   PredictiveParams params;
+  const long idle = allocations;
   PredictiveControl control(model, params);
+  EXPECT_GT(allocations, idle);  // they are counted
   const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
   RigidState<double> start;
   start.eta << -2, 2, 3;  // far off, so that other plans are tried

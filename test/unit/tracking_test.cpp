@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <random>
 
+#include "ground/control/feasibility.h"
 #include "ground/control/tracking_law.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
@@ -21,6 +23,10 @@ TrackingGains mvwtGains() {  // (4.10)
   gains.k_z = 0.6;
   gains.k_phi_1 = gains.k_phi_2 = 1.5;
   return gains;
+}
+
+std::vector<Vector2<double>> corners() {
+  return {{0, 0}, {1, 0.2}, {1.8, 1}, {1.2, 2}, {0, 2.1}, {-0.8, 1.2}};
 }
 
 class Reference : public testing::TestWithParam<std::pair<const char*, ReferencePtr>> {};
@@ -42,7 +48,12 @@ INSTANTIATE_TEST_SUITE_P(
                     std::make_pair("line", makeLine({0, 0}, {2.5, 2.5}, 0.707, true)),
                     std::make_pair("sharp_line", makeLine({0, 0}, {2.5, 2.5}, 0.707, false)),
                     std::make_pair("rhodonea", makeRhodonea({0.1, 0.2}, 1.5, 1.5, 0.4)),
-                    std::make_pair("sinusoid", makeSinusoid({0, 0}, 0.5, 1.0, 0.6))),
+                    std::make_pair("sinusoid", makeSinusoid({0, 0}, 0.5, 1.0, 0.6)),
+                    std::make_pair("spline", makeSpline({0, 1, 2.5, 3, 4.2, 6, 7},
+                                                        {{0, 0}, {0.3, 0.1}, {0.9, 0.5}, {1, 0.7},
+                                                         {1, 1.2}, {0.3, 1.5}, {-0.2, 1.4}})),
+                    std::make_pair("waypoints", makeWaypoints(corners(), 0.4, true)),
+                    std::make_pair("sharp_waypoints", makeWaypoints(corners(), 0.4, false))),
     [](const auto& info) { return info.param.first; });
 
 TEST(References, SmoothLineStartsAndEndsAtRestWithItsPeakSpeed) {
@@ -67,6 +78,118 @@ TEST(References, RhodoneaIsTheRose) {
     const Vector2<double> rose(radius * std::cos(s), radius * std::sin(s));
     EXPECT_LT((makeRhodonea({0, 0}, a, k, w)->at(t).p - rose).norm(), 1e-12);
   }
+}
+
+TEST(References, SplinesGoThroughTheirPointsAndStandStillAfterThem) {
+  const std::vector<double> times = {0, 0.7, 1.9, 2.2, 4, 5, 6.5};
+  std::vector<Vector2<double>> points = corners();
+  points.emplace_back(-0.5, 0.1);
+  const ReferencePtr spline = makeSpline(times, points);
+  for (std::size_t i = 0; i < times.size(); ++i)
+    EXPECT_LT((spline->at(times[i]).p - points[i]).norm(), 1e-12);
+  EXPECT_LT((spline->at(100).p - points.back()).norm(), 1e-12);
+  EXPECT_EQ(spline->at(100).p_dot.norm(), 0);
+  // Few points: the degree is lower, and two make a straight line.
+  const ReferencePtr two = makeSpline({0, 2}, {{0, 0}, {1, 3}});
+  EXPECT_LT((two->at(0.5).p - Vector2<double>(0.25, 0.75)).norm(), 1e-12);
+  EXPECT_LT((two->at(0.5).p_dot - Vector2<double>(0.5, 1.5)).norm(), 1e-12);
+  EXPECT_EQ(two->at(0.5).p_dddot.norm(), 0);
+}
+
+TEST(References, ASplineThroughACircleIsTheCircle) {
+  const ReferencePtr circle = makeCircle({0.5, 0}, 1.2, 0.7);
+  std::vector<double> times;
+  std::vector<Vector2<double>> points;
+  for (int i = 0; i <= 2000; ++i) {
+    times.push_back(0.01 * i);
+    points.push_back(circle->at(times.back()).p);
+  }
+  const ReferencePtr spline = makeSpline(times, points);
+  for (double t : {1.234, 7.777, 15.0}) {
+    EXPECT_LT((spline->at(t).p - circle->at(t).p).norm(), 1e-10);
+    EXPECT_LT((spline->at(t).p_ddot - circle->at(t).p_ddot).norm(), 1e-6);
+    EXPECT_LT((spline->at(t).p_dddot - circle->at(t).p_dddot).norm(), 1e-4);
+  }
+}
+
+TEST(References, WaypointsArePassedAtTheSpeedAskedFor) {
+  const ReferencePtr way = makeWaypoints(corners(), 0.4, true);
+  for (const Vector2<double>& corner : corners()) {
+    double nearest = 10;
+    for (double t = 0; t <= way->extent(); t += 0.002)
+      nearest = std::min(nearest, (way->at(t).p - corner).norm());
+    EXPECT_LT(nearest, 1e-3);
+  }
+  double peak = 0;
+  for (double t = 0; t < way->extent(); t += 0.001)
+    peak = std::max(peak, way->at(t).p_dot.norm());
+  EXPECT_NEAR(peak, 0.4, 0.1);  // distances are along the polygon, the way is a little longer
+  EXPECT_LT(way->at(0).p_dot.norm() + way->at(way->extent()).p_dot.norm(), 1e-9);
+}
+
+/// A file in the build's folder with this text; its path.
+std::string file(const std::string& text) {
+  const std::string path = testing::TempDir() + "/ground_reference.csv";
+  std::ofstream(path) << text;
+  return path;
+}
+
+TEST(References, FilesAreReadOrRefusedByLine) {
+  const ReferencePtr timed = readReference(file("time,x,y\n5,0,0\n6,1,0\n7,2,1\n"), {1, 0}, 1, true);
+  EXPECT_LT((timed->at(1).p - Vector2<double>(2, 0)).norm(), 1e-12);
+  EXPECT_EQ(timed->extent(), 2);
+  const ReferencePtr way = readReference(file("x,y\n0,0\n3,4\n"), {0, 0}, 2, false);
+  EXPECT_LT((way->at(1.25).p - Vector2<double>(1.5, 2)).norm(), 1e-12);
+  const std::vector<std::pair<std::string, std::string>> bad = {
+      {"a,b\n1,2\n", "line 1"},           {"x,y\n1,2\nfour,5\n", "line 3"},
+      {"x,y\n1,2\n1,2\n", "line 3"},      {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
+      {"x,y\n1,2\n", "at least two"},     {"x,y\n1,2,3\n4,5,6\n", "line 2"},
+      {"x,y\n1,nan\n4,5\n", "line 2"}};
+  for (const auto& [text, why] : bad) {
+    try {
+      readReference(file(text), {0, 0}, 1, true);
+      ADD_FAILURE() << text;
+    } catch (const std::runtime_error& error) {
+      EXPECT_NE(std::string(error.what()).find(why), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_THROW(readReference("/nowhere.csv", {0, 0}, 1, true), std::runtime_error);
+}
+
+TEST(Feasibility, SaysWhatTheCraftCannotFollow) {
+  const Body<double> large = mvwt().body;
+  EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 1.5, 0.3), large), "");
+  EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.3, 1.0, 0.3), large), "");
+  EXPECT_NE(infeasibility(*makeSinusoid({0, 0}, 0.3, 1.0, 0.5), large).find("yaw moment"),
+            std::string::npos);
+  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 2.0, 1.5), large).find("a thrust of"),
+            std::string::npos);
+  const Body<double> small = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml").body;
+  EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 2, 0.63), small), "");
+  EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.5, 1, 0.6), small), "");
+  EXPECT_EQ(infeasibility(*makeRhodonea({0, 0}, 1.5, 1.5, 0.4), small), "");
+  // It cannot brake but by turning round.
+  EXPECT_NE(infeasibility(*makeLine({0, 0}, {2.5, 2.5}, 1.5, true), small), "");
+}
+
+TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
+  // A motion of the model under inputs within their bounds can be followed, of course.
+  const Model model = tinyWhoover();
+  const Dynamics<double> dynamics(model);
+  InputSequence inputs;
+  RigidState<double> start;
+  start.nu.x() = 0.5;
+  Simulation<double> simulation(dynamics, inputs, start, 0);
+  std::vector<double> times;
+  std::vector<Vector2<double>> points;
+  for (int i = 0; i <= 800; ++i) {
+    const double t = 0.01 * i;
+    simulation.advance(t);
+    times.push_back(t);
+    points.push_back(simulation.state().eta.head<2>());
+    inputs.add(t, 0.55 + 0.05 * std::sin(1.1 * t), 0.55 + 0.05 * std::sin(0.9 * t + 0.5), 1);
+  }
+  EXPECT_EQ(infeasibility(*makeSpline(times, points), model.body), "");
 }
 
 TEST(References, RefusesNonsense) {

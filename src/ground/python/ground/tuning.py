@@ -5,6 +5,8 @@ the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far 
 
     score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
             + saturation_weight * saturated share + effort_weight * effort
+            + worse_weight * mean over cells of by how many powers of ten the worst start is worse
+              than with the gains to start from
 
 A cell is a reference in one of the conditions. The errors that decide are those of starts that the
 search has not seen.
@@ -40,6 +42,7 @@ SMALLEST = 1e-3  # error [m] below which nothing is gained
 SIGMA = 0.5  # of the first steps, in powers of ten
 RESTARTS = 4
 FINALISTS = 24
+MARGIN = 0.1  # by which to stay below the limits, in powers of ten
 
 
 @dataclass
@@ -73,10 +76,13 @@ class Candidate:
 
 @dataclass
 class Weights:
-    """What a share of saturation and a unit of effort are worth, in powers of ten of error."""
+    """What a share of saturation, a unit of effort and being worse somewhere than the gains to start
+    from are worth, in powers of ten of error."""
 
     saturation: float = 0.3
     effort: float = 0.3
+    worse: float = 5.0
+    limits: dict = field(default_factory=dict)  # cell to the worst start of the best gains to start from
 
 
 def cells(tasks, truth, delay=0.02):
@@ -128,8 +134,14 @@ def score(candidate, weights):
         (_log(np.median(errors)) + 2 * _log(np.max(errors))) / 3
         for errors in candidate.errors.values()
     ]
+    worse = [
+        max(0.0, _log(np.max(candidate.errors[cell])) - _log(limit) + MARGIN)
+        for cell, limit in weights.limits.items()
+        if cell in candidate.errors
+    ]
     return float(
         np.mean(logs)
+        + weights.worse * (np.mean(worse) if worse else 0.0)
         + weights.saturation * candidate.saturated
         + weights.effort * candidate.effort
     )
@@ -151,6 +163,11 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     bounds = _bounds(kind)
     random = np.random.default_rng(seed)
     tried = evaluate(first, believed, cells, starts, weights, seed, rate)
+    weights.limits = {
+        cell.name: min(max(candidate.errors[cell.name]) for candidate in tried) for cell in cells
+    }
+    for candidate in tried:
+        candidate.score = score(candidate, weights)
     places = [_coordinates(kind, gains.get(choice), bounds) for choice in first]
 
     def attempt(generation):

@@ -8,9 +8,8 @@
 namespace ground {
 namespace {
 
-/// Turns that other plans begin with, in quarters of a turn, either way.
-constexpr std::array<double, 4> kTurns = {0.5, 1.0, 1.5, 2.0};
-constexpr int kSeeds = 2 * static_cast<int>(kTurns.size()) + 2;
+/// Turns that other plans begin with, either way [rad]; full thrust follows.
+constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
 constexpr double kClearlyBetter = 0.98;  // of the cost, to give up a plan for another
 constexpr double kSettled = 1e-4;        // share of the cost that an improvement has to bring
 
@@ -31,9 +30,6 @@ std::string PredictiveParams::validate() const {
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
     : model_(model), input_max_(model.body.input_max), observer_(model, params.observer) {
   setParams(params);
-  // Half the way one thruster alone, half the way the other: a turn that ends at rest.
-  const Body<double>& body = model.body;
-  quarter_turn_ = 2 * std::sqrt(M_PI / 2 * body.I_z / (body.l * body.k * body.input_max));
 }
 
 void PredictiveControl::setParams(const PredictiveParams& params) {
@@ -80,46 +76,72 @@ void PredictiveControl::carryOn(double time) {
   plan_time_ = time;
 }
 
-void PredictiveControl::seed(int number) {
+void PredictiveControl::follow(const Seed& seed) {
   std::vector<Vector2<double>>& inputs = other_->inputs();
   const double step = other_->step();
-  if (number >= kSeeds - 2) {
-    std::fill(inputs.begin(), inputs.end(),
-              Vector2<double>::Constant(number == kSeeds - 1 ? 0.0 : input_max_));
-    return;
-  }
-  const int side = number % 2;
-  const double half =
-      0.5 * quarter_turn_ * std::sqrt(kTurns[static_cast<std::size_t>(number / 2)]);
+  const double half = 0.5 * turnTime(seed.turn);
+  const auto left = static_cast<int>(seed.turn < 0);  // the thruster that pushes first
   for (std::size_t k = 0; k < inputs.size(); ++k) {
     // How much of this step is spent on each phase.
     const double from = static_cast<double>(k) * step;
     const auto share = [&](double a, double b) {
       return std::clamp((std::min(from + step, b) - std::max(from, a)) / step, 0.0, 1.0);
     };
-    const double then = share(2 * half, 1e9);
-    inputs[k](side) = input_max_ * (share(0, half) + then);
-    inputs[k](1 - side) = input_max_ * (share(half, 2 * half) + then);
+    const double then = seed.thrust * share(2 * half, params_.horizon);
+    inputs[k](left) = input_max_ * std::min(1.0, share(0, half) + then);
+    inputs[k](1 - left) = input_max_ * std::min(1.0, share(half, 2 * half) + then);
+  }
+}
+
+double PredictiveControl::turnTime(double angle) const {
+  // Half the way one thruster alone, half the way the other: a turn that ends at rest.
+  const Body<double>& body = model_.body;
+  return 2 * std::sqrt(std::abs(angle) * body.I_z / (body.l * body.k * body.input_max));
+}
+
+void PredictiveControl::makeSeeds() {
+  seeds_[0] = {0, 0};
+  seeds_[1] = {0, 1};
+  std::size_t count = 2;
+  for (double turn : kTurns) {
+    seeds_[count++] = {turn, 1};
+    seeds_[count++] = {-turn, 1};
+  }
+  // Towards where the reference will be, seen from where the craft would coast to, with the thrust
+  // that brings it there.
+  follow(seeds_[0]);
+  other_->rollOut();
+  const Body<double>& body = model_.body;
+  const Vector2<double> way = references_.back().p - other_->states().back().head<2>();
+  const double turn = wrapAngle(std::atan2(way.y(), way.x()) - start_.state.eta.z());
+  const double other_way = turn > 0 ? turn - 2 * M_PI : turn + 2 * M_PI;
+  for (double by : {turn, other_way}) {
+    const double time = std::max(0.25 * params_.horizon, params_.horizon - turnTime(by));
+    const double force = 2 * body.m * way.norm() / (time * time);
+    const double thrust = std::clamp(force / (2 * body.k * body.input_max), 0.0, 1.0);
+    seeds_[count++] = {by, thrust};
+    seeds_[count++] = {by, 0.5 * thrust};
   }
 }
 
 void PredictiveControl::search() {
-  int best = -1;
+  makeSeeds();
+  std::size_t best = seeds_.size();
   double least = 0;
-  for (int number = 0; number < kSeeds; ++number) {
-    seed(number);
+  for (std::size_t number = 0; number < seeds_.size(); ++number) {
+    follow(seeds_[number]);
     const double cost = other_->rollOut();
-    if (std::isfinite(cost) && (best < 0 || cost < least)) {
+    if (std::isfinite(cost) && (best == seeds_.size() || cost < least)) {
       best = number;
       least = cost;
     }
   }
-  if (best < 0) return;
+  if (best == seeds_.size()) return;
   // The most promising one and, in turn, one of the rest.
-  next_seed_ = (next_seed_ + 1) % kSeeds;
+  next_seed_ = (next_seed_ + 1) % seeds_.size();
   int left = params_.search_iterations;
-  for (int number : {best, next_seed_}) {
-    seed(number);
+  for (std::size_t number : {best, next_seed_}) {
+    follow(seeds_[number]);
     other_->rollOut();
     for (int i = 0; i < params_.search_iterations / 2 && left > 0; ++i, --left) {
       ++improvements_;

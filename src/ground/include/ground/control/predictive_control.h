@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -48,20 +49,29 @@ class PredictiveControl : public TrackingController {
   int improvements() const { return improvements_; }
 
  private:
+  /// The beginning of a plan: a turn, as fast as it can be, and then thrust.
+  struct Seed {
+    double turn = 0;    ///< [rad], positive to starboard
+    double thrust = 0;  ///< share of what there is
+  };
+
   void carryOn(double time);
   void search();
-  void seed(int number);
+  void makeSeeds();
+  void follow(const Seed& seed);
+  double turnTime(double angle) const;
 
   Model model_;
   PredictiveParams params_;
-  double input_max_, quarter_turn_;  ///< [s] that a quarter turn from rest takes
+  double input_max_;
   DisturbanceObserver observer_;
   std::unique_ptr<TrajectoryOptimizer> plan_, other_;
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
   bool has_plan_ = false;
   double plan_time_ = 0;  ///< at which the plan begins [s]
-  int next_seed_ = 0;
+  std::array<Seed, 14> seeds_;
+  std::size_t next_seed_ = 0;
   int improvements_ = 0;
 };
 

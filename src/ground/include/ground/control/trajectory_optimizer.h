@@ -14,8 +14,8 @@ struct PlanWeights {
   double velocity = 0.1;     ///< of the velocity error [s^2]
   double input = 1e-5;       ///< of the inputs, of full scale [m^2]
   double turning = 1e-3;     ///< of the difference of the inputs, of full scale [m^2]
-  double end_position = 3;   ///< of the position error at the end, as often as along the way
-  double end_velocity = 5;   ///< of the velocity error at the end [s^2]
+  double end_position = 50;  ///< of the position error at the end, as often as along the way
+  double end_velocity = 1;   ///< of the velocity error at the end [s^2]
 };
 
 /// Plans the inputs of a craft over a horizon: iterative linear-quadratic regulator with bounds on

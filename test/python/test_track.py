@@ -1,0 +1,220 @@
+"""Controllers in closed loop with the simulated craft."""
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, identify, program
+
+TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
+MVWT = ROOT / "cfg" / "hovercraft" / "mvwt.yaml"
+GAINS = ROOT / "cfg" / "gains"
+STARTS = 12
+
+# 5, 50, 95% of the error [m rms] of the Tiny Whoover with the thesis's gains
+THESIS = {
+    ("4_11", "circle"): (0.36, 0.44, 0.52),
+    ("4_11", "sinusoid"): (0.18, 0.23, 0.36),
+    ("4_11", "line"): (0.14, 0.17, 0.25),
+    ("4_11", "rhodonea"): (0.28, 0.34, 0.42),
+    ("4_12", "circle"): (0.32, 0.43, 0.56),
+    ("4_12", "sinusoid"): (0.26, 0.43, 0.59),
+    ("4_12", "line"): (0.23, 0.52, 0.73),
+    ("4_12", "rhodonea"): (0.32, 0.42, 0.52),
+}
+# kind, settings, bounds [m rms]: nominal, with noise and delay, with a wrong model
+PREDICTIVE = {
+    "circle": (dict(rate_of_turn=0.63), 0.5e-3, 5e-3, 5e-3),
+    "sinusoid": ({}, 0.5e-3, 5e-3, 5e-3),
+    "rhodonea": ({}, 0.5e-3, 5e-3, 5e-3),
+}
+# hidden, and strong enough that a model without it does not track well
+HIDDEN = {
+    "motor_lag": {"tau": 0.06},
+    "input_delay": {"delay": 0.05},
+    "thrust_asymmetry": {"a": 0.1},
+    "coulomb_friction": {"f": 0.008, "n": 2e-5},
+    "floor_tilt": {"sx": 0.02, "sy": -0.015},
+}
+
+
+def track(*arguments):
+    result = program("track", "--json", *arguments)
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def medians(controller, truth, believed, task, starts, conditions=None):
+    from ground import tracking
+
+    runs = tracking.many(truth, believed, controller, task, starts, conditions)
+    return tracking.pooled(runs)
+
+
+def load(path):
+    from ground import _core
+
+    return _core.load_model(str(path))
+
+
+def test_the_mvwt_tracks_as_in_the_thesis():
+    common = ["--model", MVWT, "--gains", GAINS / "thesis_4_10.yaml"]
+    circle = ["--size", 1.5, "--rate-of-turn", 0.3, "--settled", 60, "--end-time", 100]
+    found = track(*common, *circle)
+    assert found["rms"] == pytest.approx(11.588e-3, abs=0.01e-3)
+    assert found["max"] == pytest.approx(11.588e-3, abs=0.01e-3)
+    assert found["last_saturation"] == pytest.approx(2.3, abs=0.1)
+    assert found["saturated_fraction"] == 0
+    wave = ["--reference", "sinusoid", "--speed", 0.3, "--settled", 40, "--end-time", 100]
+    found = track(*common, *wave, "--rate-of-turn", 0.3)
+    assert found["rms"] == pytest.approx(12.0e-3, abs=0.3e-3)
+    assert found["caution"] is None
+
+
+def test_a_reference_beyond_the_craft_is_said_so():
+    wave = ["--reference", "sinusoid", "--speed", 0.3, "--rate-of-turn", 0.5]
+    result = program("track", "--model", MVWT, *wave, "--gains", GAINS / "thesis_4_10.yaml")
+    assert result.returncode == 0
+    assert "cannot follow it exactly" in result.stdout
+    assert "yaw moment" in result.stdout
+
+
+@pytest.mark.parametrize("gains, kind", THESIS)
+def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
+    from ground import gains as files
+    from ground import tracking
+
+    model = load(TABLE_4_1)
+    controller = files.choice("TrajectoryTracking", str(GAINS / ("thesis_%s.yaml" % gains)))
+    found = medians(controller, model, model, tracking.task(kind), tracking.starts(101, 7))
+    low, _, high = THESIS[gains, kind]
+    assert low < found["rms_quantiles"]["median"] < high
+    assert found["saturated_fraction"] > 0.95
+
+
+@pytest.mark.parametrize("kind", PREDICTIVE)
+def test_the_predictive_controller_tracks(kind):
+    from ground import gains, tracking, tuning
+
+    settings, nominal, noise, wrong = PREDICTIVE[kind]
+    model, controller = load(TABLE_4_1), gains.choice("ModelPredictive")
+    task, starts = tracking.task(kind, **settings), tracking.starts(STARTS, 3)
+    found = medians(controller, model, model, task, starts)
+    assert found["rms"] < nominal
+    rough = tracking.Conditions(noise=True, delay=0.02)
+    assert medians(controller, model, model, task, starts, rough)["rms"] < noise
+    truth = tracking.perturbed(model, tuning.MODEL_ERROR)
+    assert medians(controller, truth, model, task, starts)["rms"] < wrong
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
+    from ground import gains, tracking
+
+    task = tracking.task("line", smooth=smooth)
+    for path in (MODEL, TABLE_4_1):
+        model = load(path)
+        found = medians(
+            gains.choice("ModelPredictive"), model, model, task, tracking.starts(2 * STARTS, 3)
+        )
+        assert found["after_stop_max"] < 10e-3
+
+
+def test_the_predictive_controller_reaches_the_circle_from_anywhere():
+    from ground import gains, tracking
+
+    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, end=22.0)
+    model = load(MODEL)
+    runs = tracking.many(
+        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(200, 5, 3.0)
+    )
+    reached = np.mean([run.numbers["rms"] < 5e-3 for run in runs])
+    assert reached >= 0.99
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_a_better_model_tracks_better(effect, tmp_path):
+    """Hide an effect, fit the model with and without it to what a PRBS shows, track with both."""
+    truth = load(MODEL)
+    truth.add_effect(effect)
+    for name, value in HIDDEN[effect].items():
+        truth.set_value("%s.%s" % (effect, name), value)
+    sealed = tmp_path / "sealed.yaml"
+    sealed.write_text(truth.format())
+    bags = []
+    for seed in (1, 2):
+        bags.append(tmp_path / ("%d.bag" % seed))
+        drive = ["--input", "prbs", "--duration", 12, "--seed", seed, "--start-pose", 0, 0, seed]
+        assert identify("simulate", "--model", sealed, *drive, "-o", bags[-1]).returncode == 0
+    fitted, improved = tmp_path / "fitted.yaml", tmp_path / "improved.yaml"
+    assert identify("fit", *bags, "--model", MODEL, "-o", fitted).returncode == 0
+    assert identify("add", effect, *bags, "--model", fitted, "-o", improved).returncode == 0
+    errors = {}
+    for name, model in (("before", fitted), ("after", improved)):
+        found = [
+            track("--controller", "ModelPredictive", "--model", model, "--truth", sealed, *where)
+            for where in (["--reference", "circle"], ["--reference", "rhodonea"])
+        ]
+        errors[name] = sum(f["rms"] for f in found)
+    print("%s: %.3f mm, then %.3f mm" % (effect, 1e3 * errors["before"], 1e3 * errors["after"]))
+    assert errors["after"] <= 0.5 * errors["before"]
+
+
+def test_what_is_printed_and_drawn(tmp_path):
+    picture = tmp_path / "track.png"
+    loop = ["--model", MODEL, "--controller", "ModelPredictive", "--end-time", 25, "--starts", 2]
+    found = track(*loop, "--noise", "--delay", 0.02, "--seed", 4, "--picture", picture)
+    assert picture.stat().st_size > 20000
+    assert set(found["compute_ms"]) == {"median", "p999", "max"}
+    assert 0 < found["rms"] <= found["max"] < 0.1
+    assert 0 <= found["saturated_fraction"] <= 1 and found["effort"] > 0
+    again = track(*loop, "--noise", "--delay", 0.02, "--seed", 4)
+    assert again["rms"] == found["rms"]
+    other = track(*loop, "--noise", "--delay", 0.02, "--seed", 5)
+    assert other["rms"] != found["rms"]
+    text = program("track", *loop, "--picture", picture)
+    assert text.returncode == 1 and "exists" in text.stderr
+    baseline = track("--model", MODEL, "--controller", "OpenLoopPRBS")
+    assert baseline["rms"] > 1 and baseline["effort"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_reference_from_a_file(tmp_path):
+    way = tmp_path / "way.csv"
+    way.write_text("x,y\n0,0\n1,0.2\n1.8,1\n1.2,2\n0,2.1\n")
+    loop = ["--model", MODEL, "--controller", "ModelPredictive", "--reference", way]
+    found = track(*loop, "--speed", 0.3, "--smooth")
+    assert found["rms"] < 0.05
+    assert found["window"][1] > 8
+    slower = track(*loop, "--speed", 0.15, "--smooth")
+    assert slower["window"][1] > 1.5 * found["window"][1]
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["--reference", "spiral"], "must be one of circle, line"),
+        (["--reference", "missing.csv"], "missing.csv: cannot be read"),
+        (["--gains", "missing.yaml"], "missing.yaml"),
+        (["--perturb", "q=2"], "no parameter 'q'"),
+        (["--size", "-1"], "not positive"),
+        (["--rate-of-turn", "0"], "rate other than 0"),
+        (["--perturb", "k"], "NAME=FACTOR"),
+        (["--rate", "1"], "between 10 and 500"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message):
+    result = program("track", "--model", MODEL, *arguments)
+    assert result.returncode in (1, 2)
+    assert message in result.stderr
+
+
+def test_bad_gains_are_refused(tmp_path):
+    for text, message in (
+        ("k_e: 1\nk_q: 2\n", "no gain 'k_q'"),
+        ("k_e: fast\n", "not a finite number"),
+        ("- 1\n", "NAME: NUMBER"),
+        ("k_e: -1\n", "k_e must be positive"),
+    ):
+        path = tmp_path / "gains.yaml"
+        path.write_text(text)
+        result = program("track", "--model", MODEL, "--gains", path)
+        assert result.returncode == 1 and message in result.stderr, result.stderr
