@@ -11,7 +11,7 @@ in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 SEED ?= 1
 
-.PHONY: build demo test bench bench-hidden install clean
+.PHONY: build demo test bench bench-hidden bench-tracking install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -36,6 +36,10 @@ bench: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --picture build/hidden.png $(OPTIONS)
+
+# Controllers in closed loop, also with hidden effects before and after a diagnosis.
+bench-tracking: build
+	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
 
 build/CMakeCache.txt: $(installed)
 	@$(in_ros) cmake -S . -B build > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }

@@ -55,7 +55,9 @@ class TrackingLoopTest(unittest.TestCase):
     def error(self, duration):
         """Root mean square of the true error over the next `duration` seconds."""
         begin = rospy.Time.now().to_sec()
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time")
+        harness.wait_for(
+            lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time"
+        )
         # The simulator counts time in floating point.
         truths = {round(m.header.stamp.to_sec(), 2): m for _, m in list(self.truth.all)}
         squares = []

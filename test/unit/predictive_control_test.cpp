@@ -1,4 +1,6 @@
 // Planning, the observer and the predictive controller made of them.
+#include "ground/control/predictive_control.h"
+
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -8,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/predictive_control.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
@@ -91,8 +92,7 @@ TEST_P(Plans, EndWhereNoAllowedChangeOfAnInputHelps) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, Plans,
-    testing::Values(Planned{"nominal", craft()},
-                    Planned{"lag", craft({{"motor_lag", {0.06}}})},
+    testing::Values(Planned{"nominal", craft()}, Planned{"lag", craft({{"motor_lag", {0.06}}})},
                     Planned{"lag_on_a_slope", craft({{"motor_lag", {0.06}},
                                                      {"floor_tilt", {0.02, -0.01}},
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
@@ -104,7 +104,8 @@ TEST(TrajectoryOptimizer, RefusesWhatItCannotPlan) {
   EXPECT_THROW(TrajectoryOptimizer(craft(), 1000, 0.05), std::invalid_argument);
 }
 
-/// Drives `truth` by a fixed pattern and shows its poses to an observer that believes in `believed`.
+/// Drives `truth` by a fixed pattern and shows its poses to an observer that believes in
+/// `believed`.
 template <typename Look>
 void observe(const Model& truth, const Model& believed, double duration, Look look) {
   const Dynamics<double> dynamics(truth);
@@ -180,8 +181,7 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
     const double t = i / 50.0;
     simulation.advance(t);
     const long before = allocations;
-    const Vector2<double> chosen =
-        control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    const Vector2<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
     control.commanded(t, chosen, 1);
     const long made = allocations - before;
     ASSERT_TRUE(chosen.minCoeff() >= 0 && chosen.maxCoeff() <= truth.body.input_max);

@@ -49,9 +49,13 @@ INSTANTIATE_TEST_SUITE_P(
                     std::make_pair("sharp_line", makeLine({0, 0}, {2.5, 2.5}, 0.707, false)),
                     std::make_pair("rhodonea", makeRhodonea({0.1, 0.2}, 1.5, 1.5, 0.4)),
                     std::make_pair("sinusoid", makeSinusoid({0, 0}, 0.5, 1.0, 0.6)),
-                    std::make_pair("spline", makeSpline({0, 1, 2.5, 3, 4.2, 6, 7},
-                                                        {{0, 0}, {0.3, 0.1}, {0.9, 0.5}, {1, 0.7},
-                                                         {1, 1.2}, {0.3, 1.5}, {-0.2, 1.4}})),
+                    std::make_pair("spline", makeSpline({0, 1, 2.5, 3, 4.2, 6, 7}, {{0, 0},
+                                                                                    {0.3, 0.1},
+                                                                                    {0.9, 0.5},
+                                                                                    {1, 0.7},
+                                                                                    {1, 1.2},
+                                                                                    {0.3, 1.5},
+                                                                                    {-0.2, 1.4}})),
                     std::make_pair("waypoints", makeWaypoints(corners(), 0.4, true)),
                     std::make_pair("sharp_waypoints", makeWaypoints(corners(), 0.4, false))),
     [](const auto& info) { return info.param.first; });
@@ -121,8 +125,7 @@ TEST(References, WaypointsArePassedAtTheSpeedAskedFor) {
     EXPECT_LT(nearest, 1e-3);
   }
   double peak = 0;
-  for (double t = 0; t < way->extent(); t += 0.001)
-    peak = std::max(peak, way->at(t).p_dot.norm());
+  for (double t = 0; t < way->extent(); t += 0.001) peak = std::max(peak, way->at(t).p_dot.norm());
   EXPECT_NEAR(peak, 0.4, 0.1);  // distances are along the polygon, the way is a little longer
   EXPECT_LT(way->at(0).p_dot.norm() + way->at(way->extent()).p_dot.norm(), 1e-9);
 }
@@ -135,15 +138,16 @@ std::string file(const std::string& text) {
 }
 
 TEST(References, FilesAreReadOrRefusedByLine) {
-  const ReferencePtr timed = readReference(file("time,x,y\n5,0,0\n6,1,0\n7,2,1\n"), {1, 0}, 1, true);
+  const ReferencePtr timed =
+      readReference(file("time,x,y\n5,0,0\n6,1,0\n7,2,1\n"), {1, 0}, 1, true);
   EXPECT_LT((timed->at(1).p - Vector2<double>(2, 0)).norm(), 1e-12);
   EXPECT_EQ(timed->extent(), 2);
   const ReferencePtr way = readReference(file("x,y\n0,0\n3,4\n"), {0, 0}, 2, false);
   EXPECT_LT((way->at(1.25).p - Vector2<double>(1.5, 2)).norm(), 1e-12);
   const std::vector<std::pair<std::string, std::string>> bad = {
-      {"a,b\n1,2\n", "line 1"},           {"x,y\n1,2\nfour,5\n", "line 3"},
-      {"x,y\n1,2\n1,2\n", "line 3"},      {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
-      {"x,y\n1,2\n", "at least two"},     {"x,y\n1,2,3\n4,5,6\n", "line 2"},
+      {"a,b\n1,2\n", "line 1"},       {"x,y\n1,2\nfour,5\n", "line 3"},
+      {"x,y\n1,2\n1,2\n", "line 3"},  {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
+      {"x,y\n1,2\n", "at least two"}, {"x,y\n1,2,3\n4,5,6\n", "line 2"},
       {"x,y\n1,nan\n4,5\n", "line 2"}};
   for (const auto& [text, why] : bad) {
     try {

@@ -96,7 +96,9 @@ def tracked(path, run, task, result, force=False):
     figure = plt.figure(figsize=(13, 6.5))
     grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.4], hspace=0.12, wspace=0.18)
     axis = figure.add_subplot(grid[:, 0])
-    axis.plot(run.wanted[:, 1], run.wanted[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference")
+    axis.plot(
+        run.wanted[:, 1], run.wanted[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference"
+    )
     axis.plot(run.eta[:, 1], run.eta[:, 0], color=MEASURED, lw=1, label="craft")
     every = max(1, len(run.eta) // 24)
     heading = run.eta[::every]
@@ -126,7 +128,12 @@ def tracked(path, run, task, result, force=False):
     inputs = figure.add_subplot(grid[1, 1], sharex=error)
     for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
         inputs.step(
-            run.decisions[:, 0], run.decisions[:, column], where="post", color=color, lw=0.7, label=label
+            run.decisions[:, 0],
+            run.decisions[:, column],
+            where="post",
+            color=color,
+            lw=0.7,
+            label=label,
         )
     inputs.set_ylabel("input [-]")
     inputs.set_xlabel("time since the reference began [s]")
@@ -169,12 +176,16 @@ def tuned(path, compared, tried, result, force=False):
     rows = result["table"]
     names = list(compared)
     height = 0.8 / len(names)
-    for count, (name, color) in enumerate(zip(names, [MEASURED, "#999999", MODELS[4], MODELS[1]][-len(names) :])):
+    for count, (name, color) in enumerate(
+        zip(names, [MEASURED, "#999999", MODELS[4], MODELS[1]][-len(names) :])
+    ):
         medians = np.array([row["rms"][name]["median"] for row in rows])
         low = medians - [row["rms"][name]["p05"] for row in rows]
         high = np.array([row["rms"][name]["p95"] for row in rows]) - medians
         places = np.arange(len(rows))[::-1] + 0.4 - height * (count + 0.5)
-        bars.barh(places, medians, height, xerr=[low, high], color=color, label=name, error_kw={"lw": 0.8})
+        bars.barh(
+            places, medians, height, xerr=[low, high], color=color, label=name, error_kw={"lw": 0.8}
+        )
     bars.set_yticks(np.arange(len(rows))[::-1])
     bars.set_yticklabels(
         ["%s%s, %s" % (r["reference"], " *" if r["held_out"] else "", r["condition"]) for r in rows]

@@ -82,7 +82,9 @@ class Weights:
     saturation: float = 0.3
     effort: float = 0.3
     worse: float = 5.0
-    limits: dict = field(default_factory=dict)  # cell to the worst start of the best gains to start from
+    limits: dict = field(
+        default_factory=dict
+    )  # cell to the worst start of the best gains to start from
 
 
 def cells(tasks, truth, delay=0.02):

@@ -8,7 +8,7 @@ namespace ground {
 namespace {
 
 constexpr int kInstants = 4000;
-constexpr double kTolerance = 0.01;  // of full thrust and of full moment
+constexpr double kTolerance = 0.01;   // of full thrust and of full moment
 constexpr double kNegligible = 1e-3;  // of full thrust: any heading will do
 
 struct Demand {
@@ -72,12 +72,12 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Body<doubl
     const double before = demand(reference.at(t - h / 4), body).yaw_rate;
     const double after = demand(reference.at(t + h / 4), body).yaw_rate;
     const double moment = body.I_z * (after - before) / (h / 2) + body.N_r * now.yaw_rate;
-    const double limit =
-        body.l * std::max(0.0, std::min(now.surge, most - now.surge));
-    report((std::abs(moment) - limit) / full_moment,
-           format("at %.2f s it takes a yaw moment of %.3g N m, and beside a thrust of %.3g N there "
-                  "are %.3g N m",
-                  t, std::abs(moment), now.surge, limit));
+    const double limit = body.l * std::max(0.0, std::min(now.surge, most - now.surge));
+    report(
+        (std::abs(moment) - limit) / full_moment,
+        format("at %.2f s it takes a yaw moment of %.3g N m, and beside a thrust of %.3g N there "
+               "are %.3g N m",
+               t, std::abs(moment), now.surge, limit));
     last = now;
     last_time = t;
   }

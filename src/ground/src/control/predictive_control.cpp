@@ -167,8 +167,8 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
     state(6 + i) = start_.actuators[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)
-    references_[k] = seen.reference->at(
-        std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
+    references_[k] =
+        seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
   for (TrajectoryOptimizer* plan : {plan_.get(), other_.get()})
     plan->setProblem(acts - observer_.start(), state, seen.lift, start_.missing, references_);
 

@@ -245,7 +245,8 @@ ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amp
 
 ReferencePtr makeSpline(const std::vector<double>& times,
                         const std::vector<Vector2<double>>& points) {
-  require(points.size() >= 2 && points.size() == times.size(), "a spline needs at least two points");
+  require(points.size() >= 2 && points.size() == times.size(),
+          "a spline needs at least two points");
   require(times.front() == 0, "the first point of a spline has to be at time 0");
   for (std::size_t i = 1; i < times.size(); ++i)
     require(times[i] > times[i - 1] && std::isfinite(times[i]), "times have to grow");

@@ -55,7 +55,8 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
       input_max_(model.body.input_max),
       step_(step) {
   if (actuators_ > kActuators)
-    throw std::invalid_argument("a model with more than two actuator states cannot be planned with");
+    throw std::invalid_argument(
+        "a model with more than two actuator states cannot be planned with");
   if (steps < 1 || steps > kMostSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const auto count = static_cast<std::size_t>(steps);
@@ -219,8 +220,8 @@ bool TrajectoryOptimizer::backward() {
     damped.diagonal().array() += damping_ * scale;
     if (!(damped.determinant() > 0) || !(damped(0, 0) > 0)) return false;
     std::array<bool, 2> free{};
-    const Vector2<double> change = boxMinimum(
-        damped, Qu, -input, Vector2<double>::Constant(input_max_) - input, free);
+    const Vector2<double> change =
+        boxMinimum(damped, Qu, -input, Vector2<double>::Constant(input_max_) - input, free);
     Gain gain = Gain::Zero();
     if (free[0] && free[1]) {
       gain.noalias() = -damped.inverse() * Qux;

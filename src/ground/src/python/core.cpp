@@ -430,9 +430,7 @@ PYBIND11_MODULE(_core, module) {
           py::arg("noise"), py::arg("disturbance"), "The same with other levels.")
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
   py::class_<Window>(module, "Window")
-      .def(py::init([](int run, int first, int last) {
-             return Window{run, first, last};
-           }),
+      .def(py::init([](int run, int first, int last) { return Window{run, first, last}; }),
            py::arg("run"), py::arg("first"), py::arg("last"))
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)

@@ -84,9 +84,8 @@ class Tracker : public Driver {
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
       state_ = {estimate.eta, estimate.nu};
     } else {
-      const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(), [&](const auto& t) {
-        return t.time <= frame.captured;
-      });
+      const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(),
+                                      [&](const auto& t) { return t.time <= frame.captured; });
       state_ = truth->state;
     }
     stamp_ = frame.captured;
@@ -143,7 +142,8 @@ class Tracker : public Driver {
 
   std::string stateProblem(double now) const {
     const StateEstimate& estimate = estimator_->estimate();
-    if (params_.estimate && !estimate.valid) return std::string("the state is invalid: ") + estimate.status;
+    if (params_.estimate && !estimate.valid)
+      return std::string("the state is invalid: ") + estimate.status;
     if (now >= stamp_ + kStateTimeout) return "the state is stale";
     return "";
   }

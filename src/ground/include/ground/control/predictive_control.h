@@ -27,14 +27,15 @@ struct PredictiveParams {
 /// Nonlinear model predictive control with the whole model, effects included.
 ///
 /// An observer estimates velocity and the acceleration that the model lacks, so that a wrong model
-/// leaves no lasting error; it also foretells the state at which the inputs will act, which makes up
-/// for latency, delay and lag. A plan is carried on from decision to decision and improved a few
+/// leaves no lasting error; it also foretells the state at which the inputs will act, which makes
+/// up for latency, delay and lag. A plan is carried on from decision to decision and improved a few
 /// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that
 /// turn it left or right first are tried. Work in one decision is bounded and allocates nothing.
 /// Without a finite state or plan the thrust is cut.
 class PredictiveControl : public TrackingController {
  public:
-  /// Throws std::invalid_argument when parameters are bad or the model has too many actuator states.
+  /// Throws std::invalid_argument when parameters are bad or the model has too many actuator
+  /// states.
   PredictiveControl(const Model& model, const PredictiveParams& params);
 
   /// Takes effect with the next decision; allocates when the horizon changes. Throws alike.

@@ -23,7 +23,8 @@ class TrackingController {
   virtual void reset() {}
   /// Every command that went out, whoever gave it; in order of time [s], in the model's units.
   virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}
-  /// Inputs left, right, in the model's units, inside 0..input_max; not finite when it is at a loss.
+  /// Inputs left, right, in the model's units, inside 0..input_max; not finite when it is at a
+  /// loss.
   virtual Vector2<double> decide(const Observation& observation) = 0;
 };
 

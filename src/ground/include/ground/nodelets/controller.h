@@ -36,9 +36,9 @@ struct ControllerParams {
 /// stale or invalid for recovery_time (until then thrust is zero), when the sender disarms, when
 /// time jumps back and when state or command are not finite.
 ///
-/// Several controllers may be loaded into one manager: the one that was started last drives. It says
-/// its name in the frame_id of its commands; whoever drove until then stops and is silent, and the
-/// lift stays on.
+/// Several controllers may be loaded into one manager: the one that was started last drives. It
+/// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
+/// the lift stays on.
 ///
 /// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop.
@@ -111,10 +111,10 @@ class Controller : public nodelet::Nodelet {
   ground_msgs::State::ConstPtr measured_;
   double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
   ros::Time lifting_since_, running_since_, last_update_;
-  double started_at_ = 0;   ///< steady clock [s]
+  double started_at_ = 0;    ///< steady clock [s]
   double others_until_ = 0;  ///< how long another controller may be taken to drive [s]
   bool lifted_ = false;      ///< by another controller, whose place is taken
-  double lost_since_ = 0;  ///< when the state was lost while RUNNING, 0 while it is there
+  double lost_since_ = 0;    ///< when the state was lost while RUNNING, 0 while it is there
   double next_keepalive_ = 0, next_status_ = 0;  ///< steady clock [s]
   ros::Publisher controls_, status_;
   ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_;

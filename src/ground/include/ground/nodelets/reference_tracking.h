@@ -20,9 +20,9 @@ namespace ground {
 /// Base of the controllers that follow a reference. Config is a dynamic_reconfigure class with the
 /// fields of cfg/tracking_parameters.py and the child's own.
 ///
-/// Parameters: model (model file, required) and those of Config, all live; a change of the reference
-/// starts it anew. Publishes besides: reference, path/reference (latched). A reference that the
-/// craft cannot follow is warned of, also in the answer of ~start and in ~status.
+/// Parameters: model (model file, required) and those of Config, all live; a change of the
+/// reference starts it anew. Publishes besides: reference, path/reference (latched). A reference
+/// that the craft cannot follow is warned of, also in the answer of ~start and in ~status.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:

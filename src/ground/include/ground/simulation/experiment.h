@@ -46,9 +46,9 @@ struct ExperimentLog {
     Vector3<double> nu_dot;  ///< body [m/s^2, m/s^2, rad/s^2]
   };
   struct Decision {
-    double time;               ///< [s]
+    double time;                ///< [s]
     Vector2<double> thrusters;  ///< inputs, in the model's units
-    double computing;          ///< time of the processor that it took [s]
+    double computing;           ///< time of the processor that it took [s]
   };
   struct Reference {
     double time;  ///< stamp of the state that was compared with it [s]

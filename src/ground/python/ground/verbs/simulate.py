@@ -27,7 +27,7 @@ inputs:
   coast-down       both thrusters high for --hold, off for three times that, and again
   spin             left high for --hold, off for three times that, then right, and again
   single-thruster  the left one alone through the --levels, then the right one
-  tracking         the tracking controller follows a reference, on what the mocap delivers
+  tracking         a controller follows a reference, on what the mocap delivers
   FILE.csv         bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
                    rows under time,left,right or time,left,right,lift, each held until the next
 
@@ -69,7 +69,7 @@ def _dest(option):
 CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
 LIFT = ["lift", "lift_time"]
 PATTERN = ["clock", "order", "levels", "hold"]
-TRACKING = ["reference", "origin", "end", "sharp", "controller_model"] + [
+TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model"] + [
     _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
 ]
 # which of these options an input takes; bits, timed and lifted are what a CSV file may hold
@@ -158,6 +158,9 @@ def configure(parser):
     )
     defaults = _core.TrackingParams()
     tracking = parser.add_argument_group("tracking")
+    tracking.add_argument(
+        "--controller", choices=_core.controller_names(), help="(TrajectoryTracking)"
+    )
     tracking.add_argument(
         "--reference", choices=["circle", "line", "rhodonea", "sinusoid"], help="(circle)"
     )
@@ -248,6 +251,7 @@ def _tracking(arguments):
     _filled(params, CONTROL, arguments)
     for name, value in _given(arguments, LIFT).items():
         setattr(params, name, value)
+    params.controller.kind = arguments.controller or params.controller.kind
     _filled(params.controller.gains, GAINS, arguments)
     reference = _filled(params.reference, REFERENCE, arguments)
     reference.smooth = not arguments.sharp

@@ -8,7 +8,9 @@ from ground.errors import IdentifyError
 from ground.verbs import common
 
 NAME = "track"
-SUMMARY = "drives a simulated craft along a reference, without ROS running and faster than real time"
+SUMMARY = (
+    "drives a simulated craft along a reference, without ROS running and faster than real time"
+)
 
 DETAILS = """
 references, by default as in the thesis:
@@ -37,9 +39,7 @@ def configure(parser):
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     takes_loop(parser)
-    parser.add_argument(
-        "--reference", default="circle", metavar="KIND", help="below (%(default)s)"
-    )
+    parser.add_argument("--reference", default="circle", metavar="KIND", help="below (%(default)s)")
     for option, name, kind, metavar in REFERENCE:
         parser.add_argument(option, dest=name, type=kind, metavar=metavar)
     parser.add_argument("--origin", type=float, nargs=2, metavar=("X", "Y"))
@@ -183,7 +183,10 @@ def _say(arguments, result):
     say("error      %s rms, %s at most" % (metres(result["rms"]), metres(result["max"])))
     if many:
         q = result["rms_quantiles"]
-        say("           5 to 95%% of the starts: %s to %s rms" % (metres(q["p05"]), metres(q["p95"])))
+        say(
+            "           5 to 95%% of the starts: %s to %s rms"
+            % (metres(q["p05"]), metres(q["p95"]))
+        )
     if result.get("after_stop_max") is not None:
         say(
             "after stop %s at most, from %g s after the end on"

@@ -44,7 +44,9 @@ def configure(parser):
     parser.add_argument(
         "--holdout", nargs="*", metavar="KIND", default=["rhodonea"], help="to test on (rhodonea)"
     )
-    parser.add_argument("--evaluations", type=common.count, default=1200, metavar="N", help="(1200)")
+    parser.add_argument(
+        "--evaluations", type=common.count, default=1200, metavar="N", help="(1200)"
+    )
     parser.add_argument(
         "--starts", type=common.count, default=4, metavar="N", help="of a candidate (%(default)s)"
     )
@@ -72,7 +74,9 @@ def run(arguments):
     seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
     places = [
         tracking.starts(count, seed)
-        for count, seed in zip((arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds)
+        for count, seed in zip(
+            (arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds
+        )
     ]
     try:
         tried = tuning.search(

@@ -1,0 +1,186 @@
+#!/usr/bin/python3
+"""Controllers in closed loop: nominal, with noise and delay, with a wrong model, with every effect
+hidden in the craft before and after diagnose has improved the model."""
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import hidden_cases  # noqa: E402
+
+from ground import _core, gains, tracking, tuning  # noqa: E402
+
+REFERENCES = {
+    "circle": dict(rate_of_turn=0.63),
+    "sinusoid": {},
+    "rhodonea": {},
+    "line": {},
+}
+CONTROLLERS = [
+    ("open-loop PRBS", "OpenLoopPRBS", None),
+    ("backstepping (4.11)", "TrajectoryTracking", "thesis_4_11.yaml"),
+    ("backstepping (4.12)", "TrajectoryTracking", "thesis_4_12.yaml"),
+    ("backstepping tuned", "TrajectoryTracking", "tiny_whoover.yaml"),
+    ("predictive", "ModelPredictive", None),
+]
+
+
+def choices():
+    for label, kind, file in CONTROLLERS:
+        yield label, gains.choice(kind, file and os.path.join(ROOT, "cfg", "gains", file))
+
+
+def tables(model, starts, seed):
+    """Rows of dicts: controller, reference, condition, and the numbers of tracking.pooled."""
+    tasks = {kind: tracking.task(kind, **settings) for kind, settings in REFERENCES.items()}
+    for cell in tuning.cells(tasks, model):
+        for label, choice in choices():
+            runs = tracking.many(
+                cell.truth,
+                model,
+                choice,
+                cell.task,
+                tracking.starts(starts, seed),
+                cell.conditions,
+                seed,
+            )
+            yield dict(
+                tracking.pooled(runs),
+                controller=label,
+                reference=cell.reference,
+                condition=cell.condition,
+            )
+
+
+def anywhere(model, count, seed):
+    """Share of starts at rest within 3 m, any heading, from which the circle is reached."""
+    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, end=22.0)
+    runs = tracking.many(
+        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(count, seed, 3.0)
+    )
+    return sum(run.numbers["rms"] < 5e-3 for run in runs) / count
+
+
+def identify(*arguments):
+    result = subprocess.run(
+        ["rosrun", "ground", "identify"] + [str(a) for a in arguments] + ["--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+    )
+    if result.returncode != 0:
+        sys.exit("identify %s: %s" % (arguments[0], result.stderr))
+    return json.loads(result.stdout)
+
+
+def hidden(model_path, effect, values, folder):
+    """Errors of the predictive controller [m rms], by reference, with the model fitted as it is and
+    with the one that diagnose made, on a craft with the effect."""
+    truth = _core.load_model(model_path)
+    truth.add_effect(effect)
+    for name, value in values.items():
+        truth.set_value("%s.%s" % (effect, name), value)
+    sealed = os.path.join(folder, effect + ".yaml")
+    _core.save_model(truth, sealed, True)
+    bags = []
+    for seed in (1, 2, 3):
+        bags.append(os.path.join(folder, "%s_%d.bag" % (effect, seed)))
+        drive = ["--input", "prbs", "--duration", 10, "--seed", seed, "--start-pose", 0, 0, seed]
+        identify("simulate", "--model", sealed, "-o", bags[-1], *drive)
+    fitted = os.path.join(folder, effect + "_fitted.yaml")
+    identify("fit", *bags, "--model", model_path, "-o", fitted)
+    diagnosis = os.path.join(folder, effect)
+    report = identify("diagnose", *bags, "--model", fitted, "-o", diagnosis)
+    improved = os.path.join(diagnosis, "improved.yaml")
+    errors = {}
+    for name, believed in (("before", fitted), ("after", improved)):
+        for kind in ("circle", "rhodonea", "sinusoid"):
+            task = tracking.task(kind)
+            run = tracking.run(
+                truth, _core.load_model(believed), gains.choice("ModelPredictive"), task
+            )
+            errors.setdefault(kind, {})[name] = run.numbers["rms"]
+    return {"effect": effect, "found": report["improved"]["effects"], "errors": errors}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--model", default=os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover_4_1.yaml")
+    )
+    parser.add_argument("--starts", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", metavar="FILE", help="all numbers")
+    parser.add_argument("--effects", nargs="*", help="to hide (all); none: no argument")
+    parser.add_argument("--only-effects", action="store_true")
+    parser.add_argument(
+        "--strength", type=float, default=5.0, help="of the effects, that of bench-hidden is 1 (5)"
+    )
+    arguments = parser.parse_args()
+    model = _core.load_model(arguments.model)
+    found = {"tables": [], "hidden": []}
+    if not arguments.only_effects:
+        print(
+            "%-22s%-11s%-13s%30s%11s%11s%8s%18s"
+            % (
+                "controller",
+                "reference",
+                "condition",
+                "rms 5/50/95% [mm]",
+                "max [mm]",
+                "sat.",
+                "effort",
+                "ms, 50/99.9%",
+            )
+        )
+        for row in tables(model, arguments.starts, arguments.seed):
+            found["tables"].append(row)
+            q, ms = row["rms_quantiles"], row["compute_ms"]
+            print(
+                "%-22s%-11s%-13s%30s%11.2f%10.1f%%%8.3f%18s"
+                % (
+                    row["controller"],
+                    row["reference"],
+                    row["condition"],
+                    "%.2f / %.2f / %.2f" % tuple(1e3 * q[k] for k in ("p05", "median", "p95")),
+                    1e3 * row["max"],
+                    100 * row["saturated_fraction"],
+                    row["effort"],
+                    "%.3f / %.3f" % (ms["median"], ms["p999"]),
+                ),
+                "after the stop %.2f mm" % (1e3 * row["after_stop_max"])
+                if row["reference"] == "line"
+                else "",
+                flush=True,
+            )
+        found["anywhere"] = anywhere(model, 200, arguments.seed)
+        print(
+            "predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200"
+            % (100 * found["anywhere"])
+        )
+    effects = hidden_cases.STRENGTHS if arguments.effects is None else arguments.effects
+    with tempfile.TemporaryDirectory() as folder:
+        for effect in effects:
+            sizes = hidden_cases.STRENGTHS[effect].items()
+            values = {n: hidden_cases.scaled(effect, n, s, arguments.strength) for n, s in sizes}
+            row = hidden(arguments.model, effect, values, folder)
+            found["hidden"].append(row)
+            print(
+                "%-24s found %-44s" % (effect, ", ".join(row["found"]) or "-")
+                + "; ".join(
+                    "%s %.3f -> %.3f mm" % (kind, 1e3 * e["before"], 1e3 * e["after"])
+                    for kind, e in row["errors"].items()
+                ),
+                flush=True,
+            )
+    if arguments.json:
+        with open(arguments.json, "w") as file:
+            json.dump(found, file, indent=1)
+
+
+if __name__ == "__main__":
+    main()

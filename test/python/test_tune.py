@@ -1,0 +1,105 @@
+"""The search for gains, and the gains that it found for the Tiny Whoover."""
+import json
+
+import numpy as np
+import pytest
+import yaml
+from conftest import MODEL, ROOT, program
+
+TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
+GAINS = ROOT / "cfg" / "gains"
+FRESH = 20261121  # a seed that no search has used
+# the references of the thesis, and others of their kinds that no search has seen
+REFERENCES = {
+    "circle": ("circle", {}),
+    "line": ("line", {}),
+    "sinusoid": ("sinusoid", {}),
+    "rhodonea": ("rhodonea", {}),
+    "small circle": ("circle", dict(size=1.5, rate_of_turn=0.8)),
+    "slow sinusoid": ("sinusoid", dict(speed=0.4, size=0.8, rate_of_turn=0.5)),
+}
+
+
+@pytest.fixture(scope="module")
+def errors():
+    """(gains, reference) to the errors [m rms] from 100 fresh starts."""
+    from ground import _core, gains, tracking
+
+    model = _core.load_model(str(TABLE_4_1))
+    found = {}
+    for name in ("thesis_4_11", "thesis_4_12", "tiny_whoover"):
+        choice = gains.choice("TrajectoryTracking", str(GAINS / (name + ".yaml")))
+        for reference, (kind, settings) in REFERENCES.items():
+            runs = tracking.many(
+                model,
+                model,
+                choice,
+                tracking.task(kind, **settings),
+                tracking.starts(100, FRESH),
+            )
+            found[name, reference] = np.sort([run.numbers["rms"] for run in runs])
+    return found
+
+
+@pytest.mark.parametrize("thesis", ["thesis_4_11", "thesis_4_12"])
+def test_the_tuned_gains_are_ten_times_better_on_the_circle(errors, thesis):
+    tuned = np.median(errors["tiny_whoover", "circle"])
+    assert tuned < 0.1 * np.median(errors[thesis, "circle"])
+
+
+@pytest.mark.parametrize("thesis", ["thesis_4_11", "thesis_4_12"])
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_the_tuned_gains_are_better_everywhere(errors, thesis, reference):
+    assert errors["tiny_whoover", reference][95] < errors[thesis, reference][95]
+
+
+def test_a_search_finds_better_gains_and_writes_them(tmp_path):
+    out, picture = tmp_path / "gains.yaml", tmp_path / "gains.png"
+    search = ["--model", TABLE_4_1, "--evaluations", 160, "--starts", 2, "--test-starts", 12]
+    search += ["--references", "circle", "--holdout", "rhodonea", "-o", out, "--picture", picture]
+    result = program("tune", *search, "--json")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert picture.stat().st_size > 20000
+    for row in found["table"]:
+        assert row["held_out"] == (row["reference"] == "rhodonea")
+        if row["reference"] == "circle":
+            medians = {name: q["median"] for name, q in row["rms"].items()}
+            assert medians["tuned"] < min(medians["(4.11)"], medians["(4.12)"])
+    assert found["candidates"] >= 160
+    assert len(found["trade_off"]) > 1
+    # what track, rosparam load and dynparam load read
+    written = yaml.safe_load(out.read_text())
+    assert written == pytest.approx(found["gains"], rel=1e-5)
+    again = program("track", "--model", TABLE_4_1, "--gains", out, "--json")
+    assert json.loads(again.stdout)["gains"] == pytest.approx(written)
+    # nothing is overwritten
+    refused = program("tune", *search)
+    assert refused.returncode == 1 and "exists" in refused.stderr
+
+
+def test_the_same_search_finds_the_same_gains(tmp_path):
+    texts = []
+    for name in "ab":
+        out = tmp_path / name
+        search = ["--evaluations", 40, "--starts", 1, "--test-starts", 2, "--holdout"]
+        result = program(
+            "tune", "--model", MODEL, *search, "--references", "circle", "-o", out, "--json"
+        )
+        assert result.returncode == 0, result.stderr
+        texts.append(out.read_text())
+    assert texts[0] == texts[1]
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["--references", "spiral.csv"], "spiral.csv: cannot be read"),
+        (["--controller", "OpenLoopPRBS"], "invalid choice"),
+        (["--evaluations", "0"], "not positive"),
+    ],
+)
+def test_bad_input_is_refused(tmp_path, arguments, message):
+    result = program("tune", "--model", MODEL, "-o", tmp_path / "gains.yaml", *arguments)
+    assert result.returncode in (1, 2)
+    assert message in result.stderr
