@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Both tracking controllers in closed loop through UDP; gains, reference and controller change live,
-and the mocap loses the craft in mid-track."""
+"""Both tracking controllers in closed loop through UDP: gains, reference and controller change
+live, and the mocap loses the craft in mid-track."""
 import math
 import os
 import sys
