@@ -95,6 +95,9 @@ def test_the_same_search_finds_the_same_gains(tmp_path):
     "arguments, message",
     [
         (["--references", "spiral.csv"], "spiral.csv: cannot be read"),
+        (["--references", "spiral"], "must be one of circle"),
+        (["--references", "circle:sise=2"], "'sise' is not one of"),
+        (["--references", "circle:size=big"], "'big' is not a number"),
         (["--controller", "OpenLoopPRBS"], "invalid choice"),
         (["--evaluations", "0"], "not positive"),
     ],

@@ -62,6 +62,19 @@ class TrackingTest(ControllerCase):
         client.update_configuration({"size": 2.0})
         client.close()
 
+    def test_a_reference_beyond_the_craft_is_said_so_before_the_start(self):
+        client = dynamic_reconfigure.client.Client("tracking", timeout=10)
+        client.update_configuration({"rate_of_turn": 3.0})
+        answer = self.start()
+        self.assertTrue(answer.success)
+        self.assertIn("cannot follow it exactly", answer.message)
+        self.expect(S.RUNNING)
+        self.assertIn("a thrust of", self.status.message.reason)
+        self.stop()
+        client.update_configuration({"rate_of_turn": 0.6})
+        self.assertEqual(self.start().message, "")
+        client.close()
+
     def test_without_a_model_the_nodelet_does_not_start(self):
         harness.wait_for(lambda: not rosnode.rosnode_ping("broken", max_count=1), 10, "it is gone")
 

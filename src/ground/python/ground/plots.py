@@ -154,7 +154,9 @@ def tracked(path, run, task, result, force=False):
 
 def tuned(path, compared, tried, result, force=False):
     """What tune tried: error against saturation and effort; and errors before and after."""
-    figure, (cloud, bars) = plt.subplots(1, 2, figsize=(14, 6), width_ratios=[1, 1.3])
+    figure, (cloud, bars) = plt.subplots(
+        1, 2, figsize=(14, 6), gridspec_kw={"width_ratios": [1, 1.3]}
+    )
     errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
     shown = cloud.scatter(
         errors,

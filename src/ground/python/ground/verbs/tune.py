@@ -16,13 +16,27 @@ Every candidate follows the references from several starts: as the model says, w
 15% higher than the model says. What decides is the error (median and worst start), and beside it
 saturation and effort with their weights. The gains of the thesis are among those to start from.
 The table is of starts and references that the search has not seen (--holdout).
+
+A reference is circle, line, rhodonea or sinusoid as in the thesis, or other than that, as in
+circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5, or a FILE.csv.
 """
+REFERENCES = [
+    "circle",
+    "line",
+    "sinusoid",
+    "circle:size=1.2,rate_of_turn=0.9",
+    "sinusoid:speed=0.3,size=0.8,rate_of_turn=0.4",
+]
+HELD_OUT = ["rhodonea", "circle:size=1.5,rate_of_turn=0.8"]
 THESIS = {
     "TrajectoryTracking": {
         "(4.11)": dict(k_e=4.0, k_z=3e-4, k_phi_1=0.005, k_phi_2=0.005, delta_1=-0.01, delta_2=0.0),
         "(4.12)": dict(k_e=0.5, k_z=4e-4, k_phi_1=0.05, k_phi_2=0.05, delta_1=-0.01, delta_2=0.0),
     }
 }
+
+
+SETTINGS = {"size", "rate_of_turn", "petals", "speed"}
 
 
 def configure(parser):
@@ -38,11 +52,15 @@ def configure(parser):
         "--references",
         nargs="+",
         metavar="KIND",
-        default=["circle", "line", "sinusoid"],
-        help="to search on: circle, line, rhodonea, sinusoid, FILE.csv (circle line sinusoid)",
+        default=REFERENCES,
+        help="to search on, below (%s)" % " ".join(REFERENCES),
     )
     parser.add_argument(
-        "--holdout", nargs="*", metavar="KIND", default=["rhodonea"], help="to test on (rhodonea)"
+        "--holdout",
+        nargs="*",
+        metavar="KIND",
+        default=HELD_OUT,
+        help="to test on, as well (%s)" % " ".join(HELD_OUT),
     )
     parser.add_argument(
         "--evaluations", type=common.count, default=1200, metavar="N", help="(1200)"
@@ -66,8 +84,8 @@ def run(arguments):
     model = common.load(arguments.model)
     weights = tuning.Weights(arguments.saturation_weight, arguments.effort_weight)
     try:
-        seen = tuning.cells({k: tracking.task(k) for k in arguments.references}, model)
-        unseen = tuning.cells({k: tracking.task(k) for k in arguments.holdout}, model)
+        seen = tuning.cells({k: _task(k) for k in arguments.references}, model)
+        unseen = tuning.cells({k: _task(k) for k in arguments.holdout}, model)
     except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
     before = _starting(arguments)
@@ -138,6 +156,28 @@ def run(arguments):
         plots.tuned(arguments.picture, compared, tried, result, arguments.force)
     _say(arguments, result)
     return result
+
+
+def _task(text):
+    """The tracking.Task of KIND:NAME=NUMBER,NAME=NUMBER."""
+    kind, _, rest = text.partition(":")
+    settings = {}
+    for item in filter(None, rest.split(",")):
+        name, _, value = item.partition("=")
+        if name not in SETTINGS:
+            raise IdentifyError(
+                "%s: '%s' is not one of %s" % (text, name, ", ".join(sorted(SETTINGS)))
+            )
+        try:
+            settings[name] = float(value)
+        except ValueError:
+            raise IdentifyError("%s: '%s' is not a number" % (text, value))
+    if kind not in tracking.REFERENCES and not kind.lower().endswith(".csv"):
+        raise IdentifyError(
+            "a reference must be one of %s, or a .csv file, not '%s'"
+            % (", ".join(tracking.REFERENCES), kind)
+        )
+    return tracking.task(kind, **settings)
 
 
 def _starting(arguments):
