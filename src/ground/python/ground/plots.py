@@ -5,7 +5,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import failure, files, repair, tuning  # noqa: E402
+from ground import failure, files, repair  # noqa: E402
 from ground.words import number  # noqa: E402
 
 MEASURED = "#222222"
@@ -65,7 +65,7 @@ def comparison(path, studies, force=False):
         "%s: velocities in the body frame, model restarted every 1.5 s" % run.name, fontsize=12
     )
     figure.subplots_adjust(left=0.06, right=0.98, top=0.91, bottom=0.07)
-    _save(figure, path, force)
+    save(figure, path, force)
 
 
 def error_fall(path, report, force=False):
@@ -88,116 +88,7 @@ def error_fall(path, report, force=False):
     axis.set_xlim(0, 1.12 * max(b[1] for b in bars))
     axis.legend(loc="lower right", fontsize=8)
     figure.tight_layout()
-    _save(figure, path, force)
-
-
-def tracked(path, run, task, result, force=False):
-    """Path, error and inputs of a tracking.Tracked, with its numbers in the title."""
-    figure = plt.figure(figsize=(13, 6.5))
-    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.4], hspace=0.12, wspace=0.18)
-    axis = figure.add_subplot(grid[:, 0])
-    axis.plot(
-        run.wanted[:, 1], run.wanted[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference"
-    )
-    axis.plot(run.eta[:, 1], run.eta[:, 0], color=MEASURED, lw=1, label="craft")
-    every = max(1, len(run.eta) // 24)
-    heading = run.eta[::every]
-    axis.quiver(
-        heading[:, 1],
-        heading[:, 0],
-        np.sin(heading[:, 2]),
-        np.cos(heading[:, 2]),
-        color=MODELS[0],
-        scale=28,
-        width=0.004,
-        label="heading",
-        zorder=3,
-    )
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("y [m] (world_ned)")
-    axis.set_ylabel("x [m] (world_ned)")
-    axis.legend(fontsize=8)
-    axis.grid(alpha=0.3)
-    error = figure.add_subplot(grid[0, 1])
-    error.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
-    error.axvspan(task.settled, task.end, color=MODELS[2], alpha=0.12, label="counts")
-    error.set_ylabel("error [m]")
-    error.tick_params(labelbottom=False)
-    error.legend(fontsize=8)
-    error.grid(alpha=0.3)
-    inputs = figure.add_subplot(grid[1, 1], sharex=error)
-    for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
-        inputs.step(
-            run.decisions[:, 0],
-            run.decisions[:, column],
-            where="post",
-            color=color,
-            lw=0.7,
-            label=label,
-        )
-    inputs.set_ylabel("input [-]")
-    inputs.set_xlabel("time since the reference began [s]")
-    inputs.legend(fontsize=8, loc="upper right")
-    inputs.grid(alpha=0.3)
-    figure.suptitle(
-        "%s, %s: error %s m rms, saturated %.0f%% of the time"
-        % (
-            result["controller"],
-            result["reference"],
-            number(run.numbers["rms"]),
-            100 * run.numbers["saturated_fraction"],
-        ),
-        fontsize=11,
-    )
-    _save(figure, path, force)
-
-
-def tuned(path, compared, tried, result, force=False):
-    """What tune tried: error against saturation and effort; and errors before and after."""
-    figure, (cloud, bars) = plt.subplots(
-        1, 2, figsize=(14, 6), gridspec_kw={"width_ratios": [1, 1.3]}
-    )
-    errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
-    shown = cloud.scatter(
-        errors,
-        [100 * c.saturated for c in tried],
-        c=[c.effort for c in tried],
-        s=12,
-        cmap="viridis",
-        alpha=0.6,
-    )
-    best = sorted((t["error"], 100 * t["saturated"]) for t in result["trade_off"])
-    cloud.plot(*zip(*best), ".", color=MODELS[0], ms=5, label="none better in all three")
-    cloud.set_xscale("log")
-    cloud.set_xlabel("error [m], mean of references and conditions")
-    cloud.set_ylabel("saturated [% of the time]")
-    cloud.set_title("every candidate; what was traded for what", fontsize=10)
-    cloud.legend(fontsize=8)
-    cloud.grid(alpha=0.3)
-    figure.colorbar(shown, ax=cloud, label="effort (mean square of the inputs)")
-    rows = result["table"]
-    names = list(compared)
-    height = 0.8 / len(names)
-    for count, (name, color) in enumerate(
-        zip(names, [MEASURED, "#999999", MODELS[4], MODELS[1]][-len(names) :])
-    ):
-        medians = np.array([row["rms"][name]["median"] for row in rows])
-        low = medians - [row["rms"][name]["p05"] for row in rows]
-        high = np.array([row["rms"][name]["p95"] for row in rows]) - medians
-        places = np.arange(len(rows))[::-1] + 0.4 - height * (count + 0.5)
-        bars.barh(
-            places, medians, height, xerr=[low, high], color=color, label=name, error_kw={"lw": 0.8}
-        )
-    bars.set_yticks(np.arange(len(rows))[::-1])
-    bars.set_yticklabels(
-        ["%s%s, %s" % (r["reference"], " *" if r["held_out"] else "", r["condition"]) for r in rows]
-    )
-    bars.set_xscale("log")
-    bars.set_xlabel("error rms [m]: median, 5 to 95% of fresh starts (* not seen by the search)")
-    bars.legend(fontsize=8)
-    bars.grid(alpha=0.3, axis="x")
-    figure.tight_layout()
-    _save(figure, path, force)
+    save(figure, path, force)
 
 
 def _draw_commands(axis, study):
@@ -316,7 +207,7 @@ def where(path, studies, force=False):
         fontsize=12,
     )
     figure.subplots_adjust(left=0.05, right=0.97, top=0.89, bottom=0.08, wspace=0.12, hspace=0.12)
-    _save(figure, path, force)
+    save(figure, path, force)
 
 
 def residuals(path, studies, force=False):
@@ -361,7 +252,7 @@ def residuals(path, studies, force=False):
         fontsize=12,
     )
     figure.subplots_adjust(left=0.07, right=0.98, top=0.91, bottom=0.06, wspace=0.16, hspace=0.16)
-    _save(figure, path, force)
+    save(figure, path, force)
 
 
 WRENCH_COLUMNS = ["u_L", "u_R", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]
@@ -417,7 +308,7 @@ def wrench(path, study, force=False):
         fontsize=12,
     )
     figure.subplots_adjust(left=0.055, right=0.985, top=0.93, bottom=0.05)
-    _save(figure, path, force)
+    save(figure, path, force)
 
 
 def _draw_series(axis, missing, column, factor, color):
@@ -587,7 +478,8 @@ def _colors(studies):
     return [MODELS[i % len(MODELS)] for i in range(len(studies))]
 
 
-def _save(figure, path, force):
+def save(figure, path, force):
+    """Writes the picture and lets the figure go."""
     with files.new_file(path, force) as temporary:
         figure.savefig(temporary, dpi=100)
     plt.close(figure)

@@ -3,7 +3,7 @@ import argparse
 
 import numpy as np
 
-from ground import _core, files, gains, plots, tracking
+from ground import _core, files, gains, tracking, tracking_plots
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -24,7 +24,8 @@ references, by default as in the thesis:
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
 --noise the controller knows the true state at its rate; with it, what mocap_state makes of a
 mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
-With --starts N the craft starts N times, each time a little elsewhere, and medians are given.
+The craft starts at rest at the origin; with --seed a little elsewhere, and with --starts N so N
+times, and medians are given.
 """
 
 REFERENCE = [
@@ -38,7 +39,7 @@ REFERENCE = [
 def configure(parser):
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
-    takes_loop(parser)
+    _takes_loop(parser)
     parser.add_argument("--reference", default="circle", metavar="KIND", help="below (%(default)s)")
     for option, name, kind, metavar in REFERENCE:
         parser.add_argument(option, dest=name, type=kind, metavar=metavar)
@@ -64,8 +65,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def takes_loop(parser):
-    """What track and tune share: controller, craft, and what the loop has to cope with."""
+def _takes_loop(parser):
+    """Controller, craft, and what the loop has to cope with."""
     parser.add_argument(
         "--controller", choices=_core.controller_names(), default="TrajectoryTracking"
     )
@@ -86,11 +87,11 @@ def takes_loop(parser):
     )
     parser.add_argument("--loss", type=_share, default=0.0, help="share of frames lost, 0..1")
     parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
-    parser.add_argument("--seed", type=int, default=1, help="of noise and starts (%(default)s)")
+    parser.add_argument("--seed", type=_seed, help="of noise and start (start: the origin)")
 
 
-def loop(arguments):
-    """(truth, believed, controller, conditions) of the arguments of takes_loop."""
+def _loop(arguments):
+    """(truth, believed, controller, conditions) of the arguments of _takes_loop."""
     believed = common.load(arguments.model)
     truth = common.load(arguments.truth) if arguments.truth else believed
     try:
@@ -105,15 +106,16 @@ def loop(arguments):
 def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
-    truth, believed, controller, conditions = loop(arguments)
+    truth, believed, controller, conditions = _loop(arguments)
     task = _task(arguments)
     caution = task.reference.infeasibility(believed)
     if caution:
         common.say(arguments, "note: %s" % caution)
+    seed = 1 if arguments.seed is None else arguments.seed
     if arguments.anywhere:
-        starts = tracking.anywhere(arguments.starts, arguments.seed, arguments.anywhere)
-    elif arguments.starts > 1:
-        starts = tracking.starts(arguments.starts, arguments.seed, arguments.spread)
+        starts = tracking.anywhere(arguments.starts, seed, arguments.anywhere)
+    elif arguments.starts > 1 or arguments.seed is not None:
+        starts = tracking.starts(arguments.starts, seed, arguments.spread)
     else:
         starts = [(np.zeros(3), np.zeros(3))]
     try:
@@ -124,7 +126,7 @@ def run(arguments):
             task,
             starts,
             conditions,
-            arguments.seed,
+            seed,
             arguments.rate,
         )
     except ValueError as error:
@@ -134,6 +136,7 @@ def run(arguments):
         "model": arguments.model,
         "truth": arguments.truth or arguments.model,
         "reference": arguments.reference,
+        "seed": arguments.seed,
         "starts": len(runs),
         "window": [task.settled, task.end],
         "caution": caution or None,
@@ -141,7 +144,7 @@ def run(arguments):
     }
     result.update(tracking.pooled(runs))
     if arguments.picture:
-        plots.tracked(arguments.picture, runs[0], task, result, arguments.force)
+        tracking_plots.tracked(arguments.picture, runs[0], task, result, arguments.force)
         result["picture"] = arguments.picture
     _say(arguments, result)
     stopped = [r.numbers["stopped"] for r in runs if r.numbers["stopped"]]
@@ -213,6 +216,13 @@ def _factor(text):
     if not separator or not np.isfinite(value):
         raise argparse.ArgumentTypeError("'%s' is not NAME=FACTOR" % text)
     return name, value
+
+
+def _seed(text):
+    value = int(text)
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
+    return value
 
 
 def _share(text):

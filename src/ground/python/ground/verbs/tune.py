@@ -2,7 +2,7 @@
 import argparse
 import sys
 
-from ground import files, gains, plots, tracking, tuning
+from ground import files, gains, tracking, tracking_plots, tuning
 from ground.errors import IdentifyError
 from ground.verbs import common
 from ground.verbs.track import metres
@@ -153,7 +153,7 @@ def run(arguments):
     ]
     gains.write(arguments.output, tuned, comments, arguments.force)
     if arguments.picture:
-        plots.tuned(arguments.picture, compared, tried, result, arguments.force)
+        tracking_plots.tuned(arguments.picture, compared, tried, result, arguments.force)
     _say(arguments, result)
     return result
 
