@@ -8,7 +8,7 @@ from conftest import MODEL, ROOT, identify, program
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 MVWT = ROOT / "cfg" / "hovercraft" / "mvwt.yaml"
 GAINS = ROOT / "cfg" / "gains"
-STARTS = 12
+STARTS = 8
 
 # 5, 50, 95% of the error [m rms] of the Tiny Whoover with the thesis's gains
 THESIS = {
