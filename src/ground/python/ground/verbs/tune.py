@@ -242,19 +242,23 @@ _SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 def _say(arguments, result):
     names = list(result["saturated"])
+    labels = [
+        "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
+        for row in result["table"]
+    ]
+    form = "%%-%ds" % (2 + max(map(len, labels)))
     common.say(arguments, "error rms, median (95%%) of %d fresh starts" % result["test_starts"])
-    common.say(arguments, "%-28s" % "" + "".join("%24s" % n for n in names))
-    for row in result["table"]:
-        label = "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
+    common.say(arguments, form % "" + "".join("%24s" % n for n in names))
+    for label, row in zip(labels, result["table"]):
         cells = [
             "%s (%s)" % (metres(row["rms"][n]["median"]), metres(row["rms"][n]["p95"]))
             for n in names
         ]
-        common.say(arguments, "%-28s" % label + "".join("%24s" % cell for cell in cells))
-    for what, form in (("saturated", "%.1f%%"), ("effort", "%.3f")):
+        common.say(arguments, form % label + "".join("%24s" % cell for cell in cells))
+    for what, digits in (("saturated", "%.1f%%"), ("effort", "%.3f")):
         scale = 100 if what == "saturated" else 1
-        cells = [form % (scale * result[what][n]) for n in names]
-        common.say(arguments, "%-28s" % what + "".join("%24s" % cell for cell in cells))
+        cells = [digits % (scale * result[what][n]) for n in names]
+        common.say(arguments, form % what + "".join("%24s" % cell for cell in cells))
     common.say(arguments, "* not seen by the search")
     common.say(
         arguments,
