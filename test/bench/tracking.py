@@ -12,7 +12,7 @@ ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import hidden_cases  # noqa: E402
 
-from ground import _core, gains, tracking, tuning  # noqa: E402
+from ground import _core, files, gains, tracking, tuning  # noqa: E402
 
 REFERENCES = {
     "circle": dict(rate_of_turn=0.63),
@@ -121,6 +121,8 @@ def main():
         "--strength", type=float, default=5.0, help="of the effects, that of bench-hidden is 1 (5)"
     )
     arguments = parser.parse_args()
+    if arguments.json:
+        files.refuse_existing(arguments.json, False)
     model = _core.load_model(arguments.model)
     found = {"tables": [], "hidden": []}
     if not arguments.only_effects:
@@ -178,8 +180,7 @@ def main():
                 flush=True,
             )
     if arguments.json:
-        with open(arguments.json, "w") as file:
-            json.dump(found, file, indent=1)
+        files.write_json(arguments.json, found)
 
 
 if __name__ == "__main__":

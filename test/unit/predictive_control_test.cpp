@@ -239,6 +239,19 @@ TEST(PredictiveControl, WithoutAFiniteStateThereIsNoThrustUntilThereIsOneAgain) 
   EXPECT_GT(control.decide({0.04, 0.04, good, circle.get(), 0, 1}).norm(), 0);
 }
 
+TEST(PredictiveControl, ARunAfterTimeHasJumpedBackIsAsGoodAsTheFirst) {
+  const Model model = craft({{"motor_lag", {0.05}}});
+  PredictiveControl control(model, {});
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  double errors[2] = {0, 0};
+  for (double& last : errors) {
+    control.reset();
+    track(model, control, *circle, {}, 12, [&](double, double error, long) { last = error; });
+  }
+  EXPECT_LT(errors[0], 1e-3);
+  EXPECT_LT(errors[1], 1e-3);
+}
+
 TEST(PredictiveParams, RefuseNonsense) {
   EXPECT_EQ(PredictiveParams().validate(), "");
   PredictiveParams params;

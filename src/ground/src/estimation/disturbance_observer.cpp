@@ -9,6 +9,7 @@ namespace ground {
 namespace {
 
 constexpr double kLongestStep = 0.01;  // [s]
+constexpr double kDisorder = 0.1;      // of commands of several controllers [s]
 
 }  // namespace
 
@@ -20,12 +21,12 @@ DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParam
 }
 
 void DisturbanceObserver::reset() {
-  count_ = 0;
   started_ = false;
   estimate_ = Estimate();
 }
 
 void DisturbanceObserver::command(double time, const Vector2<double>& thrusters, double lift) {
+  if (count_ > 0 && time < recent(0).time - kDisorder) count_ = 0;
   commands_[count_++ % commands_.size()] = {time, thrusters, lift};
 }
 

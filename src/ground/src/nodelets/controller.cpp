@@ -80,6 +80,8 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   const std::string& driver = message->header.frame_id;
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   if (driver.empty() || driver == name_) return;
+  for (double input : {message->left, message->right, message->lift})
+    if (!std::isfinite(input)) return;
   const double now = steadyNow();
   published(message->header.stamp, message->left, message->right, message->lift);
   if (!started()) {

@@ -19,7 +19,7 @@ struct Observation {
 class TrackingController {
  public:
   virtual ~TrackingController() = default;
-  /// Forgets what happened so far.
+  /// A run begins: forgets what was measured and planned.
   virtual void reset() {}
   /// Every command that went out, whoever gave it; in order of time [s], in the model's units.
   virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}

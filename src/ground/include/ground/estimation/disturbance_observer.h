@@ -37,9 +37,10 @@ class DisturbanceObserver {
   DisturbanceObserver(const Model& model, const ObserverParams& params);
 
   void setParams(const ObserverParams& params) { params_ = params; }
-  /// Forgets everything.
+  /// Forgets what was measured; the commands given still act.
   void reset();
-  /// A command, in the model's units, that was given at `time` [s]; ascending.
+  /// A command, in the model's units, that was given at `time` [s]; one before the last means that
+  /// time has jumped back, and those before it are forgotten.
   void command(double time, const Vector2<double>& thrusters, double lift);
   /// What was measured at `time`; velocities are only looked at when it starts anew. Measurements
   /// that are not newer than the last one are left out.

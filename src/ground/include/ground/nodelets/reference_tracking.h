@@ -101,7 +101,10 @@ class ReferenceTracking : public Controller {
 
   std::string caution() const override { return caution_; }
 
-  void activate(const ros::Time&) override { reference_start_ = ros::Time(); }
+  void activate(const ros::Time&) override {
+    reference_start_ = ros::Time();
+    controller_->reset();
+  }
 
   double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }
 
