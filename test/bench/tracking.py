@@ -58,7 +58,7 @@ def tables(model, starts, seed):
 
 def anywhere(model, count, seed):
     """Share of starts at rest within 3 m, any heading, from which the circle is reached."""
-    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, end=22.0)
+    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
     runs = tracking.many(
         model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(count, seed, 3.0)
     )

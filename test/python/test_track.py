@@ -122,7 +122,7 @@ def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
 def test_the_predictive_controller_reaches_the_circle_from_anywhere():
     from ground import gains, tracking
 
-    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, end=22.0)
+    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
     model = load(MODEL)
     runs = tracking.many(
         model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(200, 5, 3.0)
@@ -186,6 +186,13 @@ def test_a_reference_from_a_file(tmp_path):
     assert found["window"][1] > 8
     slower = track(*loop, "--speed", 0.15, "--smooth")
     assert slower["window"][1] > 1.5 * found["window"][1]
+
+
+def test_a_line_to_another_end():
+    loop = ["--model", MODEL, "--controller", "ModelPredictive", "--reference", "line"]
+    found = track(*loop, "--origin", 0, 0.5, "--end", -1, 1.5, "--speed", 0.5, "--end-time", 14)
+    assert found["window"] == [0, 14]
+    assert found["after_stop_max"] < 0.02
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ class Task:
 
     reference: object  # _core.ReferenceParams
     settled: float
-    end: float
+    until: float
 
     @property
     def ends(self):
@@ -57,7 +57,7 @@ class Tracked:
         return np.hypot(*(self.eta[:, :2] - self.wanted).T)
 
 
-def task(kind, settled=None, end=None, **settings):
+def task(kind, settled=None, until=None, **settings):
     """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
     are given."""
     reference = _core.ReferenceParams()
@@ -74,7 +74,7 @@ def task(kind, settled=None, end=None, **settings):
     return Task(
         reference,
         window[0] if settled is None else settled,
-        window[1] if end is None else end,
+        window[1] if until is None else until,
     )
 
 
@@ -99,10 +99,10 @@ def run(truth, believed, controller, task, start=None, conditions=None, seed=1, 
     stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
-    controller.prbs.duration = task.end
+    controller.prbs.duration = task.until
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
-    params.rate, params.duration = rate, task.end
+    params.rate, params.duration = rate, task.until
     params.estimate = conditions.noise
     params.start, params.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
     mocap = _core.MocapParams()

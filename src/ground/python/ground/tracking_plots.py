@@ -35,7 +35,7 @@ def tracked(path, run, task, result, force=False):
     axis.grid(alpha=0.3)
     error = figure.add_subplot(grid[0, 1])
     error.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
-    error.axvspan(task.settled, task.end, color=MODELS[2], alpha=0.12, label="counts")
+    error.axvspan(task.settled, task.until, color=MODELS[2], alpha=0.12, label="counts")
     error.set_ylabel("error [m]")
     error.tick_params(labelbottom=False)
     error.legend(fontsize=8)

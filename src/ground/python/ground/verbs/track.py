@@ -138,7 +138,7 @@ def run(arguments):
         "reference": arguments.reference,
         "seed": arguments.seed,
         "starts": len(runs),
-        "window": [task.settled, task.end],
+        "window": [task.settled, task.until],
         "caution": caution or None,
         "gains": gains.get(controller),
     }
