@@ -263,7 +263,13 @@ def test_files_and_pictures(tmp_path):
         out, [bag], MODEL, model_with(tmp_path / "other.yaml", ["{name: yaw_bias, n0: 0.0}"])
     )
     names = {p.name for p in out.iterdir()}
-    assert names == {"compare.json", "run.png", "run.where.png", "run.residuals.png"} | {
+    assert names == {
+        "compare.json",
+        "report.html",
+        "run.png",
+        "run.where.png",
+        "run.residuals.png",
+    } | {
         "run.wrench.%s.%s" % (m, kind) for m in ("tiny_whoover", "other") for kind in ("png", "csv")
     }
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in out.glob("*.png"))

@@ -55,8 +55,7 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     assert len(report["candidates"]) == 21
     assert [c["rank"] for c in report["candidates"]] == list(range(1, 22))
     page = (out / "report.html").read_text()
-    assert "motor_lag is missing" in page and "data:image/png;base64," in page
-    assert "http" not in page.replace("http-equiv", "")
+    assert "motor_lag is missing" in page
     # simulator and controllers take the model as it is
     simulated = identify(
         "simulate",
@@ -127,7 +126,7 @@ def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
         "--model",
         tmp_path / "out" / "improved.yaml",
         "-o",
-        tmp_path / "added.yaml"
+        tmp_path / "added.yaml",
     )
     assert added.returncode == 0, added.stderr
     # A user who knows more writes the effect and has it tried with the others.

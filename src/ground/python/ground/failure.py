@@ -17,6 +17,7 @@ OUTLYING = 8.0  # robust standard deviations: nor is it so rare
 EVENT_MARGIN = 0.3  # to both sides of a disturbance [s]
 COMMAND_LAGS = (0.0, 0.05, 0.1, 0.2, 0.3)  # at which thrust may follow its command [s]
 RIDGE = 3e-3  # of the regression on bins
+NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
 MAP_CELLS = 5  # along each side
 AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
 
@@ -232,11 +233,14 @@ class Missing:
     numbers: Dict
 
 
-def of_wrench(wrench_filter, run, model, events):
+def of_wrench(wrench_filter, run, model, events, other=None):
     """Infers the missing wrench along an undisturbed run and says what it follows.
 
     The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
     smoother makes of it, so that sizes are those of the wrench and not of its smoothed image.
+
+    other: a model that may know better; `accounted` then says how much of the wrench it accounts for:
+    what `model` misses and it does not, seen by the same smoother from the same poses.
     """
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
@@ -249,6 +253,10 @@ def of_wrench(wrench_filter, run, model, events):
     channels = np.repeat([0, 1, 2], acting.shape[1])
     smoothed = wrench_filter.smooth(noise, np.hstack([acting] * 3), channels.tolist())
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
+    accounted = None
+    if other is not None:
+        still = _core.WrenchFilter(other, run, repair.MAX_GAP).smooth(noise)["wrench"]
+        accounted = wrench - still
     every = slice(None, None, stride_of(times))
     responses = smoothed["responses"][every].reshape(-1, 3, acting.shape[1])
     result = {
@@ -274,15 +282,17 @@ def of_wrench(wrench_filter, run, model, events):
             "full_scale": float(scale),
             "against": _against(values, responses[:, i], found),
         }
+        if accounted is not None:
+            result["channels"][channel]["accounted"] = _accounted(
+                values, accounted[every, i], responses[:, i], found
+            )
     return Missing(times, wrench, sigma, eta[:, 2], eta[:, :2], result)
 
 
 def _against(values, responses, found):
     """Means of a channel of the wrench in the bins of each variable, and its share of variance."""
-    result, at = {}, 0
-    for name, variable in found.items():
-        design = responses[:, at : at + len(variable.centres)]
-        at += len(variable.centres)
+    result = {}
+    for name, variable, design in _designs(responses, found):
         means, errors, _ = regress(design, values, RIDGE)
         result[name] = {
             "label": variable.label,
@@ -293,6 +303,25 @@ def _against(values, responses, found):
             "share": share_explained(design, values),
         }
     return result
+
+
+def _designs(responses, found):
+    """Name, variable, and what the smoother makes of each of its bins (n, bins)."""
+    at = 0
+    for name, variable in found.items():
+        yield name, variable, responses[:, at : at + len(variable.centres)]
+        at += len(variable.centres)
+
+
+def _accounted(values, accounted, responses, found):
+    """Share of a channel's mean square that another model accounts for, and its means in the bins."""
+    total = (values**2).sum()
+    rest = ((values - accounted) ** 2).sum()
+    means = {
+        name: regress(design, accounted, RIDGE)[0].tolist()
+        for name, _, design in _designs(responses, found)
+    }
+    return {"share": float(1 - rest / total) if total > 0 else 0.0, "mean": means}
 
 
 def thrust_direction(wrench, responses, model_thrust, totals, nu):
@@ -342,6 +371,11 @@ def thrust_direction(wrench, responses, model_thrust, totals, nu):
 def is_named(share):
     """Whether a share is large enough, and too large for chance, to be spoken of."""
     return share["share"] >= CLEAR and share["p"] <= CHANCE
+
+
+def is_nothing(channel):
+    """Whether a channel of the missing wrench is no larger than its uncertainty, or next to nothing."""
+    return channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"])
 
 
 def best_variable(against, what="share"):

@@ -68,29 +68,6 @@ def comparison(path, studies, force=False):
     save(figure, path, force)
 
 
-def error_fall(path, report, force=False):
-    """Error on held-out runs of the nominal model and after each step, with the noise floor."""
-    bars = [("refitted as it is", report["nominal"]["error"]["heldout"])] + [
-        ("+ " + s["added"] if "added" in s else "- " + s["removed"], s["error"]["heldout"])
-        for s in report["steps"]
-    ]
-    figure, axis = plt.subplots(figsize=(9, 0.8 + 0.42 * len(bars)))
-    places = np.arange(len(bars))[::-1]
-    axis.barh(places, [b[1] for b in bars], 0.62, color=[MEASURED] + [MODELS[1]] * len(bars))
-    for place, (_, error) in zip(places, bars):
-        axis.annotate(
-            number(error), (error, place), (4, 0), textcoords="offset points", va="center"
-        )
-    axis.axvline(report["noise_floor"], color=MODELS[2], ls="--", label="noise of the poses alone")
-    axis.set_yticks(places)
-    axis.set_yticklabels([b[0] for b in bars])
-    axis.set_xlabel("error on held-out runs [-]")
-    axis.set_xlim(0, 1.12 * max(b[1] for b in bars))
-    axis.legend(loc="lower right", fontsize=8)
-    figure.tight_layout()
-    save(figure, path, force)
-
-
 def _draw_commands(axis, study):
     run = study["run"]
     times, inputs = np.array(run.times), run.inputs

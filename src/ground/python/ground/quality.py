@@ -181,6 +181,15 @@ class Run:
         }
 
 
+def describe(runs):
+    """What `info` says of runs, a dictionary each; with those that share their inputs."""
+    pairs = same_inputs(runs)
+    described = [run.describe() for run in runs]
+    for d in described:
+        d["same_inputs_as"] = [b if a == d["name"] else a for a, b in pairs if d["name"] in (a, b)]
+    return described
+
+
 def same_inputs(runs):
     """Pairs of runs (names) that were driven by the same sequence of commands."""
     held = [_held(run.recording) for run in runs]

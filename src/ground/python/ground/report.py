@@ -1,147 +1,241 @@
-"""The page that shows a diagnosis: report.html, one file that opens anywhere."""
-import base64
-import datetime
-import html
+"""report.html of compare and diagnose: the verdict first, then what it rests on."""
 import os
-import platform
-import shlex
-import string
-import sys
-import tempfile
 
-from ground import comparison, files, words
+from ground import figures, findings, inspection, origin, page, words
 from ground.words import number
 
-SHOWN = 12  # rows of the table of candidates
-PAGE = string.Template(
-    """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>Diagnosis of $model</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<style>
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 68rem; margin: 2rem auto; padding: 0 1rem }
-h1 { font-size: 1.4rem } h2 { font-size: 1.1rem; margin-top: 2rem }
-.verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
-table { border-collapse: collapse; font-size: .85rem; width: 100% }
-th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
-td.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums } tr.chosen { background: #e6f2e8 }
-img { max-width: 100% } code { background: #f2f2f0; padding: 0 .2rem; overflow-wrap: anywhere } .wide { overflow-x: auto }
-@media print { body { margin: 0; font-size: 11pt } h2, img, tr { break-inside: avoid } }
-</style></head><body>
-<h1>What does $model lack?</h1>
-<p class="verdict">$verdict</p>
-<p><img alt="error after each step" src="$fall"></p>
-<h2>Evidence</h2>
-<p>Each effect beside the refitted nominal model. <i>p</i>: chance of so much evidence without the effect,
-corrected for the number of effects tried. ΔBIC: below 0 speaks for it. Inclusion: how often it would be
-first, had other stretches been recorded. Error: see below. Brackets: 95% intervals.</p>
-<div class="wide"><table><tr><th>rank</th><th>effect</th><th>p</th><th>ΔBIC</th><th>inclusion</th><th>error, fitted</th>
-<th>error, held out</th><th>parameters</th><th>cannot be told from</th></tr>$candidates</table></div>
-<h2>Improved model</h2>
-<div class="wide"><table><tr><th>parameter</th><th>nominal</th><th>improved</th><th>95% interval</th><th>unit</th></tr>$parameters</table></div>
-$apart
-$unexplained
-<h2>Measured and simulated</h2>
-$pictures
-<h2>How it was made</h2>
-<p><code>$command</code><br>$date, Python $python. Runs: $runs. Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v +
-|e_r|/σ_r, windows of 1.5 s, each from initial velocities of its own; held out: $heldout. Noise floor:
-$floor, what the noise of the poses alone leaves.</p>
-</body></html>
-"""
-)
 COLORS = {"complete": "#2a9d5c", "missing": "#1f77b4", "unexplained": "#e08e0b"}
+ERROR = (
+    "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
+    "initial velocities of its own; σ are the run's standard deviations."
+)
+NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 
-def write(path, report, found, conclusion, force=False):
-    """Writes the page of a report (ground.diagnosis_report) of a Diagnosis and its Conclusion."""
-    text = html.escape
-    heldout = report["runs"]["heldout"]
-    page = PAGE.substitute(
-        model=text(os.path.basename(report["model"])),
-        color=COLORS[report["verdict"]],
-        verdict=text(words.verdict(report)),
-        fall=_picture(lambda name, plots: plots.error_fall(name, report, True)),
-        candidates="".join(_candidate(c) for c in report["candidates"][:SHOWN]),
-        parameters="".join(_parameter(n, report) for n in report["improved"]["parameters"]),
-        apart="".join("<p>%s</p>" % text(line) for line in words.apart(report)),
-        unexplained="".join("<p>%s</p>" % text(line) for line in words.unexplained(report)),
-        pictures="".join(_comparisons(found, conclusion)),
-        command=text("identify " + " ".join(map(shlex.quote, sys.argv[1:]))),
-        date=datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
-        python=platform.python_version(),
-        runs=text(", ".join(report["runs"]["fit"])),
-        heldout=text(
-            ", ".join(heldout)
-            if heldout != report["runs"]["fit"]
-            else "each run (or quarter of a single one) by a fit to the others"
-        ),
-        floor=number(report["noise_floor"]),
-    )
-    with files.new_file(path, force) as temporary:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(page)
+def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False):
+    """Writes the page of a diagnosis.
 
+    report: as ground.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion; described:
+    of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs: files read.
+    """
+    winner = conclusion.improved if found.chosen else None
+    runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
 
-def _candidate(c):
-    parameters = "<br>".join(html.escape(line) for line in words.parameters(c["parameters"]))
-    rivals = ", ".join(name for name in c["group"] if name != c["effect"])
-    cells = [
-        ("n", c["rank"]),
-        ("", html.escape(c["effect"])),
-        ("n", "%.1g" % c["p_value"]),
-        ("n", "%.0f" % c["delta_bic"]),
-        ("n", "%.0f%%" % (100 * c["inclusion"])),
-        ("n", number(c["error"]["fit"])),
-        ("n", number(c["error"]["heldout"])),
-        ("", parameters),
-        ("", html.escape(rivals)),
+    def both(task):
+        run, role = task
+        studies = [inspection.inspect(run, found.nominal.model, NOMINAL, role, winner)]
+        if winner is not None:
+            studies.append(inspection.inspect(run, winner, IMPROVED, role))
+        return studies
+
+    inspected = list(found.pool.map(both, runs))
+    sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
+    sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
+    sheet.paragraph(words.verdict(report), "verdict")
+    steps = [("refitted as it is", report["nominal"]["error"]["heldout"])] + [
+        ("+ " + s["added"] if "added" in s else "− " + s["removed"], s["error"]["heldout"])
+        for s in report["steps"]
     ]
-    row = "".join('<td class="%s">%s</td>' % cell for cell in cells)
-    return '<tr class="%s">%s</tr>' % ("chosen" if c["selected"] else "", row)
+    sheet.figure(figures.fall(steps, report["noise_floor"], "held-out runs"), ERROR)
+    _measured_against(sheet, inspected, " + ".join(report["improved"]["effects"]))
+    _evidence(sheet, report)
+    apart = list(words.apart(report))
+    sheet.heading("What cannot be told apart, and the next experiment")
+    if apart:
+        sheet.points(apart)
+    else:
+        sheet.paragraph("These runs tell all effects tried apart.")
+    rest = list(words.unexplained(report))
+    if rest:
+        sheet.heading("What is still unexplained")
+        sheet.points(rest)
+    _quality(sheet, described)
+    heldout = report["runs"]["heldout"]
+    how = (
+        "held out: " + ", ".join(heldout)
+        if heldout != report["runs"]["fit"]
+        else "held out: each run (or quarter of a single one), by a fit to the others"
+    )
+    _origin(
+        sheet,
+        inputs,
+        [how, "all random numbers have fixed seeds (noise floor 0 to 4, bootstrap 1)"],
+    )
+    sheet.write(path, COLORS[report["verdict"]], force)
 
 
-def _parameter(name, report):
-    p = report["improved"]["parameters"][name]
-    nominal = report["nominal"]["parameters"].get(name)
-    interval = "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "these data do not tell it"
-    return "<tr><td>%s</td><td class=n>%s</td><td class=n>%.4g</td><td>%s</td><td>%s</td></tr>" % (
-        html.escape(name),
-        "%.4g" % nominal["value"] if nominal else "",
-        p["value"],
-        interval,
-        html.escape(p["unit"]),
+def comparison(path, result, inspected, described, inputs=(), force=False):
+    """Writes the page of a comparison.
+
+    result: what compare.json holds; inspected: of every run, what ground.inspection found of each model;
+    described: of all runs (quality.describe); inputs: files read.
+    """
+    sheet = page.Page("Comparison of " + ", ".join(result["models"]))
+    sheet.add(
+        "<h1>%s</h1>"
+        % page.text(
+            "Where "
+            + " and ".join(result["models"])
+            + (" fails" if len(result["models"]) == 1 else " fail")
+        )
+    )
+    sheet.paragraph(words.comparison(result), "verdict")
+    errors = {label: groups["all"]["error"] for label, groups in result["pooled"].items()}
+    sheet.figure(figures.fall(list(errors.items()), result["noise_floor"], "all runs"), ERROR)
+    _numbers(sheet, result["pooled"])
+    _measured_against(sheet, inspected, list(result["models"])[-1])
+    _quality(sheet, described)
+    _origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
+    sheet.write(path, figures.MODELS[1], force)
+
+
+def _numbers(sheet, pooled):
+    sheet.subheading("All runs together")
+    head = ["model", "runs", "#error", "#prediction error", "#(3.4), 4 s"]
+    head += ["#fit %s [%%]" % c for c in "uvr"] + ["#off after 1 s"]
+    rows = []
+    for label, groups in pooled.items():
+        for role in ("fit", "held_out"):
+            n = groups[role]
+            if not n:
+                continue
+            cells = [label, role.replace("_", " "), number(n["error"])]
+            cells += [number(n["prediction_error"]), number(n["thesis_objective"])]
+            cells += ["%.0f" % n["fit_percent"][c] for c in "uvr"]
+            rows.append(cells + [words.off_after_a_second(n)])
+    sheet.table(head, rows)
+    sheet.paragraph(
+        "Runs a model was fitted to, and held-out ones, by its provenance. Prediction error: initial "
+        "velocities from the first 0.4 s of a window, the rest scored. (3.4): the thesis's objective.",
+        "caption",
     )
 
 
-def _comparisons(found, conclusion):
-    """A picture of each run against the refitted nominal and the improved model."""
-    models = [("nominal, refitted", found.nominal.model)]
-    if found.chosen:
-        models.append(("improved", conclusion.improved))
-    for run in found.runs:
-        studies = []
-        for label, model in models:
-            evaluation = comparison.evaluate(run, model)
-            studies.append(
-                {
-                    "label": label,
-                    "run": run,
-                    "model": model,
-                    "role": "fit",
-                    "evaluation": evaluation,
-                    "numbers": comparison.numbers([evaluation]),
-                }
+def _measured_against(sheet, inspected, winner):
+    """All runs against all models: over time and place, and where they fail."""
+    labels = [s["label"] for s in inspected[0]]
+    sheet.heading("Where it fails")
+    by_model = [(label, [studies[i] for studies in inspected]) for i, label in enumerate(labels)]
+    sheet.figure(
+        figures.shares(by_model),
+        "Share of the variance [%%] of the error and of the missing wrench that each variable explains "
+        "beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge force, side "
+        "force, yaw moment; all in the body frame." % (len(inspected), "s" * (len(inspected) > 1)),
+    )
+    sheet.heading("Measured against each model")
+    if len(inspected) > 1:
+        sheet.paragraph("Open a run to see it; what is open is printed.", "caption screen")
+    for count, studies in enumerate(inspected):
+        run = studies[0]["run"]
+        errors = ", ".join("%s %s" % (s["label"], number(s["numbers"]["error"])) for s in studies)
+        role = studies[0]["role"].replace("_", " ")
+        sheet.fold(run.name, "(%s) error: %s" % (role, errors), count == 0)
+        sheet.figure(figures.motion(studies), figures.motion_caption(run))
+        sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
+        sheet.subheading("Error against what was measured")
+        sheet.figure(
+            figures.where(studies),
+            "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
+            "beyond chance, for the model with the least error." % run.name,
+        )
+        sheet.subheading("Missing wrench against what was measured")
+        caption = (
+            "Run %s, body frame, by a Kalman smoother; bars: two standard errors; percentage: as above, for %s."
+            % (
+                run.name,
+                labels[0],
             )
-        source = _picture(lambda name, plots: plots.comparison(name, studies, True))
-        yield '<p><img alt="%s" src="%s"></p>' % (html.escape(run.name), source)
+        )
+        if "accounted" in studies[0]["missing"].numbers["channels"]["X"]:
+            accounted = ", ".join(
+                "%s %.0f%%" % (c, 100 * entry["accounted"]["share"])
+                for c, entry in studies[0]["missing"].numbers["channels"].items()
+            )
+            caption += (
+                " Dotted: what %s predicts of it; it accounts for (of the mean square) %s."
+                % (
+                    winner,
+                    accounted,
+                )
+            )
+        sheet.figure(figures.wrench(studies, winner), caption)
+        sheet.subheading("Missing wrench over time")
+        sheet.figure(
+            figures.wrench_over_time(studies),
+            "Run %s, body frame; shaded: two standard deviations of the estimate. Grey: left out, for "
+            "no input explains the motion (contact, hand, wrong poses)." % run.name,
+        )
+        sheet.end_fold()
 
 
-def _picture(draw):
-    """What draw(path, plots) draws, as a data URL."""
-    from ground import plots
+def _evidence(sheet, report):
+    sheet.heading("Evidence")
+    sheet.paragraph(
+        "Each effect beside the refitted nominal model. p: chance of so much evidence without the "
+        "effect, corrected for the number of effects tried. ΔBIC: below 0 speaks for it. Inclusion: how "
+        "often it would be first, had other stretches been recorded. Brackets: 95% intervals. Green: "
+        "chosen.",
+        "caption",
+    )
+    head = ["#rank", "effect", "#error, held out", "#p", "#ΔBIC", "#inclusion"]
+    rows = [
+        [
+            c["rank"],
+            c["effect"],
+            number(c["error"]["heldout"]),
+            "%.1g" % c["p_value"],
+            "%.0f" % c["delta_bic"],
+            "%.0f%%" % (100 * c["inclusion"]),
+            "\n".join(words.parameters(c["parameters"])),
+            ", ".join(name for name in c["group"] if name != c["effect"]),
+        ]
+        for c in report["candidates"]
+    ]
+    chosen = [i for i, c in enumerate(report["candidates"]) if c["selected"]]
+    sheet.table(head + ["=parameters", "cannot be told from"], rows, chosen)
+    sheet.subheading("Improved model")
+    nominal, improved = report["nominal"]["parameters"], report["improved"]["parameters"]
+    rows = [
+        [
+            name,
+            "%.4g" % nominal[name]["value"] if name in nominal else "",
+            "%.4g" % p["value"],
+            "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "these data do not tell it",
+            p["unit"],
+        ]
+        for name, p in improved.items()
+    ]
+    new = [i for i, name in enumerate(improved) if name not in nominal]
+    sheet.table(["parameter", "#nominal", "#improved", "95% interval", "unit"], rows, new)
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = os.path.join(folder, "picture.png")
-        draw(path, plots)
-        with open(path, "rb") as file:
-            return "data:image/png;base64," + base64.b64encode(file.read()).decode()
+
+def _quality(sheet, described):
+    sheet.heading("Data quality")
+    rows = []
+    for d in described:
+        facts = dict(findings.facts(d))
+        odd = list(findings.findings(d))
+        rows.append(
+            [
+                d["name"],
+                facts["usable"],
+                facts["poses"],
+                facts["commands"],
+                facts.get("reply", "-"),
+                "\n".join("• " + line for line in odd) or "nothing odd",
+            ]
+        )
+    sheet.table(
+        ["run", "usable", "poses", "commands", "reply", "what is odd, and was repaired"], rows
+    )
+
+
+def _origin(sheet, inputs, remarks):
+    sheet.heading("How it was made")
+    sheet.add(
+        "<p><code>%s</code><br>in <code>%s</code></p>"
+        % (page.text(origin.command()), page.text(os.getcwd()))
+    )
+    versions = ", ".join("%s %s" % item for item in origin.versions().items())
+    sheet.points([origin.now(), versions] + list(remarks))
+    sheet.table(["file", "SHA-256, first half"], [[p, origin.fingerprint(p)] for p in inputs])

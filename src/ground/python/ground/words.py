@@ -3,7 +3,6 @@ import math
 
 from ground import failure
 
-NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
@@ -58,7 +57,7 @@ def missing_wrench(channels):
     """The channel that misses most of what the thrusters can give, and what it follows."""
     name = max(channels, key=lambda c: channels[c]["rms"] / channels[c]["full_scale"])
     channel = channels[name]
-    if channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"]):
+    if failure.is_nothing(channel):
         return "no wrench is missing beyond its uncertainty"
     ratio = channel["rms"] / channel["full_scale"]
     text = "missing most is %s, rms %.3g %s (%s full thrust), mean %.3g %s" % (
@@ -112,6 +111,30 @@ def error(by_channel, where):
         where[best]["label"],
         100 * share["share"],
     )
+
+
+def off_after_a_second(numbers):
+    """How far a prediction is off a second later, in the middle; "-" where no run is that long."""
+    after = next(h for h in numbers["horizons"] if h["seconds"] == 1.0)
+    if not after["starts"]:
+        return "-"
+    return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])
+
+
+def comparison(result):
+    """One sentence that says which of the models compared predicts best, and how well."""
+    errors = {}
+    for label, groups in result["pooled"].items():
+        errors[label] = groups["all"]["error"]
+    ranked = sorted(errors, key=errors.get)
+    best = ranked[0]
+    floor = "the noise of the poses alone would leave %.3f." % result["noise_floor"]
+    if len(ranked) == 1:
+        text = "%s has an error of %.3f; " % (best, errors[best])
+    else:
+        others = _listed(["%s %.3f" % (label, errors[label]) for label in ranked[1:]])
+        text = "%s predicts best: its error is %.3f, that of %s; " % (best, errors[best], others)
+    return text + floor
 
 
 def _listed(names):

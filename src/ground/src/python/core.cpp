@@ -4,6 +4,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <ceres/version.h>
+
 #include "ground/control/feasibility.h"
 #include "ground/control/prbs.h"
 #include "ground/estimation/axis_mapping.h"
@@ -164,6 +166,11 @@ py::dict toDict(const FitResult& result) {
 PYBIND11_MODULE(_core, module) {
   using namespace ground;
   module.doc() = "The C++ core: model, smoother, fit by simulation error, experiments.";
+  module.attr("version") = GROUND_VERSION;
+  module.attr("ceres_version") = CERES_VERSION_STRING;
+  module.attr("eigen_version") = std::to_string(EIGEN_WORLD_VERSION) + "." +
+                                 std::to_string(EIGEN_MAJOR_VERSION) + "." +
+                                 std::to_string(EIGEN_MINOR_VERSION);
 
   py::class_<Provenance>(module, "Provenance")
       .def(py::init<>())

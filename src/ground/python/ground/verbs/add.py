@@ -27,7 +27,7 @@ def run(arguments):
     candidate = candidates.named(arguments.effect)
     extended = candidate.add(model)
     runs = common.prepare(arguments, model)[1]
-    held = common.held_out(arguments, model, runs)
+    held = common.held_out(arguments, model, runs)[1]
 
     on_runs = study.Study(runs)
     before = on_runs.fit(model, study.free_parameters(model))

@@ -1,13 +1,11 @@
 """What the verbs of the command line share."""
 import argparse
-import datetime
 import os
-import shlex
 import sys
 
 import numpy as np
 
-from ground import _core, quality
+from ground import _core, origin, quality
 from ground import recording as recordings
 from ground.errors import IdentifyError
 
@@ -105,18 +103,17 @@ def data(arguments, run, model):
 
 
 def held_out(arguments, model, runs):
-    """_core.RunData of the runs given with --holdout; IdentifyError when one is among `runs`."""
-    held = prepare(arguments, model, arguments.holdout)[1] if arguments.holdout else []
+    """What prepare gives of the runs given with --holdout; IdentifyError when one is among `runs`."""
+    prepared, held = prepare(arguments, model, arguments.holdout) if arguments.holdout else ([], [])
     if {r.name for r in held} & {r.name for r in runs}:
         raise IdentifyError("a run is given both to fit to and to hold out")
-    return held
+    return prepared, held
 
 
 def write_model(arguments, model, error_before, error_after, parameters):
     """Writes a fitted model with where its numbers come from; errors are by kind of runs."""
     provenance = model.provenance
-    provenance.date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-    provenance.command = "identify " + " ".join(map(shlex.quote, sys.argv[1:]))
+    provenance.date, provenance.command = origin.now(), origin.command()
     provenance.bags = [os.path.basename(b) for b in arguments.bags]
     provenance.error_before, provenance.error_after = error_before, error_after
     provenance.confidence_95 = {name: p["ci95"] for name, p in parameters.items()}

@@ -18,16 +18,19 @@ runs      name, bag, picture (motion), pictures (where, residuals), models: by l
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
                     sigma (median standard deviation of the estimate), full_scale (what full thrust
                     gives), against: per variable mean and standard_error in its bins, and share;
+                    accounted (of the first of several models): share of its mean square that the
+                    last model accounts for, mean of that in the bins;
                     thrust: direction in the model's body axes and size of the force that follows
                     the command, by model and as measured; body_axes_differ. Over time in the CSV.
   files, summary    picture and series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit and held_out runs
+noise_floor  error that the noise of the poses alone would leave, were the best model the truth
 """
 import os
 
 import numpy as np
 
-from ground import comparison, failure, files, quality, residuals, words
+from ground import comparison, files, inspection, quality, report, study, words
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -60,8 +63,8 @@ def run(arguments):
     except OSError as error:
         raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
     outputs = [_outputs(arguments, recording.name, labels) for recording in found]
-    report = os.path.join(arguments.output, "compare.json")
-    for path in [report] + [p for o in outputs for p in o["paths"]]:
+    numbers, page = (os.path.join(arguments.output, n) for n in ("compare.json", "report.html"))
+    for path in [numbers, page] + [p for o in outputs for p in o["paths"]]:
         files.refuse_existing(path, arguments.force)
 
     result = {
@@ -73,19 +76,24 @@ def run(arguments):
         "runs": [],
     }
     evaluations = {label: {"fit": [], "held_out": []} for label in labels}
-    for recording, bag, output in zip(found, bags, outputs):
-        prepared, studies = quality.Run(recording), []
-        for label, model in models:
-            study = _study(arguments, prepared, label, model)
-            study["role"] = "fit" if bag in model.provenance.bags else "held_out"
-            study["files"] = output["models"][label]
-            evaluations[label][study["role"]].append(study["evaluation"])
-            studies.append(study)
+    prepared, inspected = [quality.Run(recording) for recording in found], []
+    for recording, bag, output in zip(prepared, bags, outputs):
+        studies = []
+        for count, (label, model) in enumerate(models):
+            run = common.data(arguments, recording, model)
+            role = "fit" if bag in model.provenance.bags else "held_out"
+            other = models[-1][1] if count == 0 and len(models) > 1 else None
+            one = inspection.inspect(run, model, label, role, other)
+            one["files"] = output["models"][label]
+            evaluations[label][role].append(one["evaluation"])
+            studies.append(one)
         _draw(studies, output, arguments.force)
-        _say_run(arguments, recording.name, studies)
+        name = recording.recording.name
+        _say_run(arguments, name, studies)
+        inspected.append(studies)
         result["runs"].append(
             {
-                "name": recording.name,
+                "name": name,
                 "bag": bag,
                 "picture": output["comparison"],
                 "pictures": {k: output[k] for k in ("where", "residuals")},
@@ -102,8 +110,16 @@ def run(arguments):
     }
     if len(found) > 1:
         _say_pooled(arguments, result["pooled"])
-    files.write_json(report, result, arguments.force)
-    common.say(arguments, "pictures and numbers: %s" % arguments.output)
+    best = min(labels, key=lambda label: result["pooled"][label]["all"]["error"])
+    runs = [common.data(arguments, recording, dict(models)[best]) for recording in prepared]
+    result["noise_floor"] = float(study.noise_floor(runs, dict(models)[best]).sum())
+    files.write_json(numbers, result, arguments.force)
+    described = quality.describe(prepared)
+    report.comparison(
+        page, result, inspected, described, arguments.bags + arguments.model, arguments.force
+    )
+    common.say(arguments, words.comparison(result))
+    common.say(arguments, "to look at: %s; pictures and numbers beside it" % page)
     return result
 
 
@@ -136,31 +152,6 @@ def _outputs(arguments, run, labels):
         paths += output["models"][label].values()
     output["paths"] = paths
     return output
-
-
-def _study(arguments, prepared, label, model):
-    """All that is found out about one model on one run."""
-    run = common.data(arguments, prepared, model)
-    try:
-        evaluation = comparison.evaluate(run, model)
-        where = failure.of_error(evaluation, failure.variables(run, model.input_max))
-        wrench_filter, rest, events = failure.undisturbed(model, run)
-        correlation = residuals.analyse(wrench_filter, rest)
-        missing = failure.of_wrench(wrench_filter, rest, model, events)
-    except (ValueError, RuntimeError) as error:
-        raise IdentifyError("%s with %s: %s" % (run.name, label, error))
-    study = {
-        "label": label,
-        "run": run,
-        "model": model,
-        "evaluation": evaluation,
-        "numbers": comparison.numbers([evaluation]),
-        "where": where,
-        "residuals": correlation,
-        "missing": missing,
-    }
-    study["summary"] = words.summary(study["numbers"], where, correlation, missing.numbers)
-    return study
 
 
 def _plain(study):
@@ -208,12 +199,7 @@ def _say_header(arguments, width):
 
 
 def _say_row(arguments, width, label, role, n):
-    after = next(h for h in n["horizons"] if h["seconds"] == 1.0)
     fits = ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS)
-    off = "-"
-    if after["starts"]:
-        position, heading = after["position_mm"]["median"], after["heading_deg"]["median"]
-        off = "%.0f mm %.0f deg" % (position, heading)
     common.say(
         arguments,
         "  %-*s " % (width, label)
@@ -224,7 +210,7 @@ def _say_row(arguments, width, label, role, n):
             words.number(n["prediction_error"]),
             words.number(n["thesis_objective"]),
             fits,
-            off,
+            words.off_after_a_second(n),
         ),
     )
 

@@ -2,7 +2,7 @@
 import os
 import sys
 
-from ground import candidates, diagnosis, diagnosis_report, files, report, words
+from ground import candidates, diagnosis, diagnosis_report, files, quality, report, words
 from ground.diagnosis_report import effect_entry
 from ground.errors import IdentifyError
 from ground.verbs import common
@@ -46,8 +46,8 @@ def run(arguments):
     }
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
-    runs = common.prepare(arguments, model)[1]
-    held = common.held_out(arguments, model, runs)
+    prepared, runs = common.prepare(arguments, model)
+    prepared_held, held = common.held_out(arguments, model, runs)
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:
@@ -76,7 +76,17 @@ def run(arguments):
         files.write_yaml(paths["proposal.yaml"], effect_entry(proposal), arguments.force)
     else:
         del paths["proposal.yaml"]
-    report.write(paths["report.html"], result, found, conclusion, arguments.force)
+    _progress(arguments, "drawing")
+    report.diagnosis(
+        paths["report.html"],
+        result,
+        found,
+        conclusion,
+        quality.describe(prepared + prepared_held),
+        held,
+        arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
+        arguments.force,
+    )
     for line in words.diagnosis(result):
         common.say(arguments, line)
     common.say(arguments, "")

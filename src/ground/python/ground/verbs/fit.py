@@ -66,7 +66,7 @@ def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
     prepared, runs = common.prepare(arguments, model)
-    held = common.held_out(arguments, model, runs)
+    held = common.held_out(arguments, model, runs)[1]
 
     cut = windows.cut(runs, arguments.window)
     result = _fit(arguments, runs, model, cut, arguments.starts)

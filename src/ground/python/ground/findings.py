@@ -1,0 +1,111 @@
+"""What is in a recording and what is odd about it, in words."""
+from ground import quality
+
+MOST_NAMED = 4  # of gaps and the like; the rest is counted
+
+
+def facts(d):
+    """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
+    poses, controls = d["poses"], d["controls"]
+    noise = poses["noise"]
+    yield "source", d["source"]
+    spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
+    yield "usable", "%.2f of %.2f s: %s" % (
+        d["usable"]["duration"],
+        d["duration"],
+        spans or "nothing",
+    )
+    yield "poses", "%d at %.1f Hz, noise %.2f mm, %.1f mrad" % (
+        poses["count"],
+        poses["rate"],
+        1e3 * noise["position"],
+        1e3 * noise["heading"],
+    )
+    yield "commands", "%d at %.1f Hz, %d changes, thrusters %g to %g, lift %g to %g" % (
+        controls["count"],
+        controls["rate"],
+        controls["changes"],
+        *controls["levels"],
+        *controls["lift"],
+    )
+    if d["reply"]:
+        yield "reply", "the craft's motion follows the commands by %.0f ms" % (
+            1e3 * d["reply"]["lag"]
+        )
+
+
+def findings(d):
+    """What is odd and what was repaired, a sentence each."""
+    poses, controls = d["poses"], d["controls"]
+    clock = poses.get("frame_clock")
+    if clock:
+        late = clock["lateness"]
+        yield (
+            "a poll has stamped a faster mocap: %d of %d poses came within 1 ms of the one before; "
+            "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in "
+            "the middle and %.0f ms at most"
+            % (
+                poses["bursts"],
+                poses["count"],
+                clock["rate"],
+                clock["lost"],
+                1e3 * late["median"],
+                1e3 * late["largest"],
+            )
+        )
+        if late["above_50_ms"]:
+            yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
+    elif poses["bursts"]:
+        yield "%d poses came within 1 ms of the one before" % poses["bursts"]
+    if poses["gaps"]:
+        yield "mocap lost %d times for more than 50 ms: %s" % (
+            len(poses["gaps"]),
+            _named(
+                sorted(poses["gaps"], key=lambda g: -g["length"]),
+                lambda g: "%.2f s at %.2f s" % (g["length"], g["start"]),
+            ),
+        )
+    for count, what in (
+        (poses["duplicate_stamps"], "repeated stamps"),
+        (poses["stamps_out_of_order"], "stamps out of order, sorted"),
+        (poses["frozen"], "frozen poses (the last one said again), dropped"),
+        (poses["heading_wraps"], "wraps of the heading, unwrapped"),
+        (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
+    ):
+        if count:
+            yield "%s: %d" % (what, count)
+    if poses["spikes"]:
+        yield "spikes, smoothed over: %s" % (_named(poses["spikes"], lambda t: "%.2f s" % t),)
+    if abs(d["clock_offset"]) > 0.05:
+        yield "the stamps of the poses are %.3f s off the clock of the commands, shifted" % (
+            -d["clock_offset"]
+        )
+    if controls["start_after_poses"] < -0.01:
+        yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
+    if controls["start_after_poses"] > 0.2:
+        yield "poses start %.2f s before the commands" % controls["start_after_poses"]
+    if controls["end_after_poses"] > 0.01:
+        yield "poses end %.2f s before the commands" % controls["end_after_poses"]
+    if controls["end_after_poses"] < -0.2:
+        yield "commands end %.2f s before the poses" % -controls["end_after_poses"]
+    if d["rest"] > 0.2:
+        yield "the craft rests for %.2f s at the start" % d["rest"]
+    if d["reply"] and d["reply"]["lag"] < quality.IMPOSSIBLE_LAG:
+        yield (
+            "the motion comes %.0f ms BEFORE its commands: the clocks of poses and commands differ"
+            % (-1e3 * d["reply"]["lag"])
+        )
+    if controls["changes"] and not d["reply"]:
+        yield "the motion does not follow the commands: are poses and commands of the same run?"
+    if d["contacts"]:
+        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
+            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
+        )
+    if d["same_inputs_as"]:
+        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+
+
+def _named(items, name):
+    text = ", ".join(name(item) for item in items[:MOST_NAMED])
+    more = len(items) - MOST_NAMED
+    return text + (" and %d more" % more if more > 0 else "")

@@ -1,0 +1,34 @@
+"""All that is found out about one model on one run."""
+from ground import comparison, failure, residuals, words
+from ground.errors import IdentifyError
+
+
+def inspect(run, model, label, role="fit", wrench_of=None):
+    """Errors of a model on a _core.RunData, where they are, what stays in the residuals and which
+    wrench is missing, as a dictionary.
+
+    role: "fit" or "held_out", of the run to the model. wrench_of: another model; then also how much of
+    the wrench that is missing it accounts for. Raises IdentifyError when the model cannot be simulated
+    along the run.
+    """
+    try:
+        evaluation = comparison.evaluate(run, model)
+        where = failure.of_error(evaluation, failure.variables(run, model.input_max))
+        wrench_filter, rest, events = failure.undisturbed(model, run)
+        correlation = residuals.analyse(wrench_filter, rest)
+        missing = failure.of_wrench(wrench_filter, rest, model, events, wrench_of)
+    except (ValueError, RuntimeError) as error:
+        raise IdentifyError("%s with %s: %s" % (run.name, label, error))
+    numbers = comparison.numbers([evaluation])
+    return {
+        "label": label,
+        "run": run,
+        "model": model,
+        "role": role,
+        "evaluation": evaluation,
+        "numbers": numbers,
+        "where": where,
+        "residuals": correlation,
+        "missing": missing,
+        "summary": words.summary(numbers, where, correlation, missing.numbers),
+    }

@@ -1,0 +1,40 @@
+"""Where a result comes from: all that is needed to make it again."""
+import datetime
+import hashlib
+import os
+import platform
+import shlex
+import sys
+
+
+def command():
+    """What was typed."""
+    name = os.path.basename(sys.argv[0])
+    return " ".join([name] + [shlex.quote(a) for a in sys.argv[1:]])
+
+
+def now():
+    return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+
+
+def versions():
+    """Of the programs that took part, by name."""
+    import numpy
+    import plotly
+    import scipy
+    import sklearn
+    from ground import _core
+
+    found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}
+    found.update((m.__name__, m.__version__) for m in (numpy, scipy, sklearn, plotly))
+    found["Python"] = platform.python_version()
+    return found
+
+
+def fingerprint(path):
+    """The first half of a file's SHA-256: the same digits, the same file."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        for part in iter(lambda: file.read(1 << 20), b""):
+            digest.update(part)
+    return digest.hexdigest()[:32]

@@ -1,0 +1,183 @@
+"""Pages of text, tables and interactive figures: one file that opens anywhere, nothing fetched."""
+import base64
+import gzip
+import html
+import json
+import string
+
+from ground import files
+
+PAGE = string.Template(
+    """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>$title</title>
+<link rel="icon" href="data:,">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 68rem; margin: 2rem auto; padding: 0 1rem }
+h1 { font-size: 1.4rem } h2 { font-size: 1.15rem; margin-top: 2.2rem } h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
+.verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
+.caption { font-size: .85rem; color: #555; margin: .1rem 0 .6rem }
+.wide { overflow-x: auto }
+table { border-collapse: collapse; font-size: .85rem; width: 100% }
+th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
+td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
+td.whole { white-space: nowrap }
+tr.chosen { background: #e6f2e8 }
+details { border: 1px solid #ddd; border-radius: .3rem; margin: .5rem 0; padding: .3rem .8rem }
+summary { cursor: pointer; font-weight: 600 } summary span { font-weight: 400; color: #555 }
+code { background: #f2f2f0; padding: 0 .2rem; overflow-wrap: anywhere }
+ul { margin: .3rem 0; padding-left: 1.3rem }
+@media print {
+  body { margin: 0; max-width: none; font-size: 10pt } h2, h3 { break-after: avoid }
+  .figure, tr, .verdict { break-inside: avoid } .modebar { display: none }
+  details:not([open]) { display: none } table { font-size: 7.5pt } .wide { overflow: visible } .screen { display: none }
+}
+</style></head><body>
+$body
+<script id="plotly" type="application/gzip">$plotly</script>
+<script id="figures" type="application/gzip">$figures</script>
+<script>
+"use strict";
+let figures = {};
+const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"]};
+
+/* A zoom in time leaves of a path only what was covered then. */
+function linkPathToTime(plot) {
+  const paths = plot.data.map((trace, i) => trace.meta === "path" ? i : -1).filter(i => i >= 0);
+  if (!paths.length) return;
+  const whole = paths.map(i => ({x: plot.data[i].x, y: plot.data[i].y, t: plot.data[i].customdata}));
+  let shown = "";
+  plot.on("plotly_relayout", () => {
+    const [from, to] = plot.layout.xaxis.range;
+    if (shown === from + " " + to) return;
+    shown = from + " " + to;
+    const cut = key => whole.map(path => path[key].map((value, i) =>
+      path.t[i] === null || path.t[i] >= from && path.t[i] <= to ? value : null));
+    Plotly.restyle(plot, {x: cut("x"), y: cut("y")}, paths);
+  });
+}
+
+function draw(plot) {
+  if (plot.dataset.drawn) return;
+  plot.dataset.drawn = "begun";
+  const figure = figures[plot.id];
+  Plotly.newPlot(plot, figure.data, figure.layout, config).then(() => {
+    linkPathToTime(plot);
+    plot.dataset.drawn = "yes";
+  });
+}
+
+function unpack(name) {
+  const packed = atob(document.getElementById(name).textContent);
+  const bytes = Uint8Array.from(packed, character => character.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+}
+
+async function start() {
+  const [code, data] = await Promise.all([unpack("plotly"), unpack("figures")]);
+  const script = document.createElement("script");
+  script.textContent = code;
+  document.head.append(script);
+  figures = JSON.parse(data);
+  for (const plot of document.querySelectorAll(".figure"))
+    if (!plot.closest("details:not([open])")) draw(plot);
+  for (const details of document.querySelectorAll("details"))
+    details.addEventListener("toggle", () => {
+      if (details.open) details.querySelectorAll(".figure").forEach(draw);
+    });
+}
+
+const fit = width => document.querySelectorAll(".figure[data-drawn]").forEach(
+  plot => Plotly.relayout(plot, width ? {width: width, autosize: false} : {width: null, autosize: true}));
+window.addEventListener("beforeprint", () => fit(720));
+window.addEventListener("afterprint", () => fit(0));
+if (window.DecompressionStream) start();
+else document.querySelectorAll(".figure").forEach(
+  plot => { plot.textContent = "This plot needs a newer browser (Chrome 80, Firefox 113, Safari 16.4)."; });
+</script></body></html>
+"""
+)
+
+
+text = html.escape
+
+
+class Page:
+    """A page that grows from top to bottom."""
+
+    def __init__(self, title):
+        self.title = title
+        self._body, self._figures = [], {}
+
+    def add(self, markup):
+        self._body.append(markup)
+
+    def heading(self, text):
+        self.add("<h2>%s</h2>" % html.escape(text))
+
+    def subheading(self, text):
+        self.add("<h3>%s</h3>" % html.escape(text))
+
+    def paragraph(self, text, kind=""):
+        self.add('<p class="%s">%s</p>' % (kind, html.escape(text)))
+
+    def points(self, lines):
+        self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
+
+    def figure(self, figure, caption=""):
+        """A plotly figure; its caption below."""
+        name = "figure%d" % len(self._figures)
+        self._figures[name] = figure
+        height = figure["layout"]["height"]
+        self.add('<div class="figure" id="%s" style="height:%dpx"></div>' % (name, height))
+        if caption:
+            self.paragraph(caption, "caption")
+
+    def table(self, head, rows, chosen=()):
+        """Texts. A heading that begins with # is that of numbers, with = of texts that no line may break.
+        `chosen`: rows that stand out."""
+        kinds = [{"#": ' class="n"', "=": ' class="whole"'}.get(h[0], "") for h in head]
+
+        def line(cells, tag):
+            return "".join(
+                "<%s%s>%s</%s>" % (tag, kind, html.escape(str(c)).replace("\n", "<br>"), tag)
+                for c, kind in zip(cells, kinds)
+            )
+
+        self.add(
+            '<div class="wide"><table><tr>%s</tr>' % line([h.lstrip("#=") for h in head], "th")
+        )
+        for count, row in enumerate(rows):
+            kind = ' class="chosen"' * (count in chosen)
+            self.add("<tr%s>%s</tr>" % (kind, line(row, "td")))
+        self.add("</table></div>")
+
+    def fold(self, summary, beside, is_open):
+        """Begins a part that can be folded away; what is drawn in it is drawn when it is opened."""
+        self.add(
+            "<details%s><summary>%s <span>%s</span></summary>"
+            % (" open" * is_open, html.escape(summary), html.escape(beside))
+        )
+
+    def end_fold(self):
+        self.add("</details>")
+
+    def write(self, path, color, force=False):
+        """Raises IdentifyError when the file exists."""
+        from plotly.offline import get_plotlyjs
+
+        text = PAGE.substitute(
+            title=html.escape(self.title),
+            color=color,
+            body="\n".join(self._body),
+            plotly=_packed(get_plotlyjs()),
+            figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),
+        )
+        with files.new_file(path, force) as temporary:
+            with open(temporary, "w", encoding="utf-8") as file:
+                file.write(text)
+
+
+def _packed(contents):
+    """As the page unpacks it: a quarter of the size."""
+    return base64.b64encode(gzip.compress(contents.encode("utf-8"), mtime=0)).decode("ascii")

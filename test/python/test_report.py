@@ -1,0 +1,196 @@
+"""report.html in a browser: every plot is drawn, nothing is fetched, zoom is linked, print fits."""
+import io
+import shutil
+
+import pytest
+from conftest import MODEL, identify, write_bag
+from test_diagnose import with_effect
+
+TRUTH = "{name: motor_lag, tau: 0.06}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def bags(folder):
+    truth = with_effect(folder / "truth.yaml", TRUTH)
+    return [
+        write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1))
+        for s in (1, 40)
+    ]
+
+
+@pytest.fixture(scope="module")
+def diagnosed(folder, bags):
+    out = folder / "diagnosis"
+    only = ["--only", "motor_lag", "input_delay", "floor_tilt"]
+    result = identify("diagnose", bags[0], "--holdout", bags[1], "--model", MODEL, "-o", out, *only)
+    assert result.returncode == 0, result.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def browser():
+    webdriver = pytest.importorskip("selenium.webdriver")
+    service = pytest.importorskip("selenium.webdriver.chrome.service")
+    if not shutil.which("chromedriver"):
+        pytest.skip("chromedriver is not installed")
+    options = webdriver.ChromeOptions()
+    for argument in ("--headless=new", "--no-sandbox", "--window-size=1280,900"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(
+        service=service.Service(shutil.which("chromedriver")), options=options
+    )
+    yield driver
+    driver.quit()
+
+
+DRAWN = """
+return [...document.querySelectorAll(".figure")].filter(f => !f.closest("details:not([open])"))
+    .map(f => [f.id, f.dataset.drawn])"""
+
+
+def wait_until_drawn(browser):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 60).until(
+        lambda b: all(state == "yes" for _, state in b.execute_script(DRAWN))
+    )
+    return browser.execute_script(DRAWN)
+
+
+def open_page(browser, path):
+    """All of a page, every run of it opened."""
+    browser.get(path.resolve().as_uri())
+    wait_until_drawn(browser)
+    browser.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
+    return [name for name, _ in wait_until_drawn(browser)]
+
+
+def assert_sound(browser, names):
+    """No error, nothing fetched, no plot empty, nothing wider than the window."""
+    from PIL import Image
+
+    assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
+    fetched = "return performance.getEntriesByType('resource').map(e => e.name)"
+    assert [n for n in browser.execute_script(fetched) if not n.startswith("data:")] == []
+    width, window = browser.execute_script(
+        "return [document.documentElement.scrollWidth, window.innerWidth]"
+    )
+    assert width <= window
+    for name in names:
+        element = browser.find_element("id", name)
+        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+        picture = Image.open(io.BytesIO(element.screenshot_as_png)).convert("L")
+        inked = sum(picture.histogram()[:200]) / (picture.width * picture.height)
+        assert inked > 0.004, "%s is empty" % name
+
+
+def test_the_page_of_a_diagnosis(diagnosed, browser):
+    names = open_page(browser, diagnosed / "report.html")
+    assert len(names) == 2 + 4 * 2  # fall, shares; four for each of two runs
+    assert_sound(browser, names)
+    text = browser.find_element("tag name", "body").text
+    assert "motor_lag is missing" in text
+    for part in (
+        "Evidence",
+        "Data quality",
+        "How it was made",
+        "identify diagnose",
+        "SHA-256",
+        "Ceres",
+        "input_delay",
+        "seeds",
+        "(held out) error",
+    ):
+        assert part in text, part
+    bars, lines = browser.execute_script(
+        "const f = document.getElementById('figure0');"
+        "return [f.data[0].x, f.layout.shapes.map(s => s.x0)]"
+    )
+    assert len(bars) == 2 and bars[0] > 3 * bars[1] > 0
+    assert lines[0] == pytest.approx(bars[1], rel=0.5)  # the noise floor
+
+
+def test_what_the_winner_predicts_is_drawn_into_what_is_missing(diagnosed, browser):
+    open_page(browser, diagnosed / "report.html")
+    told = browser.execute_script(
+        "const traces = document.getElementById('figure4').data;"
+        "const pick = name => traces.filter(t => t.name.startsWith(name)).map(t => t.y);"
+        "return [pick('nominal'), pick('what motor_lag adds')]"
+    )
+    missing, predicted = told
+    assert len(missing) == len(predicted) == 3 * 9
+    # of the yaw moment against the difference of the thrusters (row 3, column 3)
+    at = 2 * 9 + 2
+    assert max(missing[at]) > 0.2  # mN m
+    assert predicted[at] == pytest.approx(missing[at], abs=0.15 * max(map(abs, missing[at])))
+
+
+def test_the_path_shows_the_stretch_that_is_zoomed_into(diagnosed, browser):
+    open_page(browser, diagnosed / "report.html")
+    shown = (
+        "const f = document.getElementById('figure2');"
+        "return f.data.filter(t => t.meta === 'path').map(t => t.x.filter(x => x !== null).length)"
+    )
+    whole = browser.execute_script(shown)
+    assert min(whole) > 200
+    zoom = (
+        "const done = arguments[0], f = document.getElementById('figure2');"
+        "Plotly.relayout(f, %s).then(() => setTimeout(done, 200))"
+    )
+    browser.execute_async_script(zoom % "{'xaxis4.range': [2, 4]}")
+    assert browser.execute_script(
+        "return document.getElementById('figure2').layout.xaxis.range"
+    ) == [2, 4]
+    part = browser.execute_script(shown)
+    assert all(0.1 * w < p < 0.5 * w for w, p in zip(whole, part))
+    browser.execute_async_script(zoom % "{'xaxis.range': [0, 100]}")
+    assert browser.execute_script(shown) == whole
+
+
+def test_it_fits_on_paper(diagnosed, browser):
+    names = open_page(browser, diagnosed / "report.html")
+    browser.execute_async_script(
+        "const done = arguments[0]; window.dispatchEvent(new Event('beforeprint'));"
+        "setTimeout(done, 2000)"
+    )
+    widths = browser.execute_script(
+        "return [...document.querySelectorAll('.figure .main-svg')].map(s => s.clientWidth)"
+    )
+    assert len(widths) >= len(names) and max(widths) <= 720
+    assert len(browser.print_page()) > 50000
+
+
+def test_the_page_of_a_comparison(folder, bags, diagnosed, browser):
+    out = folder / "comparison"
+    improved = diagnosed / "improved.yaml"
+    result = identify("compare", bags[1], "--model", MODEL, "--model", improved, "-o", out)
+    assert result.returncode == 0, result.stderr
+    assert "improved predicts best" in result.stdout
+    names = open_page(browser, out / "report.html")
+    assert len(names) == 6
+    assert_sound(browser, names)
+    text = browser.find_element("tag name", "body").text
+    assert "improved predicts best" in text and "prediction error" in text
+
+
+def test_twenty_runs_stay_handy(folder, bags):
+    from ground import _core, inspection, page, quality, recording, report
+
+    model = _core.load_model(str(MODEL))
+    run = quality.Run(recording.read_bag(str(bags[0]))).data(model)
+    studies = [inspection.inspect(run, model, "a"), inspection.inspect(run, model, "b")]
+
+    def size(runs):
+        sheet, path = page.Page("many"), folder / ("%d.html" % runs)
+        report._measured_against(sheet, [studies] * runs, "b")
+        sheet.write(str(path), "#000")
+        return path.stat().st_size
+
+    one, three = size(1), size(3)
+    assert one + 19 * (three - one) / 2 < 10e6
