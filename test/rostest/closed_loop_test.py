@@ -87,7 +87,7 @@ class ClosedLoopTest(unittest.TestCase):
         self.assertGreater(len(measured.message.poses), 50)
         self.assertGreater(len(predicted.message.poses), 20)
         self.assertEqual(measured.message.header.frame_id, "world_ned")
-        self.assertEqual(len(markers.message.markers), 6)
+        self.assertEqual(len(markers.message.markers), 9)
         # what the model predicts over its horizon ends near what is measured
         end, seen = (
             predicted.message.poses[-1].pose.position,

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/measurement.h"
+
 namespace ground {
 namespace {
 
@@ -58,25 +60,11 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
   started_ = true;
   time_ = time;
   estimate_.state = measured;
-  // The centre of the craft rather than what the mocap sees of it: Newton's method.
-  for (int i = 0; i < 5; ++i) {
-    RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
-    for (int j = 0; j < 3; ++j) {
-      state.eta(j).v(j) = 1;
-      state.nu(j).v(3 + j) = 1;
-    }
-    const Measurement<Jet> seen = derivatives_.measure(state);
-    Eigen::Matrix<double, 6, 6> J;
-    Eigen::Matrix<double, 6, 1> off;
-    for (int j = 0; j < 3; ++j) {
-      J.row(j) = seen.eta(j).v.head<6>().transpose();
-      J.row(3 + j) = seen.nu(j).v.head<6>().transpose();
-      off(j) = measured.eta(j) - seen.eta(j).a;
-      off(3 + j) = measured.nu(j) - seen.nu(j).a;
-    }
-    const Eigen::Matrix<double, 6, 1> change = J.partialPivLu().solve(off);
-    estimate_.state.eta += change.head<3>();
-    estimate_.state.nu += change.tail<3>();
+  try {
+    // The centre of the craft rather than what the mocap sees of it.
+    estimate_.state = stateSeenAs(derivatives_, {measured.eta, measured.nu});
+  } catch (const std::runtime_error&) {
+    // Begun with what was measured, it gets there by its corrections.
   }
   Vector9 deviation;
   deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05,

@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "ground/identification/prediction.h"
+#include "ground/model/measurement.h"
 #include "ground/model/typical.h"
 
 namespace ground {

@@ -1,27 +1,35 @@
 #include <ground/VisualizerConfig.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/ModelComparison.h>
+#include <ground_msgs/ModelError.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Path.h>
 #include <nodelet/nodelet.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <deque>
+#include <iomanip>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
+#include <sstream>
 
 #include "ground/model/model_file.h"
-#include "ground/model/simulation.h"
+#include "ground/model/typical.h"
+#include "ground/nodelets/floor_map.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
 
-/// Paths, craft and thrust arrows for rviz.
+/// What rviz shows of the craft: its path, its thrust, the force that the model lacks, how well
+/// models predict, and where on the floor they err.
 ///
 /// Parameters: model (model file, required) and those of Visualizer.cfg, live. Subscribes: state,
-/// controls. Publishes: path/measured; path/predicted, the model run over the last `horizon`
-/// seconds from the state measured then, with the commands since; markers.
+/// controls, model_error, model_error2, model_comparison. Publishes: path/measured, markers,
+/// floor_map.
 class Visualizer : public nodelet::Nodelet {
  private:
   using Config = VisualizerConfig;
@@ -31,14 +39,21 @@ class Visualizer : public nodelet::Nodelet {
       ros::NodeHandle& nh = getPrivateNodeHandle();
       ros::NodeHandle& topics = getNodeHandle();
       model_ = loadModel(requiredParameter<std::string>(nh, "model"));
-      dynamics_ = std::make_unique<Dynamics<double>>(model_);
       measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
-      predicted_publisher_ = topics.advertise<nav_msgs::Path>("path/predicted", 1);
       markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
+      floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
       reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
         const std::lock_guard<std::mutex> lock(mutex_);
+        if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
         config_ = c;
       });
+      const auto listen = [&](const std::string& topic, ground_msgs::ModelError::ConstPtr& newest) {
+        return topics.subscribe<ground_msgs::ModelError>(
+            topic, 50, [this, &newest](const auto& m) { onError(m, newest); });
+      };
+      error_subscribers_ = {listen("model_error", errors_[0]), listen("model_error2", errors_[1])};
+      comparison_subscriber_ =
+          topics.subscribe("model_comparison", 5, &Visualizer::onComparison, this);
       controls_subscriber_ = topics.subscribe("controls", 50, &Visualizer::onControls, this);
       state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
     } catch (const std::exception& error) {
@@ -49,23 +64,36 @@ class Visualizer : public nodelet::Nodelet {
 
   void onControls(const ground_msgs::Controls::ConstPtr& controls) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!controls_.empty() && controls->header.stamp < controls_.back()->header.stamp)
-      controls_.clear();
-    controls_.push_back(controls);
-    const double keep = config_.horizon + 2.0;
-    while (controls_.size() > 1 && age(*controls, *controls_[1]) > keep) controls_.pop_front();
+    controls_ = controls;
+  }
+
+  void onError(const ground_msgs::ModelError::ConstPtr& error,
+               ground_msgs::ModelError::ConstPtr& newest) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    newest = error;
+    if (&newest != &errors_[0]) return;
+    double size = 0;
+    for (int i = 0; i < 3; ++i) size += std::abs(error->nu_error[i]) / error->spread[i];
+    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], size);
+  }
+
+  void onComparison(const ground_msgs::ModelComparison::ConstPtr& comparison) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    comparison_ = comparison;
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!states_.empty() && state->header.stamp < states_.back()->header.stamp) {
       states_.clear();  // a bag that starts again
+      floor_ = FloorMap(config_.cell);
+      errors_ = {};
+      comparison_.reset();
       last_update_ = ros::Time();
     }
     if (state->valid) {
       states_.push_back(state);
-      const double keep = std::max(config_.history, config_.horizon) + 0.5;
-      while (age(*state, *states_.front()) > keep) states_.pop_front();
+      while (age(*state, *states_.front()) > config_.history) states_.pop_front();
     }
     const double since = secondsBetween(last_update_, state->header.stamp);
     if (!last_update_.isZero() && state->valid == shown_ && since < 1 / config_.rate) return;
@@ -74,7 +102,11 @@ class Visualizer : public nodelet::Nodelet {
     publishMarkers(*state);
     if (states_.empty()) return;
     publishMeasured();
-    publishPredicted();
+    if (secondsBetween(last_floor_, state->header.stamp) < 0 ||
+        secondsBetween(last_floor_, state->header.stamp) > kFloorPeriod) {
+      last_floor_ = state->header.stamp;
+      publishFloor();
+    }
   }
 
   static geometry_msgs::PoseStamped pose(const ros::Time& stamp, double x, double y, double psi) {
@@ -103,38 +135,11 @@ class Visualizer : public nodelet::Nodelet {
     ros::Time last;
     for (const auto& s : states_) {
       const bool close = secondsBetween(last, s->header.stamp) < 0.02;
-      if (age(*states_.back(), *s) > config_.history || close) continue;
+      if (close) continue;
       last = s->header.stamp;
       path->poses.push_back(pose(last, s->eta[0], s->eta[1], s->eta[2]));
     }
     measured_publisher_.publish(path);
-  }
-
-  void publishPredicted() {
-    const ros::Time end = states_.back()->header.stamp;
-    const auto from = std::find_if(states_.begin(), states_.end(), [&](const auto& s) {
-      return age(*states_.back(), *s) <= config_.horizon;
-    });
-    InputSequence inputs;
-    const double origin = (*from)->header.stamp.toSec(), most = model_.body.input_max;
-    for (const auto& c : controls_)
-      inputs.add(c->header.stamp.toSec() - origin, most * c->left, most * c->right, c->lift);
-    RigidState<double> initial;
-    std::copy((*from)->eta.begin(), (*from)->eta.end(), initial.eta.data());
-    std::copy((*from)->nu.begin(), (*from)->nu.end(), initial.nu.data());
-    Simulation<double> simulation(*dynamics_, inputs, initial, 0);
-    auto path = boost::make_shared<nav_msgs::Path>();
-    path->header.stamp = end;
-    path->header.frame_id = "world_ned";
-    const double duration = end.toSec() - origin;
-    const int steps = std::max(1, static_cast<int>(duration / 0.02));
-    for (int i = 0; i <= steps; ++i) {
-      simulation.advance(duration * i / steps);
-      const Vector3<double>& eta = simulation.state().eta;
-      if (!eta.allFinite()) break;
-      path->poses.push_back(pose(end, eta.x(), eta.y(), eta.z()));
-    }
-    predicted_publisher_.publish(path);
   }
 
   visualization_msgs::Marker marker(const ros::Time& stamp, int id, int type, float r, float g,
@@ -179,9 +184,8 @@ class Visualizer : public nodelet::Nodelet {
     bow.pose.position = at(2 * l, 0, -0.8 * l);
     bow.scale.x = bow.scale.y = bow.scale.z = l;
     array->markers = {hull, bow};
-    const bool driven = !controls_.empty();
-    const double inputs[2] = {driven ? controls_.back()->left : 0.0,
-                              driven ? controls_.back()->right : 0.0};
+    const double inputs[2] = {controls_ ? controls_->left : 0.0,
+                              controls_ ? controls_->right : 0.0};
     for (int side = 0; side < 2; ++side) {
       Marker thruster = marker(stamp, 2 + side, Marker::CYLINDER, 0.3f, 0.3f, 0.3f);
       thruster.pose = craft;
@@ -198,19 +202,116 @@ class Visualizer : public nodelet::Nodelet {
       array->markers.push_back(thruster);
       array->markers.push_back(arrow);
     }
+    addMissing(*array, stamp, at);
+    addText(*array, stamp, craft.position);
     markers_publisher_.publish(array);
   }
+
+  bool isRecent(const ground_msgs::ModelError::ConstPtr& error) const {
+    return error && !states_.empty() && std::abs(age(*states_.back(), *error)) < kRecent;
+  }
+
+  /// The force that the first model lacks, at the craft, and its moment as a side force at the bow;
+  /// by colour, from green to red, in parts of full thrust.
+  template <class At>
+  void addMissing(visualization_msgs::MarkerArray& array, const ros::Time& stamp, At at) {
+    using visualization_msgs::Marker;
+    const bool known = isRecent(errors_[0]);
+    const double l = model_.body.l, full = typical::force(model_.body);
+    const std::array<double, 3> w =
+        known ? std::array<double, 3>{errors_[0]->wrench[0], errors_[0]->wrench[1],
+                                      errors_[0]->wrench[2]}
+              : std::array<double, 3>{};
+    const double per_newton = config_.missing_length / full;
+    const auto arrow = [&](int id, double from, double forward, double starboard) {
+      const double part = std::hypot(forward, starboard) / full;
+      const auto color = heat(part / kLargePart);
+      Marker m = marker(stamp, id, Marker::ARROW, color[0], color[1], color[2]);
+      m.points = {at(from, 0, -3 * l),
+                  at(from + per_newton * forward, per_newton * starboard, -3 * l)};
+      m.scale.x = 0.6 * l;
+      m.scale.y = 1.4 * l;
+      if (!known || part < kLeastPart) m.action = Marker::DELETE;
+      array.markers.push_back(m);
+    };
+    arrow(6, 0, w[0], w[1]);
+    arrow(7, 2.5 * l, 0, w[2] / l);
+  }
+
+  /// Current errors of the models, and which one is better.
+  void addText(visualization_msgs::MarkerArray& array, const ros::Time& stamp,
+               geometry_msgs::Point place) {
+    using visualization_msgs::Marker;
+    Marker text = marker(stamp, 8, Marker::TEXT_VIEW_FACING, 0.1f, 0.1f, 0.1f);
+    for (const auto& error : errors_) {
+      if (!isRecent(error)) continue;
+      std::ostringstream line;
+      line << (text.text.empty() ? "" : "\n") << error->model << ": error " << std::fixed
+           << std::setprecision(3) << error->error;
+      if (isRecent(errors_[1]) && comparison_ && comparison_->better == error->model)
+        line << " (better)";
+      text.text += line.str();
+    }
+    text.pose.position = place;
+    text.pose.position.x -= 0.45;
+    text.pose.position.z = -0.3;
+    text.scale.z = 0.16;
+    if (text.text.empty()) text.action = Marker::DELETE;
+    array.markers.push_back(text);
+  }
+
+  /// Mean error of the first model in each cell of the floor, from green to red.
+  void publishFloor() {
+    using visualization_msgs::Marker;
+    auto m = boost::make_shared<Marker>(
+        marker(states_.back()->header.stamp, 0, Marker::CUBE_LIST, 1, 1, 1));
+    m->ns = "floor";
+    m->action = config_.floor_map ? Marker::ADD : Marker::DELETE;
+    m->scale.x = m->scale.y = 0.96 * config_.cell;
+    m->scale.z = 0.002;
+    const double most = floor_.largest();
+    for (const auto& cell : floor_.cells()) {
+      geometry_msgs::Point p;
+      p.x = cell.x;
+      p.y = cell.y;
+      p.z = 0.01;  // below the paths
+      const auto color = heat(cell.mean / most);
+      std_msgs::ColorRGBA c;
+      c.r = color[0];
+      c.g = color[1];
+      c.b = color[2];
+      c.a = 0.35f;
+      m->points.push_back(p);
+      m->colors.push_back(c);
+    }
+    if (m->points.empty()) m->action = Marker::DELETE;
+    floor_publisher_.publish(m);
+  }
+
+  /// From green over yellow to red for 0..1 and beyond.
+  static std::array<float, 3> heat(double part) {
+    const float x = static_cast<float>(std::clamp(part, 0.0, 1.0));
+    return {std::min(1.0f, 0.2f + 1.6f * x), std::min(0.75f, 1.5f - 1.4f * x), 0.15f};
+  }
+
+  static constexpr double kRecent = 1.0;       // [s]
+  static constexpr double kFloorPeriod = 1.0;  // between floor maps [s]
+  static constexpr double kLeastPart = 0.01;   // of full thrust: less is not shown
+  static constexpr double kLargePart = 0.5;    // of full thrust: red
 
   std::mutex mutex_;  ///< guards config_ and what the callbacks collect
   Config config_;
   Model model_;
-  std::unique_ptr<Dynamics<double>> dynamics_;
   std::deque<ground_msgs::State::ConstPtr> states_;
-  std::deque<ground_msgs::Controls::ConstPtr> controls_;
-  ros::Time last_update_;
+  ground_msgs::Controls::ConstPtr controls_;
+  std::array<ground_msgs::ModelError::ConstPtr, 2> errors_;
+  ground_msgs::ModelComparison::ConstPtr comparison_;
+  FloorMap floor_{0.25};
+  ros::Time last_update_, last_floor_;
   bool shown_ = false;
-  ros::Publisher measured_publisher_, predicted_publisher_, markers_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_;
+  ros::Publisher measured_publisher_, markers_publisher_, floor_publisher_;
+  ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_;
+  std::array<ros::Subscriber, 2> error_subscribers_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

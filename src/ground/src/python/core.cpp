@@ -1,10 +1,9 @@
 // Python's view of the core: numpy arrays in, numpy arrays out.
+#include <ceres/version.h>
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
-
-#include <ceres/version.h>
 
 #include "ground/control/feasibility.h"
 #include "ground/control/prbs.h"

@@ -6,11 +6,6 @@
 
 namespace ground {
 
-/// The true state whose measurement is the given pose and velocity: by Newton's method, for a
-/// model may turn and shift what the mocap sees by any amount. Throws std::runtime_error when
-/// there is none.
-RigidState<double> stateSeenAs(const Dynamics<Jet>& dynamics, const Measurement<double>& measured);
-
 /// Runs the model through windows of a run, each from the measured pose and the given measured
 /// velocity at its start, without correction: what is measured at every sample, by the model.
 /// `initial_nu` has one row a window. Throws std::invalid_argument when a window lies outside the

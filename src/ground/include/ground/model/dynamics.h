@@ -24,6 +24,7 @@ class Dynamics {
   explicit Dynamics(const Model& model);
 
   const Body<T>& body() const { return body_; }
+  const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }  ///< [s]
   int stateCount() const { return state_count_; }
   bool hasActuators() const { return !actuators_.empty(); }

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <ground_msgs/LoadModel.h>
+#include <ros/ros.h>
+
+#include <functional>
+#include <string>
+#include <utility>
+
+#include "ground/model/model_file.h"
+
+namespace ground {
+
+/// Service by which a nodelet takes another model file while it runs.
+class ModelService {
+ public:
+  /// Puts a sound model in place; what it throws refuses it, and the nodelet keeps the old one.
+  using Take = std::function<void(const Model&, const std::string& file)>;
+
+  ModelService() = default;
+  ModelService(ros::NodeHandle& nh, const std::string& name, Take take) {
+    using Load = ground_msgs::LoadModel;
+    const std::string full = nh.resolveName(name);
+    const auto serve = [full, take = std::move(take)](Load::Request& request,
+                                                      Load::Response& response) {
+      try {
+        const Model model = loadModel(request.file);
+        take(model, request.file);
+        response.success = true;
+        response.message = model.name + " of " + request.file;
+        ROS_INFO("%s: %s", full.c_str(), response.message.c_str());
+      } catch (const std::exception& error) {
+        response.success = false;
+        response.message = std::string("refused, the old model stays: ") + error.what();
+        ROS_ERROR("%s: %s", full.c_str(), response.message.c_str());
+      }
+      return true;
+    };
+    server_ = nh.advertiseService<Load::Request, Load::Response>(name, serve);
+  }
+
+ private:
+  ros::ServiceServer server_;
+};
+
+}  // namespace ground

@@ -1,0 +1,224 @@
+#include <ground/LiveComparisonConfig.h>
+#include <ground_msgs/Controls.h>
+#include <ground_msgs/ModelComparison.h>
+#include <ground_msgs/ModelError.h>
+#include <ground_msgs/State.h>
+#include <nav_msgs/Path.h>
+#include <nodelet/nodelet.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <pluginlib/class_list_macros.hpp>
+#include <string>
+
+#include "ground/estimation/model_monitor.h"
+#include "ground/nodelets/model_service.h"
+#include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
+
+namespace ground {
+
+/// One model, or two, beside the measurement: of a running experiment or of a bag that is played.
+///
+/// Parameters: model (model file, required), model2 (another, optional) and those of
+/// LiveComparison.cfg, live. Subscribes: state, controls. Publishes with every state: model_error,
+/// model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the last horizon,
+/// from the state measured then, with the commands since), model_comparison. Services:
+/// ~load_model, ~load_model2 (take another model file).
+class LiveComparison : public nodelet::Nodelet {
+ private:
+  using Config = LiveComparisonConfig;
+
+  /// A model, and what is published of it.
+  struct Contestant {
+    std::string name;
+    std::unique_ptr<ModelMonitor> monitor;
+    ros::Publisher error, path;
+    ModelService service;
+  };
+
+  void onInit() override {
+    try {
+      start();
+    } catch (const std::exception& error) {
+      NODELET_FATAL("%s: %s", getName().c_str(), error.what());
+      throw;
+    }
+  }
+
+  void start() {
+    ros::NodeHandle& nh = getPrivateNodeHandle();
+    ros::NodeHandle& topics = getNodeHandle();
+    const std::array<std::string, kModels> files = {
+        requiredParameter<std::string>(nh, "model"),
+        optionalParameter<std::string>(nh, "model2", "")};
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(
+        nh, [](const Config& c) { return params(c).validate(); },
+        [this](const Config& c) { apply(c); });
+    for (std::size_t i = 0; i < kModels; ++i) {
+      const std::string suffix = i == 0 ? "" : "2";
+      Contestant& c = contestants_[i];
+      if (!files[i].empty()) take(c, loadModel(files[i]), files[i]);
+      c.error = topics.advertise<ground_msgs::ModelError>("model_error" + suffix, 10);
+      c.path = topics.advertise<nav_msgs::Path>("path/predicted" + suffix, 1);
+      c.service =
+          ModelService(nh, "load_model" + suffix, [this, &c](const Model& m, const std::string& f) {
+            const std::lock_guard<std::mutex> lock(mutex_);
+            take(c, m, f);
+          });
+    }
+    comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
+    controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
+                                            ros::TransportHints().tcpNoDelay());
+    state_subscriber_ = topics.subscribe("state", 50, &LiveComparison::onState, this,
+                                         ros::TransportHints().tcpNoDelay());
+  }
+
+  static MonitorParams params(const Config& c) {
+    MonitorParams p;
+    p.horizon = c.horizon;
+    p.window = c.window;
+    p.observer.position_noise = c.position_noise;
+    p.observer.heading_noise = c.heading_noise;
+    p.observer.push = c.push;
+    p.observer.twist = c.twist;
+    p.observer.push_drift = c.push_drift;
+    p.observer.twist_drift = c.twist_drift;
+    return p;
+  }
+
+  void apply(const Config& c) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    config_ = c;
+    contest_ = ModelContest(c.horizon, c.window);
+    for (Contestant& one : contestants_)
+      if (one.monitor) one.monitor->setParams(params(c));
+  }
+
+  void take(Contestant& contestant, const Model& model, const std::string& file) {
+    contestant.monitor = std::make_unique<ModelMonitor>(model, params(config_));
+    contestant.name = std::filesystem::path(file).stem().string();
+    contest_ = ModelContest(config_.horizon, config_.window);
+  }
+
+  /// Since the first message; where time jumps back (a bag that begins again), all begins anew.
+  double seconds(const ros::Time& stamp) {
+    if (epoch_.isZero() || secondsBetween(newest_, stamp) < -kJump) {
+      epoch_ = newest_ = stamp;
+      last_paths_ = 0;
+      for (Contestant& c : contestants_)
+        if (c.monitor) c.monitor->reset();
+    }
+    newest_ = std::max(newest_, stamp);
+    return secondsBetween(epoch_, stamp);
+  }
+
+  void onControls(const ground_msgs::Controls::ConstPtr& controls) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!std::isfinite(controls->left + controls->right + controls->lift)) return;
+    const double time = seconds(controls->header.stamp);
+    for (Contestant& c : contestants_) {
+      if (!c.monitor) continue;
+      const double most = c.monitor->model().body.input_max;
+      const auto input = [most](double value) { return most * std::clamp(value, 0.0, 1.0); };
+      c.monitor->command(time, {input(controls->left), input(controls->right)}, controls->lift);
+    }
+  }
+
+  void onState(const ground_msgs::State::ConstPtr& message) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    RigidState<double> state;
+    std::copy(message->eta.begin(), message->eta.end(), state.eta.data());
+    std::copy(message->nu.begin(), message->nu.end(), state.nu.data());
+    if (!message->valid || !state.eta.allFinite() || !state.nu.allFinite()) return;
+    const double time = seconds(message->header.stamp);
+    std::array<std::optional<ModelMonitor::Error>, kModels> errors;
+    for (std::size_t i = 0; i < kModels; ++i) {
+      Contestant& c = contestants_[i];
+      if (!c.monitor) continue;
+      errors[i] = c.monitor->measure(time, state);
+      if (errors[i]) publishError(c, message->header, *errors[i]);
+    }
+    if (errors[0] && errors[1]) contest_.add(time, *errors[0], *errors[1]);
+    if (time - last_paths_ < 1 / config_.rate) return;
+    last_paths_ = time;
+    for (Contestant& c : contestants_)
+      if (c.monitor) publishPath(c, message->header.stamp);
+    if (errors[0] && errors[1]) publishComparison(message->header, *errors[0], *errors[1]);
+  }
+
+  static void publishError(Contestant& c, const std_msgs::Header& header,
+                           const ModelMonitor::Error& e) {
+    auto message = boost::make_shared<ground_msgs::ModelError>();
+    message->header = header;
+    message->model = c.name;
+    message->horizon = e.horizon;
+    message->window = e.covered;
+    message->error = e.error;
+    for (int i = 0; i < 3; ++i) {
+      message->eta[i] = e.predicted.eta(i);
+      message->nu[i] = e.predicted.nu(i);
+      message->eta_error[i] = e.eta(i);
+      message->nu_error[i] = e.nu(i);
+      message->wrench[i] = e.wrench(i);
+      message->mean_error[i] = e.mean(i);
+      message->spread[i] = e.spread(i);
+    }
+    c.error.publish(message);
+  }
+
+  static void publishPath(Contestant& c, const ros::Time& stamp) {
+    auto path = boost::make_shared<nav_msgs::Path>();
+    path->header.stamp = stamp;
+    path->header.frame_id = "world_ned";
+    for (const Vector3<double>& eta : c.monitor->path(kPathStep)) {
+      geometry_msgs::PoseStamped pose;
+      pose.header = path->header;
+      pose.pose.position.x = eta.x();
+      pose.pose.position.y = eta.y();
+      pose.pose.position.z = -0.01;  // above the floor
+      pose.pose.orientation.z = std::sin(eta.z() / 2);
+      pose.pose.orientation.w = std::cos(eta.z() / 2);
+      path->poses.push_back(pose);
+    }
+    if (!path->poses.empty()) c.path.publish(path);
+  }
+
+  void publishComparison(const std_msgs::Header& header, const ModelMonitor::Error& first,
+                         const ModelMonitor::Error& second) {
+    auto message = boost::make_shared<ground_msgs::ModelComparison>();
+    message->header = header;
+    message->error = {first.error, second.error};
+    for (std::size_t i = 0; i < kModels; ++i) message->models[i] = contestants_[i].name;
+    if (const auto found = contest_.preference()) {
+      message->difference = found->difference;
+      message->standard_error = found->standard_error;
+      if (found->clear()) message->better = message->models[found->difference < 0 ? 0 : 1];
+    }
+    comparison_publisher_.publish(message);
+  }
+
+  static constexpr std::size_t kModels = 2;
+  static constexpr double kPathStep = 0.02;  // [s]
+  static constexpr double kJump = 0.5;  // back in time, more than messages come in disorder [s]
+
+  std::mutex mutex_;  ///< guards what follows
+  Config config_;
+  std::array<Contestant, kModels> contestants_;
+  ModelContest contest_{1.0, 10.0};
+  ros::Time epoch_;   ///< from which the monitors' clock counts
+  ros::Time newest_;  ///< stamp so far
+  double last_paths_ = 0;
+  ros::Publisher comparison_publisher_;
+  ros::Subscriber state_subscriber_, controls_subscriber_;
+  std::unique_ptr<LiveParameters<Config>> reconfigure_;
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::LiveComparison, nodelet::Nodelet)

@@ -1,0 +1,104 @@
+#!/usr/bin/python3
+"""Models beside a flying craft: errors, predicted paths, the missing wrench, which one is better."""
+import math
+import os
+import sys
+import unittest
+
+import rospy
+import rostest
+from ground_msgs.msg import ModelComparison, ModelError, State
+from ground_msgs.srv import LoadModel
+from nav_msgs.msg import Path
+from visualization_msgs.msg import Marker, MarkerArray
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+TRUTH = os.path.join(HERE, "tilted_craft.yaml")
+WEIGHT = 0.0583 * 9.81  # of the craft [N]
+SLOPES = 0.02, -0.01  # of the floor, x and y in world_ned
+
+
+class LiveComparisonTest(unittest.TestCase):
+    def test_where_model_and_measurement_part(self):
+        state = harness.Latest("state", State, keep=True)
+        first = harness.Latest("model_error", ModelError, keep=True)
+        second = harness.Latest("model_error2", ModelError, keep=True)
+        comparison = harness.Latest("model_comparison", ModelComparison)
+        paths = [harness.Latest("path/predicted" + s, Path) for s in ("", "2")]
+        markers = harness.Latest("markers", MarkerArray)
+        floor = harness.Latest("floor_map", Marker)
+
+        # One model alone is compared with what is measured.
+        harness.wait_for(lambda: first.message and first.message.window > 3, 40, "errors")
+        self.assertEqual(first.message.model, "tiny_whoover")
+        self.assertIsNone(second.message)
+        self.assertIsNone(comparison.message)
+
+        # Another one is loaded live; a file that is none is refused.
+        load = rospy.ServiceProxy("live_comparison/load_model2", LoadModel)
+        load.wait_for_service(10)
+        refused = load(file=os.path.join(HERE, "live_comparison.test"))
+        self.assertFalse(refused.success)
+        self.assertIn("the old model stays", refused.message)
+        refused = rospy.ServiceProxy("live_comparison/load_model", LoadModel)(file="/nowhere.yaml")
+        self.assertFalse(refused.success)
+        self.assertEqual(first.message.model, "tiny_whoover")
+        taken = load(file=TRUTH)
+        self.assertTrue(taken.success, taken.message)
+        harness.wait_for(
+            lambda: comparison.message and comparison.message.better, 30, "a preference"
+        )
+        self.assertEqual(list(comparison.message.models), ["tiny_whoover", "tilted_craft"])
+        self.assertEqual(comparison.message.better, "tilted_craft")
+        self.assertGreater(comparison.message.difference, 0)
+        self.assertLess(second.message.error, 0.7 * first.message.error)
+        self.assertEqual(second.message.model, "tilted_craft")
+
+        # Every state has its error, of the same stamp.
+        asked = {m.header.stamp for _, m in state.all if m.valid}
+        told = {m.header.stamp for _, m in first.all}
+        begun, ended = min(told), max(told)
+        missed = [s for s in asked if begun < s < ended and s not in told]
+        self.assertLess(len(missed), 0.02 * len(told))
+        last = first.message
+        self.assertAlmostEqual(last.horizon, 1.0, delta=0.03)
+        by_stamp = {m.header.stamp: m for _, m in state.all}
+        measured = by_stamp[last.header.stamp]
+        for i in range(2):
+            self.assertAlmostEqual(last.eta[i] + last.eta_error[i], measured.eta[i], places=9)
+
+        # What is missing is the floor's slope: its force, in the world's axes.
+        forces = []
+        for _, m in first.all:
+            s = by_stamp.get(m.header.stamp)
+            if s and m.window > 2:
+                c, n = math.cos(s.eta[2]), math.sin(s.eta[2])
+                forces.append(
+                    (c * m.wrench[0] - n * m.wrench[1], n * m.wrench[0] + c * m.wrench[1])
+                )
+        self.assertGreater(len(forces), 300)
+        for axis in range(2):
+            mean = sum(f[axis] for f in forces) / len(forces)
+            self.assertAlmostEqual(
+                mean, SLOPES[axis] * WEIGHT, delta=0.25 * abs(SLOPES[0]) * WEIGHT
+            )
+
+        # And rviz gets all of it.
+        for path in paths:
+            self.assertGreater(len(path.message.poses), 30)
+            self.assertEqual(path.message.header.frame_id, "world_ned")
+        shown = {m.id: m for m in markers.message.markers if m.action == Marker.ADD}
+        self.assertIn("tilted_craft: error", shown[8].text)
+        self.assertIn(6, shown)  # the missing force
+        start, tip = shown[6].points
+        self.assertGreater(math.hypot(tip.x - start.x, tip.y - start.y), 0.02)
+        self.assertGreater(len(floor.message.points), 5)
+        self.assertEqual(len(floor.message.points), len(floor.message.colors))
+
+
+if __name__ == "__main__":
+    rospy.init_node("live_comparison_test")
+    rostest.rosrun("ground", "live_comparison_test", LiveComparisonTest)
