@@ -7,6 +7,8 @@ POSE = "/vrpn_client_node/hovercraft/pose"
 CONTROLS = "/controls"
 TRUTH = "/simulator/truth"
 REFERENCE = "/reference"
+REFERENCE_PATH = "/path/reference"
+PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
 
@@ -40,6 +42,7 @@ def _in_order(run, axes):
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
+        (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
     received = np.concatenate([s[1] for s in series])
@@ -93,3 +96,21 @@ def _references(run):
         message = Reference(p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9])
         message.header.frame_id = "world_ned"
         yield message
+
+
+def _reference_path(run):
+    """All of the reference as a path, as controllers publish it when they start."""
+    from geometry_msgs.msg import PoseStamped
+    from nav_msgs.msg import Path
+
+    if not len(run.references):
+        return
+    message = Path()
+    message.header.frame_id = "world_ned"
+    for row in run.references[::PATH_STEP]:
+        pose = PoseStamped()
+        pose.header.frame_id = "world_ned"
+        pose.pose.position.x, pose.pose.position.y = row[1:3]
+        pose.pose.orientation.w = 1
+        message.poses.append(pose)
+    yield message

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "ground/model/measurement.h"
-
 namespace ground {
 namespace {
 
@@ -23,11 +21,7 @@ std::string MonitorParams::validate() const {
 }
 
 ModelMonitor::ModelMonitor(const Model& model, const MonitorParams& params)
-    : model_(model),
-      params_(params),
-      dynamics_(model),
-      derivatives_(model),
-      observer_(model, params.observer) {}
+    : model_(model), params_(params), dynamics_(model), observer_(model, params.observer) {}
 
 void ModelMonitor::setParams(const MonitorParams& params) {
   params_ = params;
@@ -71,32 +65,28 @@ const ModelMonitor::Sample* ModelMonitor::start(double time) const {
 }
 
 Simulation<double> ModelMonitor::simulate(const Sample& from) const {
-  const Measurement<double> measured{from.state.eta, from.state.nu};
-  return Simulation<double>(dynamics_, inputs_, stateSeenAs(derivatives_, measured), from.time);
+  return Simulation<double>(dynamics_, inputs_, from.state, from.time);
 }
 
 std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
                                                          const RigidState<double>& measured) {
   if (!samples_.empty() && time < samples_.back().time) reset();
   if (!samples_.empty() && time == samples_.back().time) return std::nullopt;
-  samples_.push_back({time, measured});
-  while (time - samples_.front().time > kSlack * params_.horizon) samples_.pop_front();
   observer_.measure(time, measured);
+  const DisturbanceObserver::Estimate estimate = observer_.at(time);
+  samples_.push_back({time, estimate.state});
+  while (time - samples_.front().time > kSlack * params_.horizon) samples_.pop_front();
   const Sample* from = start(time);
   if (!from) return std::nullopt;
   Error error;
   error.horizon = time - from->time;
-  try {
-    Simulation<double> simulation = simulate(*from);
-    simulation.advance(time);
-    error.predicted = simulation.measure();
-  } catch (const std::runtime_error&) {
-    return std::nullopt;  // no state of the model is measured like this one
-  }
+  Simulation<double> simulation = simulate(*from);
+  simulation.advance(time);
+  error.predicted = simulation.measure();
   error.eta = measured.eta - error.predicted.eta;
   error.eta.z() = wrapAngle(error.eta.z());
   error.nu = measured.nu - error.predicted.nu;
-  error.wrench = dynamics_.mass() * observer_.at(time).missing;
+  error.wrench = dynamics_.mass() * estimate.missing;
   if (!error.eta.allFinite() || !error.nu.allFinite() || !error.wrench.allFinite())
     return std::nullopt;
   add({time, error.nu.cwiseAbs(), measured.nu});
@@ -125,17 +115,13 @@ std::vector<Vector3<double>> ModelMonitor::path(double step) const {
   const double end = samples_.back().time;
   const Sample* from = start(end);
   if (!from) return poses;
-  try {
-    Simulation<double> simulation = simulate(*from);
-    const int steps = std::max(1, static_cast<int>(std::lround((end - from->time) / step)));
-    for (int i = 0; i <= steps; ++i) {
-      simulation.advance(from->time + (end - from->time) * i / steps);
-      const Vector3<double> eta = simulation.measure().eta;
-      if (!eta.allFinite()) break;
-      poses.push_back(eta);
-    }
-  } catch (const std::runtime_error&) {
-    poses.clear();
+  Simulation<double> simulation = simulate(*from);
+  const int steps = std::max(1, static_cast<int>(std::lround((end - from->time) / step)));
+  for (int i = 0; i <= steps; ++i) {
+    simulation.advance(from->time + (end - from->time) * i / steps);
+    const Vector3<double> eta = simulation.measure().eta;
+    if (!eta.allFinite()) break;
+    poses.push_back(eta);
   }
   return poses;
 }

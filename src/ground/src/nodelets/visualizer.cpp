@@ -71,7 +71,7 @@ class Visualizer : public nodelet::Nodelet {
                ground_msgs::ModelError::ConstPtr& newest) {
     const std::lock_guard<std::mutex> lock(mutex_);
     newest = error;
-    if (&newest != &errors_[0]) return;
+    if (&newest != &errors_[0] || error->window < kSettled) return;
     double size = 0;
     for (int i = 0; i < 3; ++i) size += std::abs(error->nu_error[i]) / error->spread[i];
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], size);
@@ -269,7 +269,7 @@ class Visualizer : public nodelet::Nodelet {
     m->action = config_.floor_map ? Marker::ADD : Marker::DELETE;
     m->scale.x = m->scale.y = 0.96 * config_.cell;
     m->scale.z = 0.002;
-    const double most = floor_.largest();
+    const double most = floor_.large();
     for (const auto& cell : floor_.cells()) {
       geometry_msgs::Point p;
       p.x = cell.x;
@@ -295,6 +295,7 @@ class Visualizer : public nodelet::Nodelet {
   }
 
   static constexpr double kRecent = 1.0;       // [s]
+  static constexpr double kSettled = 2.0;      // after which errors are normalised well [s]
   static constexpr double kFloorPeriod = 1.0;  // between floor maps [s]
   static constexpr double kLeastPart = 0.01;   // of full thrust: less is not shown
   static constexpr double kLargePart = 0.5;    // of full thrust: red

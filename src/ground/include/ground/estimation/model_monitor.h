@@ -54,7 +54,7 @@ class ModelMonitor {
  private:
   struct Sample {
     double time;
-    RigidState<double> state;
+    RigidState<double> state;  ///< by the observer: quieter than what was measured
   };
   /// What is averaged.
   struct Score {
@@ -69,7 +69,6 @@ class ModelMonitor {
   Model model_;
   MonitorParams params_;
   Dynamics<double> dynamics_;
-  Dynamics<Jet> derivatives_;
   DisturbanceObserver observer_;
   InputSequence inputs_;  ///< on the clock that starts with the first state
   std::deque<Sample> samples_;

@@ -35,11 +35,13 @@ class FloorMap {
     }
     return found;
   }
-  /// Of the means; never 0.
-  double largest() const {
-    double most = 1e-12;
-    for (const Cell& c : cells()) most = std::max(most, c.mean);
-    return most;
+  /// What all but the worst of the means keep below; never 0.
+  double large() const {
+    std::vector<double> means{1e-12};
+    for (const Cell& c : cells()) means.push_back(c.mean);
+    const auto at = means.begin() + static_cast<long>(0.95 * static_cast<double>(means.size() - 1));
+    std::nth_element(means.begin(), at, means.end());
+    return std::max(*at, 1e-12);
   }
 
  private:
