@@ -10,12 +10,14 @@ import dynamic_reconfigure.client
 import rospy
 import rostest
 from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.srv import LoadModel
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
 
 S = ControllerStatus
+TILTED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tilted_craft.yaml")
 TUNED_BOUND = 0.25  # error of the tuned backstepping law [m]; 0.05 to 0.12 in its table
 PREDICTIVE_BOUND = 0.02  # error of the predictive controller [m]; about 1 mm without a network
 
@@ -69,6 +71,9 @@ class TrackingLoopTest(unittest.TestCase):
         self.assertGreater(len(squares), 30 * duration)
         return math.sqrt(sum(squares) / len(squares))
 
+    def load(self, name, file):
+        return rospy.ServiceProxy(name + "/load_model", LoadModel)(file=file)
+
     def settled(self, bound, what, patience=30):
         """Waits until the error stays within the bound for 3 s."""
         error = None
@@ -106,6 +111,19 @@ class TrackingLoopTest(unittest.TestCase):
         # reference
         self.change("predictive", reference="rhodonea", size=1.5, rate_of_turn=0.4)
         self.settled(PREDICTIVE_BOUND, "the predictive controller on the rhodonea")
+
+        # models: another floor for the craft, then for the controller; nonsense is refused
+        self.assertTrue(self.load("simulator", TILTED).success)
+        self.settled(PREDICTIVE_BOUND, "the craft on a tilted floor")
+        self.assertTrue(self.load("predictive", TILTED).success)
+        for name in ("simulator", "predictive"):
+            refused = self.load(name, __file__)
+            self.assertFalse(refused.success)
+            self.assertIn("old model stays", refused.message)
+        self.settled(PREDICTIVE_BOUND, "the controller that knows of it")
+        self.assertEqual(self.status["predictive"].message.state, S.RUNNING)
+        stopped = [m for _, m in self.status["predictive"].all if m.state == S.STOPPED]
+        self.assertEqual(stopped, [])
 
         # mocap: gone for 0.3 s
         before = len(self.sender.all)

@@ -121,6 +121,35 @@ TEST(Room, MeasuresThroughTheModelsMeasurementEffects) {
   EXPECT_DOUBLE_EQ(room.takeFrames().front().eta.z(), 0.5);
 }
 
+TEST(Room, AnotherModelTakesOverInMidFlight) {
+  Model biased = tinyWhoover();
+  biased.addEffect(makeEffect("body_force_bias"));
+  biased.setValue("body_force_bias.x0", 0.01);
+  Model broken = tinyWhoover();
+  broken.body.m = 1e-320;
+  Room room(tinyWhoover(), perfect(), {});
+  room.command(1, 0.4, 1);
+  room.advance(0.2);
+  const RigidState<double> before = room.state(), rate = room.derivative();
+  EXPECT_THROW(room.setModel(broken), std::invalid_argument);
+  EXPECT_EQ(room.derivative().nu, rate.nu);
+  room.setModel(biased);
+  EXPECT_EQ(room.state().eta, before.eta);
+  EXPECT_EQ(room.state().nu, before.nu);
+  const Vector3<double> more = room.derivative().nu - rate.nu;
+  EXPECT_NEAR(more.x(), 0.01 / biased.body.m, 1e-9);
+  EXPECT_NEAR(more.y(), 0, 1e-12);
+  // Inputs stay the same parts of the largest one.
+  Model scaled = tinyWhoover();
+  scaled.body.input_max = 2;
+  scaled.body.k /= 2;
+  room.setModel(tinyWhoover());
+  room.setModel(scaled);
+  EXPECT_NEAR((room.derivative().nu - rate.nu).norm(), 0, 1e-9);
+  room.advance(0.3);
+  EXPECT_TRUE(room.state().eta.allFinite());
+}
+
 TEST(Room, RefusesNonsense) {
   MocapParams bad;
   bad.latency = std::numeric_limits<double>::quiet_NaN();

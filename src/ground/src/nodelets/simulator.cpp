@@ -14,6 +14,7 @@
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
 #include "ground/model/model_file.h"
+#include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/simulation/room.h"
 
@@ -25,7 +26,8 @@ namespace ground {
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
 /// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), watchdog (0.25 s), start_time
 /// (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
-/// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock.
+/// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock. Service: ~load_model (moves
+/// the craft by another model file from now on).
 class Simulator : public nodelet::Nodelet {
  public:
   ~Simulator() override {
@@ -78,6 +80,11 @@ class Simulator : public nodelet::Nodelet {
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return params(c).validate(); },
         [this](const Config& c) { apply(c); });
+    model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      room_->setModel(m);
+      input_max_ = m.body.input_max;
+    });
     thread_ = std::thread([this] { run(); });
   }
 
@@ -196,7 +203,7 @@ class Simulator : public nodelet::Nodelet {
   static constexpr double kTelemetryPeriod = 0.02;  // [s]
   static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
 
-  std::mutex mutex_;  ///< guards room_, the origins and the factor
+  std::mutex mutex_;  ///< guards room_, input_max_, the origins and the factor
   std::unique_ptr<Room> room_;
   SteadyClock::time_point wall_origin_;
   double time_origin_ = 0, real_time_factor_ = 1;
@@ -209,6 +216,7 @@ class Simulator : public nodelet::Nodelet {
   ros::Publisher pose_publisher_, truth_publisher_, clock_publisher_;
   std::atomic<bool> alive_{true};
   std::thread thread_;
+  ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

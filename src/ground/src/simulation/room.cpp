@@ -20,8 +20,7 @@ std::string MocapParams::validate() const {
 
 Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
     : model_(model),
-      dynamics_(model_),
-      simulation_(dynamics_, inputs_, params.initial, params.start),
+      moving_(std::make_unique<Moving>(model, inputs_, params.initial, params.start)),
       params_(params),
       random_(params.seed),
       time_(params.start),
@@ -29,6 +28,20 @@ Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
       next_frame_(params.start),
       tracked_again_(params.start) {
   setMocap(mocap);
+}
+
+void Room::setModel(const Model& model) {
+  InputSequence inputs = inputs_;
+  for (auto& thrusters : inputs.thrusters)
+    thrusters *= model.body.input_max / model_.body.input_max;
+  const Moving probe(model, inputs, state(), time_);
+  const RigidState<double> rate = probe.simulation.derivative();
+  if (!rate.eta.allFinite() || !rate.nu.allFinite())
+    throw std::invalid_argument("the craft's acceleration by this model is not finite");
+  const RigidState<double> here = state();
+  model_ = model;
+  inputs_ = std::move(inputs);
+  moving_ = std::make_unique<Moving>(model_, inputs_, here, time_);
 }
 
 void Room::setMocap(const MocapParams& mocap) {
@@ -53,7 +66,7 @@ void Room::advance(double time) {
     const double stop =
         expired_ ? std::numeric_limits<double>::infinity() : last_command_ + params_.watchdog;
     const double next = std::min({time, next_frame_, stop});
-    simulation_.advance(next);
+    moving_->simulation.advance(next);
     time_ = next;
     if (next == next_frame_) {
       capture();
@@ -74,7 +87,7 @@ void Room::capture() {
   MocapFrame frame;
   frame.captured = next_frame_;
   frame.delivered = next_frame_ + mocap_.latency;
-  frame.eta = simulation_.measure().eta;
+  frame.eta = moving_->simulation.measure().eta;
   frame.eta.x() += mocap_.position_noise * noise[0];
   frame.eta.y() += mocap_.position_noise * noise[1];
   frame.eta.z() += mocap_.heading_noise * noise[2];

@@ -12,6 +12,7 @@
 #include "ground/control/tracking_controller.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -21,7 +22,8 @@ namespace ground {
 /// fields of cfg/tracking_parameters.py and the child's own.
 ///
 /// Parameters: model (model file, required) and those of Config, all live; a change of the
-/// reference starts it anew. Publishes besides: reference, path/reference (latched). A reference
+/// reference starts it anew. Service: ~load_model (another model file, also while it drives).
+/// Publishes besides: reference, path/reference (latched). A reference
 /// that the craft cannot follow is warned of, also in the answer of ~start and in ~status.
 template <class Config>
 class ReferenceTracking : public Controller {
@@ -42,6 +44,8 @@ class ReferenceTracking : public Controller {
     path_publisher_ = topics.advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
+    model_service_ =
+        ModelService(nh, "load_model", [this](const Model& m, const std::string&) { take(m); });
   }
 
   static ReferenceParams reference(const Config& c) {
@@ -92,11 +96,24 @@ class ReferenceTracking : public Controller {
     if (!changed) return;
     reference_ = makeReference(reference(c));
     reference_start_ = ros::Time();
-    caution_ = infeasibility(*reference_, model_.body);
-    if (!caution_.empty())
-      NODELET_WARN("%s: reference %s: %s", getName().c_str(), c.reference.c_str(),
-                   caution_.c_str());
+    warn(infeasibility(*reference_, model_.body));
     publishPath();
+  }
+
+  /// Goes on with another model, also while it drives.
+  void take(const Model& model) {
+    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    std::string caution = infeasibility(*reference_, model.body);
+    controller_ = make(model, config_);
+    model_ = model;
+    warn(std::move(caution));
+  }
+
+  void warn(std::string caution) {
+    caution_ = std::move(caution);
+    if (!caution_.empty())
+      NODELET_WARN("%s: reference %s: %s", getName().c_str(), config_.reference.c_str(),
+                   caution_.c_str());
   }
 
   std::string caution() const override { return caution_; }
@@ -173,6 +190,7 @@ class ReferenceTracking : public Controller {
   ros::Time published_;        ///< stamp of the newest message of the reference
   std::unique_ptr<TrackingController> controller_;
   ros::Publisher reference_publisher_, path_publisher_;
+  ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

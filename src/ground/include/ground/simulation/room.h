@@ -1,6 +1,7 @@
 #pragma once
 
 #include <deque>
+#include <memory>
 #include <random>
 #include <string>
 #include <vector>
@@ -54,6 +55,9 @@ class Room {
   void advance(double time);
   /// Frames delivered since the last call, in the order of delivery.
   std::vector<MocapFrame> takeFrames();
+  /// From now on another model moves the craft, from where it is and as fast as it is. Throws
+  /// std::invalid_argument, and leaves the old one, when the craft cannot move by it.
+  void setModel(const Model& model);
   /// Takes effect with the next frame; throws std::invalid_argument when bad.
   void setMocap(const MocapParams& mocap);
 
@@ -64,19 +68,27 @@ class Room {
   double nextDelivery() const {
     return on_their_way_.empty() ? next_frame_ + mocap_.latency : on_their_way_.front().delivered;
   }
-  const RigidState<double>& state() const { return simulation_.state(); }
-  RigidState<double> derivative() const { return simulation_.derivative(); }
+  const RigidState<double>& state() const { return moving_->simulation.state(); }
+  RigidState<double> derivative() const { return moving_->simulation.derivative(); }
   /// Whether the craft's own watchdog has stopped the motors.
   bool watchdogExpired() const { return expired_; }
 
  private:
+  /// A model at work.
+  struct Moving {
+    Moving(const Model& model, const InputSequence& inputs, const RigidState<double>& state,
+           double time)
+        : dynamics(model), simulation(dynamics, inputs, state, time) {}
+    Dynamics<double> dynamics;
+    Simulation<double> simulation;
+  };
+
   void capture();
   bool lost(double time);
 
   Model model_;
-  Dynamics<double> dynamics_;
   InputSequence inputs_;
-  Simulation<double> simulation_;
+  std::unique_ptr<Moving> moving_;
   MocapParams mocap_;
   Params params_;
   std::mt19937_64 random_;
