@@ -56,7 +56,15 @@ def wait_for(condition, timeout, what):
 
 
 def test_the_experiments_are_there():
-    expected = ["record", "replay", "room_prbs", "room_tracking", "sim_prbs", "sim_tracking"]
+    expected = [
+        "identification",
+        "record",
+        "replay",
+        "room_prbs",
+        "room_tracking",
+        "sim_prbs",
+        "sim_tracking",
+    ]
     assert set(n + ".launch" for n in expected) <= set(LAUNCH)
 
 

@@ -15,6 +15,7 @@ def configure(parser):
     )
     common.reads_bags(parser)
     common.takes_spans(parser)
+    common.tells_progress(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="what it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
     common.holds_out(parser)
@@ -26,9 +27,11 @@ def run(arguments):
     model = common.load(arguments.model)
     candidate = candidates.named(arguments.effect)
     extended = candidate.add(model)
+    common.progress(arguments, "reading the recordings")
     runs = common.prepare(arguments, model)[1]
     held = common.held_out(arguments, model, runs)[1]
 
+    common.progress(arguments, "fitting %s without %s, and with it" % (model.name, candidate.name))
     on_runs = study.Study(runs)
     before = on_runs.fit(model, study.free_parameters(model))
     refitted = candidates.carried_over(before.model, extended)

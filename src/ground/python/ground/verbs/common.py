@@ -35,6 +35,19 @@ def holds_out(parser):
     )
 
 
+def tells_progress(parser):
+    parser.add_argument(
+        "--progress",
+        action="store_true",
+        help="say on standard error what is being done (always so on a terminal)",
+    )
+
+
+def progress(arguments, text):
+    if arguments.progress or (not arguments.json and sys.stderr.isatty()):
+        print("... " + text, file=sys.stderr, flush=True)
+
+
 def positive(text):
     value = float(text)
     if not value > 0 or not np.isfinite(value):

@@ -41,6 +41,7 @@ SUMMARY = "models against recordings: errors, where they come from, and pictures
 def configure(parser):
     common.reads_bags(parser)
     common.takes_spans(parser)
+    common.tells_progress(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", action="append", required=True, help="once for each model"
     )
@@ -79,6 +80,7 @@ def run(arguments):
     prepared, inspected = [quality.Run(recording) for recording in found], []
     for recording, bag, output in zip(prepared, bags, outputs):
         studies = []
+        common.progress(arguments, "comparing on %s" % recording.recording.name)
         for count, (label, model) in enumerate(models):
             run = common.data(arguments, recording, model)
             role = "fit" if bag in model.provenance.bags else "held_out"

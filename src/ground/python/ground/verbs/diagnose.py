@@ -1,6 +1,5 @@
 """identify diagnose: which physical effect a model lacks."""
 import os
-import sys
 
 from ground import candidates, diagnosis, diagnosis_report, files, quality, report, words
 from ground.diagnosis_report import effect_entry
@@ -14,6 +13,7 @@ SUMMARY = "which physical effect a model lacks, with evidence, and the model wit
 def configure(parser):
     common.reads_bags(parser)
     common.takes_spans(parser)
+    common.tells_progress(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to diagnose")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
     common.holds_out(parser)
@@ -46,6 +46,7 @@ def run(arguments):
     }
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
+    common.progress(arguments, "reading the recordings")
     prepared, runs = common.prepare(arguments, model)
     prepared_held, held = common.held_out(arguments, model, runs)
     try:
@@ -56,11 +57,11 @@ def run(arguments):
         files.refuse_existing(path, arguments.force)
 
     found = diagnosis.Diagnosis(
-        runs, model, tried, arguments.budget, progress=lambda text: _progress(arguments, text)
+        runs, model, tried, arguments.budget, progress=lambda text: common.progress(arguments, text)
     )
     found.grow()
     conclusion = found.conclude(held)
-    _progress(arguments, "writing what was found")
+    common.progress(arguments, "writing what was found")
     result = diagnosis_report.of(found, conclusion, arguments.model, held)
     arguments.output = paths["improved.yaml"]
     common.write_model(
@@ -76,7 +77,7 @@ def run(arguments):
         files.write_yaml(paths["proposal.yaml"], effect_entry(proposal), arguments.force)
     else:
         del paths["proposal.yaml"]
-    _progress(arguments, "drawing")
+    common.progress(arguments, "drawing")
     report.diagnosis(
         paths["report.html"],
         result,
@@ -113,8 +114,3 @@ def _candidates(arguments, model):
     if not chosen + own:
         raise IdentifyError("no effect is left to try")
     return chosen + own
-
-
-def _progress(arguments, text):
-    if not arguments.json and sys.stderr.isatty():
-        print("... " + text, file=sys.stderr, flush=True)

@@ -15,6 +15,7 @@ FREE = list(study.FIVE)
 def configure(parser):
     common.reads_bags(parser)
     common.takes_spans(parser)
+    common.tells_progress(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", required=True, help="model, with the start values"
     )
@@ -65,9 +66,11 @@ def configure(parser):
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
     model = common.load(arguments.model)
+    common.progress(arguments, "reading the recordings")
     prepared, runs = common.prepare(arguments, model)
     held = common.held_out(arguments, model, runs)[1]
 
+    common.progress(arguments, "fitting %s" % model.name)
     cut = windows.cut(runs, arguments.window)
     result = _fit(arguments, runs, model, cut, arguments.starts)
     fitted = result["model"]
@@ -75,6 +78,7 @@ def run(arguments):
     def refit(part):
         return _fit(arguments, runs, fitted, part)
 
+    common.progress(arguments, "fitting again without each block of time")
     errors = {
         "before": windows.error(runs, model),
         "after": windows.error(runs, fitted),

@@ -1,0 +1,289 @@
+"""The identification tool as a ROS node: fit, diagnose and add as services, results on latched topics.
+
+A task runs in a process of its own, the command line's, so that one that fails or is cancelled leaves
+the node as it was, and what the node can do and what the terminal can do is the same.
+"""
+import collections
+import glob
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from ground_msgs.msg import Controls, IdentificationStatus
+from ground_msgs.srv import (
+    Identify,
+    IdentifyResponse,
+    LoadModel,
+    OfferModel,
+    OfferModelResponse,
+)
+from std_msgs.msg import String
+from std_srvs.srv import Trigger, TriggerResponse
+
+from ground import bags, files, words
+from ground.errors import IdentifyError
+
+Status = IdentificationStatus
+PATIENCE = 5.0  # with a process that was asked to end [s]
+
+
+class LiveBuffer:
+    """The last seconds of poses and commands, as they came."""
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+        self._lock = threading.Lock()
+        self._messages = collections.deque()  # (receipt rospy.Time, topic, message)
+        self._subscribers = [
+            rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
+            for topic, kind in ((bags.POSE.lstrip("/"), PoseStamped), ("controls", Controls))
+        ]
+
+    def _take(self, message, topic):
+        now = rospy.Time.now()
+        with self._lock:
+            if self._messages and now < self._messages[-1][0]:
+                self._messages.clear()  # a bag that begins again
+            self._messages.append((now, topic, message))
+            while (now - self._messages[0][0]).to_sec() > self.seconds:
+                self._messages.popleft()
+
+    def covered(self):
+        """How many seconds there are of both topics."""
+        with self._lock:
+            spans = []
+            for subscriber in {topic for _, topic, _ in self._messages}:
+                times = [at for at, topic, _ in self._messages if topic == subscriber]
+                spans.append((times[0], times[-1]))
+        if len(spans) < len(self._subscribers):
+            return 0.0
+        return (min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec()
+
+    def write(self, path, last):
+        """Writes the last seconds to a bag; IdentifyError when there are not as many."""
+        import rosbag
+
+        if last > self.seconds:
+            raise IdentifyError(
+                "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
+            )
+        covered = self.covered()
+        if covered < 0.95 * last:
+            raise IdentifyError(
+                "poses and commands of %.1f s have come so far, not of %g s" % (covered, last)
+            )
+        with self._lock:
+            chosen = list(self._messages)
+        newest = chosen[-1][0]
+        with files.new_file(path) as temporary:
+            with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+                for at, topic, message in chosen:
+                    if (newest - at).to_sec() <= last:
+                        bag.write("/" + topic, message, at)
+
+
+class IdentificationNode:
+    """Parameters: model (model file, required), bag_dir and output (folders), axes ("x, z, -y"), keep
+    (seconds of live topics that can be asked for, 120). Subscribes: pose and controls. Services: ~fit,
+    ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger), ~offer (ground_msgs/OfferModel).
+    Publishes, latched: ~status, ~result (JSON, as the command line prints it) and ~model (the path of
+    the newest model).
+    """
+
+    def __init__(self, program):
+        """program: the command line tool."""
+        self._program = program
+        self.model = _existing(rospy.get_param("~model", ""), "model")
+        self._bag_dir = _folder(rospy.get_param("~bag_dir", "~/ground_bags"))
+        self._output = _folder(rospy.get_param("~output", "~/ground_models"))
+        self._axes = rospy.get_param("~axes", "x, z, -y")
+        self.live = LiveBuffer(float(rospy.get_param("~keep", 120.0)))
+        self._busy = threading.Lock()
+        self._child, self._cancelled = None, False
+        self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
+        self._result = rospy.Publisher("~result", String, queue_size=1, latch=True)
+        self._newest = rospy.Publisher("~model", String, queue_size=1, latch=True)
+        self._newest.publish(self.model)
+        self._say(Status.IDLE, "", "ready")
+        for task in ("fit", "diagnose", "add"):
+            rospy.Service("~" + task, Identify, lambda request, t=task: self.serve(t, request))
+        rospy.Service("~cancel", Trigger, self._cancel)
+        rospy.Service("~offer", OfferModel, self._offer)
+        rospy.on_shutdown(self._end)
+
+    def serve(self, task, request):
+        """Runs a task to its end."""
+        if not self._busy.acquire(blocking=False):
+            return IdentifyResponse(
+                success=False, message="busy with another task; ~cancel ends it"
+            )
+        try:
+            began = time.monotonic()
+            try:
+                response = self._run(task, request, began)
+            except (IdentifyError, OSError) as error:
+                response = IdentifyResponse(success=False, message=str(error))
+            state = Status.DONE if response.success else Status.FAILED
+            self._say(state, task, response.message, began)
+            return response
+        finally:
+            self._busy.release()
+
+    def _run(self, task, request, began):
+        model = _existing(request.model or self.model, "model")
+        if task == "add" and not request.effect:
+            raise IdentifyError("effect is empty: which one shall be added?")
+        folder = self._new_folder(task)
+        recordings = self._recordings(request, folder)
+        made = os.path.join(
+            folder,
+            {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}[task],
+        )
+        command = [self._program, task] + ([request.effect] if task == "add" else []) + recordings
+        command += ["--model", model, "--axes", self._axes, "--json", "--progress"]
+        command += ["-o", folder if task == "diagnose" else made]
+        result = json.loads(self._execute(task, command, began))
+        if task != "diagnose":
+            files.write_json(os.path.join(folder, task + ".json"), result)
+        self._result.publish(json.dumps(result))
+        self.model = made
+        self._newest.publish(made)
+        return IdentifyResponse(
+            success=True, message=_found(task, result), model=made, folder=folder
+        )
+
+    def _recordings(self, request, folder):
+        if request.last > 0:
+            if request.bags:
+                raise IdentifyError("either bags or the last seconds, not both")
+            path = os.path.join(folder, "live.bag")
+            self.live.write(path, request.last)
+            return [path]
+        found = []
+        for path in request.bags or [self._bag_dir]:
+            path = os.path.expanduser(path)
+            if os.path.isdir(path):
+                inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
+                if not inside:
+                    raise IdentifyError("%s: there is no bag in this folder" % path)
+                found += inside
+            else:
+                found.append(_existing(path, "bag"))
+        return found
+
+    def _new_folder(self, task):
+        stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)
+        for number in range(1000):
+            path = stem + ("" if number == 0 else "-%d" % number)
+            try:
+                os.makedirs(path)
+                return path
+            except FileExistsError:
+                continue
+        raise IdentifyError("%s: no free name beside it" % stem)
+
+    def _execute(self, task, command, began):
+        """What the command prints; its progress goes out as status. IdentifyError when it fails."""
+        self._cancelled = False
+        self._say(Status.RUNNING, task, "begins", began)
+        lines = collections.deque(maxlen=20)
+        self._child = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            universal_newlines=True,
+            start_new_session=True,
+        )
+
+        def listen():
+            for line in self._child.stderr:
+                line = line.strip()
+                if line.startswith("... "):
+                    self._say(Status.RUNNING, task, line[4:], began)
+                elif line:
+                    lines.append(line)
+                    rospy.logwarn("%s", line)
+
+        listener = threading.Thread(target=listen, daemon=True)
+        listener.start()
+        printed = self._child.stdout.read()
+        status = self._child.wait()
+        listener.join(PATIENCE)
+        self._child = None
+        if self._cancelled:
+            raise IdentifyError("cancelled")
+        if status != 0:
+            raise IdentifyError(lines[-1] if lines else "ended with status %d" % status)
+        return printed
+
+    def _cancel(self, _):
+        if self._child is None:
+            return TriggerResponse(success=False, message="nothing runs")
+        self._end()
+        return TriggerResponse(success=True, message="cancelled")
+
+    def _end(self):
+        child, self._cancelled = self._child, True
+        if child is None:
+            return
+        for ending in (signal.SIGINT, signal.SIGKILL):
+            try:
+                os.killpg(child.pid, ending)
+                child.wait(PATIENCE)
+                return
+            except ProcessLookupError:
+                return
+            except subprocess.TimeoutExpired:
+                continue
+
+    def _offer(self, request):
+        file, answers, taken = os.path.expanduser(request.file or self.model), [], True
+        for name in request.nodes:
+            try:
+                rospy.wait_for_service(name + "/load_model", timeout=2.0)
+                answer = rospy.ServiceProxy(name + "/load_model", LoadModel)(file=file)
+                taken = taken and answer.success
+                answers.append("%s: %s" % (name, answer.message))
+            except (rospy.ROSException, rospy.ServiceException) as error:
+                taken = False
+                answers.append("%s: does not answer (%s)" % (name, error))
+        return OfferModelResponse(success=taken and bool(answers), answers=answers)
+
+    def _say(self, state, task, message, began=None):
+        status = Status(state=state, task=task, message=message)
+        status.header.stamp = rospy.Time.now()
+        status.elapsed = 0.0 if began is None else time.monotonic() - began
+        self._status.publish(status)
+        if task:
+            rospy.loginfo("%s: %s", task, message)
+
+
+def _existing(path, what):
+    path = os.path.abspath(os.path.expanduser(path)) if path else ""
+    if not os.path.isfile(path):
+        raise IdentifyError("%s: there is no %s of this name" % (path or "(empty)", what))
+    return path
+
+
+def _folder(path):
+    return os.path.abspath(os.path.expanduser(path))
+
+
+def _found(task, result):
+    """What came of a task, in a sentence."""
+    if task == "diagnose":
+        return words.verdict(result)
+    error = result["error"]
+    if task == "fit":
+        return "fitted: the error falls from %.3f to %.3f" % (error["before"], error["after"])
+    held = error["heldout"]
+    return "with %s the error on what was held out goes from %.3f to %.3f" % (
+        result["effect"],
+        held["before"]["error"],
+        held["after"]["error"],
+    )

@@ -1,0 +1,108 @@
+#!/usr/bin/python3
+"""The identification node beside a flying craft: tasks on live topics and bags, progress, offers."""
+import json
+import os
+import shutil
+import sys
+import threading
+import unittest
+
+import rospy
+import rostest
+from ground_msgs.msg import IdentificationStatus, ModelError
+from ground_msgs.srv import Identify, OfferModel
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+S = IdentificationStatus
+NODE = "identification/"
+
+
+def service(name, kind):
+    rospy.wait_for_service(name, 20)
+    return rospy.ServiceProxy(name, kind)
+
+
+class IdentificationTest(unittest.TestCase):
+    def test_what_is_missing_is_found_while_it_flies(self):
+        status = harness.Latest(NODE + "status", S, keep=True)
+        model = harness.Latest(NODE + "model", String)
+        error = harness.Latest("model_error", ModelError)
+        diagnose, fit = service(NODE + "diagnose", Identify), service(NODE + "fit", Identify)
+        output = rospy.get_param(NODE + "output")
+        self.addCleanup(shutil.rmtree, output, True)
+        harness.wait_for(lambda: status.message and model.message, 20, "the latched topics")
+        self.assertEqual(status.message.state, S.IDLE)
+        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+
+        # What cannot be done is said, and nothing changes.
+        for request, reason in (
+            ({"last": 1e4}, "only the last 120 s are kept"),
+            ({"bags": ["/nowhere.bag"]}, "no bag of this name"),
+            ({"last": 5.0, "model": "/nowhere.yaml"}, "no model of this name"),
+            ({"last": 5.0, "bags": ["x.bag"]}, "not both"),
+        ):
+            answer = diagnose(**request)
+            self.assertFalse(answer.success)
+            self.assertIn(reason, answer.message)
+            harness.wait_for(lambda: status.message.state == S.FAILED, 5, "the failure")
+        answer = service(NODE + "add", Identify)(last=5.0)
+        self.assertIn("effect is empty", answer.message)
+        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+
+        # A task that is under way keeps others out, tells its progress and can be cancelled.
+        covered = rospy.Time.now().to_sec() + 12
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > covered, 30, "12 s of flight")
+        answers = []
+        thread = threading.Thread(target=lambda: answers.append(diagnose(last=10.0)))
+        thread.start()
+        harness.wait_for(
+            lambda: status.message.state == S.RUNNING and "refitting" in status.message.message,
+            30,
+            "progress",
+        )
+        self.assertIn("busy", fit(last=10.0).message)
+        self.assertTrue(service(NODE + "cancel", Trigger)().success)
+        thread.join(20)
+        self.assertEqual([a.success for a in answers], [False])
+        self.assertEqual(answers[0].message, "cancelled")
+        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+
+        # The floor's slope is found on the last 10 s.
+        result = harness.Latest(NODE + "result", String)
+        answer = diagnose(last=10.0)
+        self.assertTrue(answer.success, answer.message)
+        self.assertIn("floor_tilt", answer.message)
+        harness.wait_for(lambda: result.message, 5, "the result")
+        report = json.loads(result.message.data)
+        self.assertEqual(report["improved"]["effects"][:1], ["floor_tilt"])
+        harness.wait_for(lambda: model.message.data == answer.model, 5, "the new model")
+        self.assertEqual(status.message.state, S.DONE)
+        for name in ("live.bag", "report.html", "diagnosis.json", "improved.yaml"):
+            self.assertTrue(os.path.isfile(os.path.join(answer.folder, name)), name)
+
+        # It is offered to who takes it; who does not is named.
+        offered = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "simulator"])
+        self.assertTrue(offered.success, offered.answers)
+        harness.wait_for(lambda: error.message.model == "improved", 10, "the model in use")
+        refused = service(NODE + "offer", OfferModel)(
+            nodes=["live_comparison", "sender"], file=__file__
+        )
+        self.assertFalse(refused.success)
+        self.assertIn("old model stays", refused.answers[0])
+        self.assertIn("does not answer", refused.answers[1])
+        self.assertEqual(error.message.model, "improved")
+
+        # Bags of a folder do as well.
+        answer = fit(bags=[answer.folder], model=answer.model)
+        self.assertTrue(answer.success, answer.message)
+        self.assertIn("the error falls", answer.message)
+        self.assertTrue(os.path.isfile(os.path.join(answer.folder, "fit.json")))
+
+
+if __name__ == "__main__":
+    rospy.init_node("identification_test")
+    rostest.rosrun("ground", "identification_test", IdentificationTest)
