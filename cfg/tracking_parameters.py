@@ -19,7 +19,7 @@ def add_reference(gen):
     add("y", double_t, 0, "Centre, start or origin, world_ned [m]", 0.0, -100.0, 100.0)
     add("size", double_t, 0, "Radius or amplitude [m]", 2.0, 0.01, 100.0)
     add("rate_of_turn", double_t, 0, "Angular rate of the reference [rad/s]", 0.6, -10.0, 10.0)
-    add("petals", double_t, 0, "Rhodonea: rate of the radius per rate of turn", 1.5, 0.0, 20.0)
+    add("petals", double_t, 0, "Rhodonea: rate of the radius per rate of turn [-]", 1.5, 0.0, 20.0)
     add("speed", double_t, 0, "Line, sinusoid, waypoints: speed [m/s]", 0.5, 0.001, 20.0)
     add("end_x", double_t, 0, "Line: end, world_ned [m]", 2.5, -100.0, 100.0)
     add("end_y", double_t, 0, "Line: end, world_ned [m]", 2.5, -100.0, 100.0)

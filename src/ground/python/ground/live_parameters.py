@@ -1,0 +1,155 @@
+"""Parameters of running nodes that dynamic_reconfigure can change: what they are, and setting them."""
+import ast
+import threading
+from dataclasses import dataclass
+from typing import Any, List, Optional
+
+import rospy
+from dynamic_reconfigure import DynamicReconfigureCallbackException
+from dynamic_reconfigure import client as reconfigure
+from dynamic_reconfigure import find_reconfigure_services
+from rosgraph_msgs.msg import Log
+
+from ground.errors import IdentifyError
+
+ANSWER = 3.0  # patience with a node [s]
+REASON = 0.5  # and with the reason of a refusal, which comes on another way [s]
+KINDS = {"double": float, "int": int, "str": str}
+
+
+@dataclass
+class Parameter:
+    """One parameter of a node."""
+
+    name: str
+    group: str
+    kind: str  # double, int, bool or str
+    description: str
+    lower: Any
+    upper: Any
+    default: Any
+    choices: Optional[List[str]]
+
+    def parse(self, text):
+        """The value that a text stands for; IdentifyError when it is none."""
+        if self.kind == "bool":
+            known = {"true": True, "1": True, "on": True, "false": False, "0": False, "off": False}
+            if text.strip().lower() in known:
+                return known[text.strip().lower()]
+            raise IdentifyError("%s: %s is neither true nor false" % (self.name, text))
+        try:
+            return KINDS[self.kind](text)
+        except ValueError:
+            raise IdentifyError("%s: %s is no number of type %s" % (self.name, text, self.kind))
+
+    def nudged(self, value, up, factor=1.0):
+        """A value a little higher or lower, inside the range: by 5%, or 1 in 200 of the range at 0."""
+        sign = factor if up else -factor
+        if self.choices:
+            at = self.choices.index(value) if value in self.choices else 0
+            return self.choices[(at + (1 if up else -1)) % len(self.choices)]
+        if self.kind == "bool":
+            return not value
+        if self.kind == "int":
+            return min(self.upper, max(self.lower, value + int(sign)))
+        if self.kind == "str":
+            return value
+        step = 0.05 * abs(value) or (self.upper - self.lower) / 200
+        return min(self.upper, max(self.lower, float("%.6g" % (value + sign * step))))
+
+
+class Node:
+    """A running node with parameters that can be changed.
+
+    changed: called with nothing whenever values have changed, whoever did it. Raises IdentifyError when
+    the node does not answer.
+    """
+
+    def __init__(self, name, changed=None):
+        self.name = rospy.resolve_name(name)
+        self.values = {}
+        self._changed = changed
+        self._refusal, self._refused = "", threading.Event()
+        self._log = rospy.Subscriber("/rosout", Log, self._listen)
+        try:
+            self._client = reconfigure.Client(self.name, ANSWER, self._take)
+            described = self._client.get_group_descriptions()
+            self.values = dict(self._client.get_configuration(ANSWER) or {})
+        except rospy.ROSException:
+            raise IdentifyError(
+                "%s: no node of this name with such parameters runs; there are: %s"
+                % (name, ", ".join(names()) or "none")
+            )
+        self.parameters = list(_parameters(described))
+
+    def parameter(self, name):
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise IdentifyError(
+            "%s has no parameter %s; it has %s"
+            % (self.name, name, ", ".join(p.name for p in self.parameters))
+        )
+
+    def set(self, values):
+        """Sets parameters by name; IdentifyError with the node's reason when it refuses them."""
+        self._refused.clear()
+        try:
+            now = self._client.update_configuration(dict(values))
+        except (rospy.ServiceException, DynamicReconfigureCallbackException) as error:
+            raise IdentifyError("%s does not answer: %s" % (self.name, error))
+        self.values = {k: v for k, v in now.items() if k != "groups"}
+        if any(self.values[name] != value for name, value in values.items()):
+            self._refused.wait(REASON)
+            raise IdentifyError(self._refusal or "%s refused it" % self.name)
+
+    def _take(self, config):
+        self.values = {k: v for k, v in config.items() if k != "groups"}
+        if self._changed:
+            self._changed()
+
+    def _listen(self, log):
+        if log.level >= Log.ERROR and log.msg.startswith(self.name + ":") and "refused" in log.msg:
+            self._refusal = log.msg
+            self._refused.set()
+
+
+def names():
+    """Nodes with parameters that can be changed."""
+    try:
+        return sorted(find_reconfigure_services())
+    except rospy.ROSException as error:
+        raise IdentifyError(str(error))
+
+
+def _parameters(group):
+    for p in group["parameters"]:
+        choices = None
+        if p["edit_method"]:
+            choices = [e["value"] for e in ast.literal_eval(p["edit_method"])["enum"]]
+        yield Parameter(
+            p["name"],
+            group["name"].replace("_", " "),
+            p["type"],
+            p["description"],
+            p["min"],
+            p["max"],
+            p["default"],
+            choices,
+        )
+    for inner in group["groups"].values() if isinstance(group["groups"], dict) else group["groups"]:
+        yield from _parameters(inner)
+
+
+def shown(value):
+    """A value in few characters."""
+    return "%.6g" % value if isinstance(value, float) else str(value)
+
+
+def range_of(parameter):
+    """What a parameter may be, in words."""
+    if parameter.choices:
+        return ", ".join(map(str, parameter.choices))
+    if parameter.kind in ("double", "int"):
+        return "%s to %s" % (shown(parameter.lower), shown(parameter.upper))
+    return {"bool": "true or false", "str": "text"}[parameter.kind]

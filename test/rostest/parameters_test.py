@@ -1,0 +1,127 @@
+#!/usr/bin/python3
+"""Every live parameter has a meaning, and is listed and set from a terminal as a user does."""
+import importlib
+import os
+import re
+import subprocess
+import sys
+import unittest
+
+import rospy
+import rostest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
+
+
+def parameters(*arguments):
+    return subprocess.run(
+        ["rosrun", "ground", "parameters"] + list(arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=60,
+    )
+
+
+def described(group):
+    for p in group["parameters"]:
+        yield group["name"], p
+    for inner in group["groups"]:
+        yield from described(inner)
+
+
+class ParametersTest(unittest.TestCase):
+    def test_every_parameter_has_group_unit_range_and_meaning(self):
+        files = [f[:-4] for f in os.listdir(CFG) if f.endswith(".cfg")]
+        self.assertGreater(len(files), 6)
+        for name in files:
+            config = importlib.import_module("ground.cfg.%sConfig" % name)
+            for group, p in described(config.config_description):
+                what = "%s: %s" % (name, p["name"])
+                self.assertNotEqual(group, "Default", what)
+                self.assertGreater(len(p["description"]), 5, what)
+                if p["type"] in ("double", "int"):
+                    self.assertRegex(p["description"], r"\[[^\]]+\]$", what)
+                    self.assertTrue(p["min"] <= p["default"] <= p["max"], what)
+                    self.assertTrue(p["min"] < p["max"] <= 1e6, what)
+
+    def test_listed_and_set(self):
+        harness.wait_for(
+            lambda: rospy.has_param("/controller/k_phi_2")
+            and rospy.has_param("/visualizer/rate")
+            and rospy.has_param("/simulator/latency"),
+            30,
+            "the nodes",
+        )
+        listed = parameters("--list")
+        self.assertEqual(listed.returncode, 0, listed.stderr)
+        for line in (
+            r"^/controller$",
+            r"^  Gains$",
+            r"^    k_e .* Position error \[kg/s\] \(1e-06 to 100\)$",
+            r"^    reference +circle  Kind of reference \(circle, line, .*\)$",
+            r"^/sender$",
+            r"^/mocap_state$",
+            r"^/live_comparison$",
+            r"^/simulator$",
+            r"^/visualizer$",
+        ):
+            self.assertIsNotNone(re.search(line, listed.stdout, re.M), line)
+
+        done = parameters("controller", "k_e=0.125", "reference=line")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("/controller k_e = 0.125", done.stdout)
+        self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
+        self.assertEqual(rospy.get_param("/controller/reference"), "line")
+
+        for arguments, reason in (
+            (("controller", "k_e=-1"), r"k_e = -1 is outside \[1e-06, 100\]"),
+            (("controller", "k_e=fast"), "is no number"),
+            (("controller", "wings=2"), "has no parameter wings; it has k_e"),
+            (("nobody", "k_e=1"), "no node of this name.*/controller"),
+            (("controller", "reference=file"), "refused"),
+        ):
+            refused = parameters(*arguments)
+            self.assertEqual(refused.returncode, 1, arguments)
+            self.assertRegex(refused.stderr, reason)
+            self.assertNotIn("Traceback", refused.stderr)
+        self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
+
+    def test_edited_with_the_arrow_keys(self):
+        import pexpect
+
+        harness.wait_for(lambda: rospy.has_param("/sender/keepalive_rate"), 30, "the sender")
+        before = rospy.get_param("/sender/command_timeout")
+        editor = pexpect.spawn(
+            "rosrun ground parameters sender", dimensions=(24, 120), timeout=20, encoding="utf-8"
+        )
+        editor.expect("command_timeout")
+        editor.send("\x1b[C")  # right
+        harness.wait_for(
+            lambda: abs(rospy.get_param("/sender/command_timeout") - 1.05 * before) < 1e-6,
+            10,
+            "5% more",
+        )
+        editor.send("\r0.125\r")
+        harness.wait_for(
+            lambda: rospy.get_param("/sender/command_timeout") == 0.125, 10, "what was typed"
+        )
+        editor.send("\r7\r")
+        editor.expect("is outside")
+        self.assertEqual(rospy.get_param("/sender/command_timeout"), 0.125)
+        editor.send("d")
+        harness.wait_for(
+            lambda: rospy.get_param("/sender/command_timeout") == before, 10, "the default"
+        )
+        editor.send("q")
+        editor.expect(pexpect.EOF)
+        editor.close()
+        self.assertEqual(editor.exitstatus, 0)
+
+
+if __name__ == "__main__":
+    rospy.init_node("parameters_test")
+    rostest.rosrun("ground", "parameters_test", ParametersTest)
