@@ -30,7 +30,9 @@ bench: build
 	@$(in_workspace) rosrun ground table_3_1 && echo && \
 	  test/bench/fit_speed.py --casadi "$$(test/bench/casadi_python build/casadi)" && echo && \
 	  for rate in 100 240; do \
-	    roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done
+	    roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done && \
+	  for live in false true; do roslaunch ground live_comparison.launch live:=$$live 2>&1 | \
+	    grep -E 'live comparison|pose to'; done
 
 # Effects hidden in the simulated craft, diagnosed; goes on where it was interrupted. OPTIONS="--help"
 bench-hidden: build

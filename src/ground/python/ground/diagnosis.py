@@ -400,7 +400,9 @@ class Diagnosis:
             improved, parameters = self.model, self.fitted["parameters"]
         else:
             improved, parameters = self.best.model, list(self.best.parameters.values())
-        return Conclusion(verdict, improved, parameters, floor, self._held_out(heldout))
+        reached = float(study.noise_floor(heldout, self.best.model).sum()) if heldout else floor
+        errors = self._held_out(heldout)
+        return Conclusion(verdict, improved, parameters, floor, errors, reached)
 
     def _is_white(self):
         """Whether no disturbance is needed beside the noise of the poses."""
@@ -435,3 +437,4 @@ class Conclusion:
     parameters: List[dict]  # of the improved model: name, unit, value, ci95, ...
     noise_floor: float
     heldout: List[float]  # error on held-out runs: nominal, then after each step
+    heldout_floor: float  # noise floor of the runs that those are of

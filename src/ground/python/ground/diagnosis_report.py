@@ -23,7 +23,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             "parameters": _parameters(conclusion.parameters),
             "error": _errors(best, conclusion.heldout[-1]),
         },
-        "noise_floor": conclusion.noise_floor,
+        "noise_floor": conclusion.heldout_floor,
         "candidates": _candidates(diagnosis, alike),
         "steps": [
             dict(

@@ -14,7 +14,6 @@ MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
 LEFT, RIGHT = "#0b9aa8", "#e08e0b"
 FLOOR = "#2a9d5c"
 MOST = 1000  # points of a curve; what is left out is said
-WIDTH = 1060  # of a page [px]
 CHANNELS = [("u", "surge u", "m/s"), ("v", "sway v", "m/s"), ("r", "yaw rate r", "rad/s")]
 WRENCH = [("X", "surge force X"), ("Y", "side force Y"), ("N", "yaw moment N")]
 ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
