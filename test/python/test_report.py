@@ -105,7 +105,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
         "Ceres",
         "input_delay",
         "seeds",
-        "(held out) error",
+        "(held out)",
     ):
         assert part in text, part
     bars, lines = browser.execute_script(

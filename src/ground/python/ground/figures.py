@@ -188,10 +188,10 @@ def wrench_over_time(studies):
             )
             reach = max(reach, 1.15 * np.nanquantile(np.abs(values) + 2 * sigma, 0.995))
             if count == 0:
-                for edge, fill in ((values - 2 * sigma, None), (values + 2 * sigma, "tonexty")):
-                    band = _line(at, edge, "", {"width": 0, "color": color(0)}, False)
-                    band.update(fill=fill, fillcolor="rgba(209,73,91,0.22)", hoverinfo="skip")
-                    figure.add_trace(band, row + 1, 1)
+                x, y = _band(at, values - 2 * sigma, values + 2 * sigma)
+                band = _line(x, y, "", {"width": 0, "color": color(0)}, False)
+                band.update(fill="toself", fillcolor="rgba(209,73,91,0.22)", hoverinfo="skip")
+                figure.add_trace(band, row + 1, 1)
             line = {"color": color(count), "width": 1.4}
             figure.add_trace(_line(at, values, study["label"], line, row == 0), row + 1, 1)
         figure.update_yaxes(title="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
@@ -372,6 +372,16 @@ def _with_gaps(times, *series):
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
+
+
+def _band(times, low, high):
+    """Outline of what is between two curves, NaN between stretches."""
+    x, y = [], []
+    whole = np.flatnonzero(np.isfinite(times))
+    for part in np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1):
+        x += [times[part], times[part][::-1], [np.nan]]
+        y += [high[part], low[part][::-1], [np.nan]]
+    return np.concatenate(x), np.concatenate(y)
 
 
 def _commands(run, column, scale):

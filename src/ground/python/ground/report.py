@@ -127,9 +127,11 @@ def _measured_against(sheet, inspected, winner):
         sheet.paragraph("Open a run to see it; what is open is printed.", "caption screen")
     for count, studies in enumerate(inspected):
         run = studies[0]["run"]
-        errors = ", ".join("%s %s" % (s["label"], number(s["numbers"]["error"])) for s in studies)
-        role = studies[0]["role"].replace("_", " ")
-        sheet.fold(run.name, "(%s) error: %s" % (role, errors), count == 0)
+        errors = ", ".join(
+            "%s %s (%s)" % (s["label"], number(s["numbers"]["error"]), s["role"].replace("_", " "))
+            for s in studies
+        )
+        sheet.fold(run.name, "error: " + errors, count == 0)
         sheet.figure(figures.motion(studies), figures.motion_caption(run))
         sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
         sheet.subheading("Error against what was measured")
@@ -148,7 +150,7 @@ def _measured_against(sheet, inspected, winner):
         )
         if "accounted" in studies[0]["missing"].numbers["channels"]["X"]:
             accounted = ", ".join(
-                "%s %.0f%%" % (c, 100 * entry["accounted"]["share"])
+                "%s %.0f%%" % (c, max(0.0, 100 * entry["accounted"]["share"]))
                 for c, entry in studies[0]["missing"].numbers["channels"].items()
             )
             caption += (
