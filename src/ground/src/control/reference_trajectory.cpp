@@ -266,6 +266,7 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
+  if (path.empty()) throw std::runtime_error("parameter file is empty: which CSV shall it be?");
   std::ifstream file(path);
   if (!file) throw std::runtime_error(path + ": cannot be read");
   const auto fail = [&](int line, const std::string& what) {

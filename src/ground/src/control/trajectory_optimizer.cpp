@@ -54,7 +54,7 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
       actuators_(model.stateCount()),
       input_max_(model.body.input_max),
       step_(step) {
-  if (actuators_ > kActuators)
+  if (actuators_ > kMostActuators)
     throw std::invalid_argument(
         "a model with more than two actuator states cannot be planned with");
   if (steps < 1 || steps > kMostSteps || !(step > 0))
@@ -79,17 +79,15 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
-TrajectoryOptimizer::State TrajectoryOptimizer::advance(double t, const State& state,
-                                                        const Vector2<double>& input, double lift,
-                                                        const Vector3<double>& missing,
-                                                        double h) const {
+TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& state,
+                                                        const Vector2<double>& input) const {
   State next = state;
-  const StepInputs<double> acting = dynamics_.actuate(input, lift, h, next.data() + 6);
-  // The missing acceleration acts half before and half after the step.
-  RigidState<double> body{state.head<3>(), state.segment<3>(3) + h / 2 * missing};
-  body = dynamics_.step<true>(t, body, acting, h);
+  const StepInputs<double> acting = dynamics_.actuate(input, lift_, step_, next.data() + 6);
+  const RigidState<double> before{state.head<3>(), state.segment<3>(3)};
+  const RigidState<double> body =
+      pushedStep(dynamics_, t_ + k * step_, before, acting, missing_, step_);
   next.head<3>() = body.eta;
-  next.segment<3>(3) = body.nu + h / 2 * missing;
+  next.segment<3>(3) = body.nu;
   return next;
 }
 
@@ -122,9 +120,10 @@ void TrajectoryOptimizer::linearize(int k) {
       x[static_cast<std::size_t>(by[static_cast<std::size_t>(i)])].v(i - first) = 1;
     const StepInputs<Jet> acting =
         derivatives_.actuate({x[kStates], x[kStates + 1]}, lift_, Jet(step_), &x[6]);
-    const Vector3<Jet> push = (step_ / 2 * missing_).cast<Jet>();
-    RigidState<Jet> body{{x[0], x[1], x[2]}, Vector3<Jet>(x[3], x[4], x[5]) + push};
-    body = derivatives_.step<true>(Jet(t_ + k * step_), body, acting, step_);
+    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+    const Vector3<Jet> missing = missing_.cast<Jet>();
+    const RigidState<Jet> body =
+        pushedStep(derivatives_, Jet(t_ + k * step_), before, acting, missing, step_);
     for (int i = first; i < last; ++i) {
       const int column = by[static_cast<std::size_t>(i)];
       State derivative = State::Zero();
@@ -163,7 +162,7 @@ double TrajectoryOptimizer::rollOut() {
   cost_ = 0;
   for (int k = 0; k < steps(); ++k) {
     const auto i = static_cast<std::size_t>(k);
-    states_[i + 1] = advance(t_ + k * step_, states_[i], inputs_[i], lift_, missing_, step_);
+    states_[i + 1] = advance(k, states_[i], inputs_[i]);
     cost_ += step_ * (inputCost(inputs_[i]) + stateCost(k, states_[i + 1]));
   }
   return cost_;
@@ -260,8 +259,7 @@ bool TrajectoryOptimizer::improve() {
       Vector2<double> input = inputs_[i] + length * open_[i];
       input.noalias() += gains_[i] * (tried_states_[i] - states_[i]);
       tried_inputs_[i] = input.cwiseMax(0.0).cwiseMin(input_max_);
-      tried_states_[i + 1] =
-          advance(t_ + k * step_, tried_states_[i], tried_inputs_[i], lift_, missing_, step_);
+      tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
       cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
     }
     if (cost < cost_) {

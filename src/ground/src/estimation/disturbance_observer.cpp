@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "ground/model/measurement.h"
+#include "ground/model/pushed_step.h"
 
 namespace ground {
 namespace {
@@ -17,7 +18,7 @@ constexpr double kDisorder = 0.1;      // of commands of several controllers [s]
 
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
-  if (model.stateCount() > kActuators)
+  if (model.stateCount() > kMostActuators)
     throw std::invalid_argument("a model with more than two actuator states cannot be observed");
   reset();
 }
@@ -88,7 +89,7 @@ void DisturbanceObserver::predict(double until) {
   constexpr int kPsi = 0, kNu = 1, kMissing = 4;
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
   Vector3<Jet> missing = estimate_.missing.cast<Jet>();
-  std::array<Jet, kActuators> actuators;
+  std::array<Jet, kMostActuators> actuators;
   for (std::size_t i = 0; i < actuators.size(); ++i) actuators[i] = Jet(estimate_.actuators[i]);
   state.eta.z().v(kPsi) = 1;
   for (int i = 0; i < 3; ++i) {
@@ -96,12 +97,9 @@ void DisturbanceObserver::predict(double until) {
     missing(i).v(kMissing + i) = 1;
   }
   replay(time_, until, [&](double t, double h, const Command& c) {
-    const Jet half(h / 2);
     const StepInputs<Jet> acting =
         derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), actuators.data());
-    state.nu += half * missing;
-    state = derivatives_.step<true>(Jet(t - start_), state, acting, h);
-    state.nu += half * missing;
+    state = pushedStep(derivatives_, Jet(t - start_), state, acting, missing, h);
   });
   Matrix9 F = Matrix9::Identity();
   for (int i = 0; i < 3; ++i) {
@@ -152,9 +150,7 @@ DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
   replay(time_, time, [&](double t, double h, const Command& c) {
     const StepInputs<double> acting =
         dynamics_.actuate(c.thrusters, c.lift, h, at.actuators.data());
-    at.state.nu += h / 2 * at.missing;
-    at.state = dynamics_.step<true>(t - start_, at.state, acting, h);
-    at.state.nu += h / 2 * at.missing;
+    at.state = pushedStep(dynamics_, t - start_, at.state, acting, at.missing, h);
   });
   return at;
 }

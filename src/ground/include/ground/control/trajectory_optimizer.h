@@ -1,10 +1,9 @@
 #pragma once
 
-#include <string>
 #include <vector>
 
 #include "ground/control/reference_trajectory.h"
-#include "ground/model/dynamics.h"
+#include "ground/model/pushed_step.h"
 
 namespace ground {
 
@@ -23,8 +22,7 @@ struct PlanWeights {
 /// Gauss-Newton, with exact derivatives of the model. Everything is allocated at construction.
 class TrajectoryOptimizer {
  public:
-  static constexpr int kActuators = 2;  ///< most states of actuators
-  static constexpr int kStates = 6 + kActuators;
+  static constexpr int kStates = 6 + kMostActuators;
   static constexpr int kMostSteps = 200;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, actuators
 
@@ -52,10 +50,6 @@ class TrajectoryOptimizer {
   double error() const;
   const std::vector<State>& states() const { return states_; }  ///< start and after every step
 
-  /// The craft one step of h [s] on, under held inputs.
-  State advance(double t, const State& state, const Vector2<double>& input, double lift,
-                const Vector3<double>& missing, double h) const;
-
  private:
   using Square = Eigen::Matrix<double, kStates, kStates>;
   using Drive = Eigen::Matrix<double, kStates, 2>;
@@ -65,6 +59,8 @@ class TrajectoryOptimizer {
     Drive B;
   };
 
+  /// The craft one step on, the k-th of the horizon.
+  State advance(int k, const State& state, const Vector2<double>& input) const;
   void linearize(int k);
   bool backward();
   double stateCost(int k, const State& state) const;

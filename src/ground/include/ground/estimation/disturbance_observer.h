@@ -3,7 +3,7 @@
 #include <array>
 #include <cstddef>
 
-#include "ground/model/dynamics.h"
+#include "ground/model/pushed_step.h"
 
 namespace ground {
 
@@ -25,11 +25,9 @@ struct ObserverParams {
 /// construction.
 class DisturbanceObserver {
  public:
-  static constexpr int kActuators = 2;  ///< most states of actuators
-
   struct Estimate {
     RigidState<double> state;
-    std::array<double, kActuators> actuators{};
+    std::array<double, kMostActuators> actuators{};
     Vector3<double> missing = Vector3<double>::Zero();  ///< body [m/s^2, m/s^2, rad/s^2]
   };
 
