@@ -118,7 +118,7 @@ def test_a_bag_has_a_name_of_its_own(tmp_path):
     for _ in range(5):
         path, file = record["reserve"](str(tmp_path), "twice")
         file.close()
-        pathlib.Path(path + ".bag").write_text("a recording")
+        pathlib.Path(path + "_0.bag").write_text("a recording")
         names.add(path)
     assert len(names) == 5
     assert all("_twice" in name for name in names)
@@ -138,9 +138,10 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "port:=%d" % port,
     ) as launch:
         launch.wait(timeout=60)
-    bag = list(bags.glob("*_short.bag"))
+    bag = list(bags.glob("*_short_0.bag"))
     assert len(bag) == 1, (tmp_path / "log").read_text()
-    assert "real_time_factor" in bag[0].with_suffix(".yaml").read_text()
+    parameters = bag[0].with_name(bag[0].name.replace("_0.bag", ".yaml"))
+    assert "real_time_factor" in parameters.read_text()
     info = subprocess.run(
         ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
@@ -235,3 +236,44 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
     finally:
         screen.terminate()
         screen.wait()
+
+
+def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
+    import rosbag
+    import rospy
+
+    port = free_port(socket.SOCK_DGRAM)
+    with roslaunch(
+        tmp_path / "log",
+        "sim_prbs.launch",
+        "duration:=60",
+        "record:=true",
+        "bag_dir:=%s" % tmp_path,
+        "experiment:=killed",
+        "port:=%d" % port,
+    ) as launch:
+        active = wait_for(
+            lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording"
+        )[0]
+        wait_for(lambda: active.stat().st_size > 300e3, 40, "some seconds of it")
+        clock = subprocess.run(
+            ["rostopic", "echo", "-n", "1", "/clock/clock"],
+            stdout=subprocess.PIPE,
+            env=launch.env,
+            universal_newlines=True,
+            timeout=20,
+        ).stdout
+        subprocess.run(["pkill", "-KILL", "-f", "killed.bag"], check=True)
+        values = [int(line.split(":")[1]) for line in clock.splitlines() if ":" in line]
+        killed_after = rospy.Time(*values)
+    assert not list(tmp_path.glob("*_killed_0.bag"))
+    info = identify("info", active)
+    assert info.returncode == 0, info.stderr
+    copy = tmp_path / "copy.bag"
+    shutil.copyfile(str(active), str(copy))
+    with rosbag.Bag(str(copy), "a", allow_unindexed=True) as bag:
+        list(bag.reindex())
+    with rosbag.Bag(str(copy)) as bag:
+        assert bag.get_end_time() > killed_after.to_sec() - 1.0
+        topics = bag.get_type_and_topic_info().topics
+    assert {"/state", "/controls", "/vrpn_client_node/hovercraft/pose"} <= set(topics)
