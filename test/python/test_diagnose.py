@@ -1,5 +1,10 @@
 """identify diagnose as a user runs it: it names what is missing, and its model is ready for use."""
 import json
+import os
+import re
+import signal
+import subprocess
+import time
 
 import pytest
 import yaml
@@ -198,3 +203,36 @@ def test_real_runs_of_one_day(tmp_path, recordings):
     offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
     assert offset == pytest.approx(1.8, abs=0.15)
     assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]
+
+
+def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging):
+    whole = tmp_path / "whole"
+    options = [*lagging, "--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
+    assert diagnose(*options, "-o", whole).returncode == 0
+    assert not (whole / ".unfinished").exists()
+
+    out = tmp_path / "out"
+    command = ["rosrun", "ground", "identify", "diagnose"] + [str(o) for o in options]
+    process = subprocess.Popen(command + ["-o", str(out)], start_new_session=True)
+    try:
+        deadline = time.monotonic() + 60
+        while len(list(out.glob(".unfinished/*"))) < 2:
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.002)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert not (out / "diagnosis.json").exists()
+    kept = len([p for p in out.glob(".unfinished/*") if not p.name.startswith(".")])
+    assert kept >= 2
+    # what cannot be read is done again
+    next(out.glob(".unfinished/*")).write_bytes(b"half a resu")
+
+    again = diagnose(*options, "-o", out, "--progress")
+    assert again.returncode == 0, again.stderr
+    taken = re.search(r"(\d+) results of an interrupted diagnosis taken over", again.stderr)
+    assert taken and 1 <= int(taken.group(1))
+    assert not (out / ".unfinished").exists()
+    assert json.loads((out / "diagnosis.json").read_text()) == json.loads(
+        (whole / "diagnosis.json").read_text()
+    )

@@ -14,6 +14,7 @@ from scipy import stats
 from ground import candidates as effects
 from ground import evidence, study, windows
 from ground.errors import IdentifyError
+from ground.unfinished import Unfinished
 
 LEVEL = 0.01  # chance of choosing an effect although none is missing
 SCREENED = 1.5  # expected gain for each parameter that makes an effect worth a refit in later steps
@@ -85,15 +86,16 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are refitted in
     a step, best by score test first (all for None); threads: 0 for all cores; progress: called with
-    a sentence now and then.
+    a sentence now and then; kept: Unfinished, of this very work.
     """
 
-    def __init__(self, runs, model, candidates, budget=None, threads=0, progress=None):
+    def __init__(self, runs, model, candidates, budget=None, threads=0, progress=None, kept=None):
         self.runs = runs
         self.given = model
         self.candidates = candidates
         self.budget = budget
         self.say = progress or (lambda text: None)
+        self.kept = kept or Unfinished()
         self.pool = ThreadPoolExecutor(threads or os.cpu_count())
         self.study = study.Study(runs, threads=1)
         self.cut = self.study.windows
@@ -181,7 +183,12 @@ class Diagnosis:
                 starts.append(effects.carried_over(self.best.model, trial.model))
             return self.study.refit(starts, free, below)
 
-        for trial, fit in zip(trials, self.pool.map(judge, trials)):
+        def judged(trial):
+            sought = trial.sought.format() if trial.sought else ""
+            what = ("judged", trial.name, trial.model.format(), sought, float(below))
+            return self.kept.result(what + self._where(), lambda: judge(trial))
+
+        for trial, fit in zip(trials, self.pool.map(judged, trials)):
             trial.fit = fit
             if (
                 fit
@@ -243,13 +250,27 @@ class Diagnosis:
         def attempt(candidate):
             try:
                 costs = self.fitted["costs"]
-                return self._refit(self.model, candidate, tried, costs, screened[candidate.name])
+                return self.kept.result(
+                    ("trial", candidate.name, tried) + self._where(),
+                    lambda: self._refit(
+                        self.model, candidate, tried, costs, screened[candidate.name]
+                    ),
+                )
             except IdentifyError as error:
                 self.say("%s could not be tried: %s" % (candidate.name, error))
 
         trials = [trial for trial in self.pool.map(attempt, rest) if trial]
         trials.sort(key=lambda t: t.delta_bic)
         return trials
+
+    def _where(self):
+        """How far it has grown."""
+        return (
+            self.model.format(),
+            self.best.model.format(),
+            [c.name for c in self.chosen],
+            len(self.steps),
+        )
 
     def _may_matter(self, candidate, screened):
         """Whether a score test leaves a chance that a refit will show an effect. It does not see one

@@ -210,7 +210,9 @@ PYBIND11_MODULE(_core, module) {
           "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
           py::arg("name"), "Adds an effect of the library at its neutral values.")
       .def("remove_effect", &Model::removeEffect, py::arg("name"))
-      .def("format", &formatModel, "The model file's text.");
+      .def("format", &formatModel, "The model file's text.")
+      .def(py::pickle([](const Model& m) { return formatModel(m); },
+                      [](const std::string& text) { return parseModel(text, "a pickle"); }));
 
   module.def("load_model", &loadModel, py::arg("path"));
   module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
@@ -434,13 +436,30 @@ PYBIND11_MODULE(_core, module) {
             return other;
           },
           py::arg("noise"), py::arg("disturbance"), "The same with other levels.")
-      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.");
+      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
+      .def(py::pickle(
+          [](const RunData& r) {
+            return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
+                                  r.disturbance);
+          },
+          [](const py::tuple& t) {
+            RunData run = makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
+                                  t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
+                                  t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+                                  t[6].cast<Vector3<double>>());
+            run.disturbance = t[7].cast<Vector3<double>>();
+            return run;
+          }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) { return Window{run, first, last}; }),
            py::arg("run"), py::arg("first"), py::arg("last"))
       .def_readonly("run", &Window::run)
       .def_readonly("first", &Window::first)
-      .def_readonly("last", &Window::last);
+      .def_readonly("last", &Window::last)
+      .def(py::pickle([](const Window& w) { return py::make_tuple(w.run, w.first, w.last); },
+                      [](const py::tuple& t) {
+                        return Window{t[0].cast<int>(), t[1].cast<int>(), t[2].cast<int>()};
+                      }));
   module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
              py::arg("end"), py::arg("length"), py::arg("max_gap") = 0.1);
 

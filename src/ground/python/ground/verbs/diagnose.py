@@ -1,9 +1,10 @@
 """identify diagnose: which physical effect a model lacks."""
 import os
 
-from ground import candidates, diagnosis, diagnosis_report, files, quality, report, words
+from ground import candidates, diagnosis, diagnosis_report, files, origin, quality, report, words
 from ground.diagnosis_report import effect_entry
 from ground.errors import IdentifyError
+from ground.unfinished import Unfinished
 from ground.verbs import common
 
 NAME = "diagnose"
@@ -56,10 +57,18 @@ def run(arguments):
     for path in paths.values():
         files.refuse_existing(path, arguments.force)
 
+    kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(
-        runs, model, tried, arguments.budget, progress=lambda text: common.progress(arguments, text)
+        runs,
+        model,
+        tried,
+        arguments.budget,
+        progress=lambda text: common.progress(arguments, text),
+        kept=kept,
     )
     found.grow()
+    if kept.taken:
+        common.progress(arguments, "%d results of an interrupted diagnosis taken over" % kept.taken)
     conclusion = found.conclude(held)
     common.progress(arguments, "writing what was found")
     result = diagnosis_report.of(found, conclusion, arguments.model, held)
@@ -88,12 +97,20 @@ def run(arguments):
         arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
         arguments.force,
     )
+    kept.done()
     for line in words.diagnosis(result):
         common.say(arguments, line)
     common.say(arguments, "")
     for path in paths.values():
         common.say(arguments, "written to %s" % path)
     return result
+
+
+def _kept(arguments, runs, model, tried):
+    """What an interrupted diagnosis of the same has left in the folder."""
+    neutral = [(c.name, c.add(model).format()) for c in tried]
+    identity = (runs, model.format(), neutral, arguments.budget, origin.versions())
+    return Unfinished(os.path.join(arguments.output, ".unfinished"), identity)
 
 
 def _candidates(arguments, model):
