@@ -11,7 +11,7 @@ in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 SEED ?= 1
 
-.PHONY: build demo test bench bench-hidden bench-tracking install clean
+.PHONY: build demo test sanitize bench bench-hidden bench-tracking install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -24,6 +24,20 @@ test: build
 	@rm -rf build/test_results
 	@status=0; $(in_workspace) (cd build && ctest --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
+
+# All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
+sanitize: $(installed)
+	@for kind in address,undefined thread; do \
+	  folder=build/sanitize/$${kind%,*}; \
+	  $(in_ros) cmake -S . -B $$folder -DCMAKE_BUILD_TYPE=RelWithDebInfo \
+	    -DCMAKE_CXX_FLAGS="-O1 -fsanitize=$$kind -fno-sanitize-recover=all -fno-omit-frame-pointer" \
+	    > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }; \
+	  cmake --build $$folder --target unit_tests --parallel $(jobs) || exit 1; \
+	  for test in $$(cat $$folder/unit_tests.txt); do \
+	    TSAN_OPTIONS=suppressions=$(CURDIR)/test/sanitizer/thread.txt UBSAN_OPTIONS=print_stacktrace=1 \
+	      $$folder/devel/lib/ground/$$test --gtest_brief=1 || exit 1; \
+	  done; \
+	done
 
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)

@@ -6,7 +6,6 @@ recorded runs of 8 s, and a seed. Results go to a file of JSON lines as they com
 goes on where it stopped.
 """
 import argparse
-import concurrent.futures
 import itertools
 import json
 import os
@@ -16,7 +15,7 @@ import time
 import numpy as np
 
 import hidden_cases as cases
-from ground import _core, candidates, diagnosis, diagnosis_report, next_experiment, study
+from ground import _core, candidates, diagnosis, diagnosis_report, next_experiment, study, workers
 from ground.errors import IdentifyError
 
 KINDS = ["single", "nothing", "pairs", "outside", "ambiguous"]
@@ -178,10 +177,10 @@ def bench(options):
     done = {key(r) for r in read(options.results)} if os.path.exists(options.results) else set()
     left = [c for c in wanted if key(c) not in done]
     print("%d cases, %d of them to do" % (len(wanted), len(left)), flush=True)
-    with open(options.results, "a") as file, concurrent.futures.ProcessPoolExecutor(
-        options.jobs
-    ) as pool:
-        for result in pool.map(run_case, left):
+    with open(options.results, "a") as file, workers.Workers(
+        options.scheduler, processes=True, count=options.jobs, modules=[cases.__file__]
+    ) as team:
+        for result in team.map(run_case, left):
             file.write(json.dumps(result) + "\n")
             file.flush()
     asked = {key(c) for c in wanted}
@@ -383,6 +382,7 @@ def main():
     parser.add_argument("--noise", nargs="+", type=float, default=[1.0])
     parser.add_argument("--excitation", nargs="+", default=["varied"], choices=["varied", "prbs"])
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    workers.takes_scheduler(parser)
     parser.add_argument("--results", default="build/hidden.jsonl")
     parser.add_argument("--picture")
     parser.add_argument("--calibrate", action="store_true")

@@ -42,6 +42,7 @@ SMALLEST = 1e-3  # error [m] below which nothing is gained
 SIGMA = 0.5  # of the first steps, in powers of ten
 RESTARTS = 4
 FINALISTS = 24
+TOGETHER = 4  # runs of some 10 ms that make a piece of work
 MARGIN = 0.1  # by which to stay below the limits, in powers of ten
 
 
@@ -102,12 +103,16 @@ def cells(tasks, truth, delay=0.02):
     ]
 
 
-def evaluate(choices, believed, cells, starts, weights, seed, rate=50.0):
-    """A Candidate of every _core.ControllerChoice."""
-    plan = list(itertools.product(range(len(choices)), cells, range(len(starts))))
+def _numbers(runs):
+    """Of runs that are given by the arguments of tracking.run."""
+    return [tracking.run(*run).numbers for run in runs]
 
-    def one(count, cell, start):
-        return tracking.run(
+
+def evaluate(workers, choices, believed, cells, starts, weights, seed, rate=50.0):
+    """A Candidate of every _core.ControllerChoice; workers: ground.workers.Workers."""
+    plan = list(itertools.product(range(len(choices)), cells, range(len(starts))))
+    runs = [
+        (
             cell.truth,
             believed,
             choices[count],
@@ -116,9 +121,11 @@ def evaluate(choices, believed, cells, starts, weights, seed, rate=50.0):
             cell.conditions,
             seed + start,
             rate,
-        ).numbers
-
-    numbers = tracking.in_parallel([lambda job=job: one(*job) for job in plan])
+        )
+        for count, cell, start in plan
+    ]
+    parts = [runs[i : i + TOGETHER] for i in range(0, len(runs), TOGETHER)]
+    numbers = list(itertools.chain.from_iterable(workers.map(_numbers, parts)))
     found = [Candidate(gains.get(choice)) for choice in choices]
     for (count, cell, _), result in zip(plan, numbers):
         found[count].errors.setdefault(cell.name, []).append(result["rms"])
@@ -153,7 +160,9 @@ def _log(error):
     return np.log10(min(error, 100.0) + SMALLEST)
 
 
-def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0, progress=None):
+def search(
+    workers, first, believed, cells, starts, weights, evaluations, seed, rate=50.0, progress=None
+):
     """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
 
     progress(count, best) is called after every generation. Raises IdentifyError when the optimiser
@@ -164,7 +173,7 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
     names = list(SPACE[kind])
     bounds = _bounds(kind)
     random = np.random.default_rng(seed)
-    tried = evaluate(first, believed, cells, starts, weights, seed, rate)
+    tried = evaluate(workers, first, believed, cells, starts, weights, seed, rate)
     weights.limits = {
         cell.name: min(max(candidate.errors[cell.name]) for candidate in tried) for cell in cells
     }
@@ -174,7 +183,7 @@ def search(first, believed, cells, starts, weights, evaluations, seed, rate=50.0
 
     def attempt(generation):
         choices = [_choice(first[0], kind, place) for place in generation]
-        found = evaluate(choices, believed, cells, starts, weights, seed, rate)
+        found = evaluate(workers, choices, believed, cells, starts, weights, seed, rate)
         tried.extend(found)
         places.extend(generation)
         if progress:
@@ -209,14 +218,15 @@ def _apart(places, tried, most, distance):
     return chosen
 
 
-def choose(tried, first, believed, cells, starts, weights, seed, rate=50.0):
+def choose(workers, tried, first, believed, cells, starts, weights, seed, rate=50.0):
     """The best of the finalists on other starts than the search had; gives Candidates, best first."""
     kind = first[0].kind
     bounds = _bounds(kind)
     places = [_coordinates(kind, c.gains, bounds) for c in tried]
     choices = [_with(first[0], tried[i].gains) for i in _apart(places, tried, FINALISTS, 0.1)]
     return sorted(
-        evaluate(choices, believed, cells, starts, weights, seed, rate), key=lambda c: c.score
+        evaluate(workers, choices, believed, cells, starts, weights, seed, rate),
+        key=lambda c: c.score,
     )
 
 

@@ -30,7 +30,7 @@ import os
 
 import numpy as np
 
-from ground import comparison, files, inspection, quality, report, study, words
+from ground import comparison, files, inspection, quality, report, study, words, workers
 from ground.errors import IdentifyError
 from ground.verbs import common
 
@@ -42,6 +42,7 @@ def configure(parser):
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
+    workers.takes_scheduler(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", action="append", required=True, help="once for each model"
     )
@@ -78,17 +79,11 @@ def run(arguments):
     }
     evaluations = {label: {"fit": [], "held_out": []} for label in labels}
     prepared, inspected = [quality.Run(recording) for recording in found], []
-    for recording, bag, output in zip(prepared, bags, outputs):
-        studies = []
-        common.progress(arguments, "comparing on %s" % recording.recording.name)
-        for count, (label, model) in enumerate(models):
-            run = common.data(arguments, recording, model)
-            role = "fit" if bag in model.provenance.bags else "held_out"
-            other = models[-1][1] if count == 0 and len(models) > 1 else None
-            one = inspection.inspect(run, model, label, role, other)
-            one["files"] = output["models"][label]
-            evaluations[label][role].append(one["evaluation"])
-            studies.append(one)
+    found_out = _inspect_all(arguments, models, prepared, bags)
+    for recording, bag, output, studies in zip(prepared, bags, outputs, found_out):
+        for one in studies:
+            one["files"] = output["models"][one["label"]]
+            evaluations[one["label"]][one["role"]].append(one["evaluation"])
         _draw(studies, output, arguments.force)
         name = recording.recording.name
         _say_run(arguments, name, studies)
@@ -123,6 +118,28 @@ def run(arguments):
     common.say(arguments, words.comparison(result))
     common.say(arguments, "to look at: %s; pictures and numbers beside it" % page)
     return result
+
+
+def _inspect_all(arguments, models, prepared, bags):
+    """What is found out about all models on each run, in their order; the last model is asked how much
+    it accounts for of what the first one lacks."""
+    tasks = []
+    for recording, bag in zip(prepared, bags):
+        task = []
+        for count, (label, model) in enumerate(models):
+            run = common.data(arguments, recording, model)
+            role = "fit" if bag in model.provenance.bags else "held_out"
+            other = models[-1][1] if count == 0 and len(models) > 1 else None
+            task.append((run, model, label, role, other))
+        tasks.append(task)
+    with workers.Workers(arguments.scheduler) as team:
+        for recording, studies in zip(prepared, team.map(_inspect, tasks)):
+            common.progress(arguments, "compared on %s" % recording.recording.name)
+            yield studies
+
+
+def _inspect(task):
+    return [inspection.inspect(*one) for one in task]
 
 
 def _label(path, others):

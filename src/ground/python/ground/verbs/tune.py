@@ -2,7 +2,7 @@
 import argparse
 import sys
 
-from ground import files, gains, tracking, tracking_plots, tuning
+from ground import files, gains, tracking, tracking_plots, tuning, workers
 from ground.errors import IdentifyError
 from ground.verbs import common
 from ground.verbs.track import metres
@@ -75,6 +75,7 @@ def configure(parser):
     parser.add_argument("--effort-weight", type=float, default=0.3, help="(%(default)s)")
     parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
     parser.add_argument("--seed", type=int, default=1, help="(%(default)s)")
+    workers.takes_scheduler(parser)
 
 
 def run(arguments):
@@ -89,54 +90,8 @@ def run(arguments):
     except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
     before = _starting(arguments)
-    seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
-    places = [
-        tracking.starts(count, seed)
-        for count, seed in zip(
-            (arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds
-        )
-    ]
-    try:
-        tried = tuning.search(
-            list(before.values()),
-            model,
-            seen,
-            places[0],
-            weights,
-            arguments.evaluations,
-            seeds[0],
-            arguments.rate,
-            None if arguments.json else _progress,
-        )
-        print(file=sys.stderr)
-        best = tuning.choose(
-            tried,
-            list(before.values()),
-            model,
-            seen,
-            places[1],
-            weights,
-            seeds[1],
-            arguments.rate,
-        )[0]
-        tuned = gains.choice(arguments.controller)
-        gains.put(tuned, best.gains)
-        compared = dict(
-            zip(
-                list(before) + ["tuned"],
-                tuning.evaluate(
-                    list(before.values()) + [tuned],
-                    model,
-                    seen + unseen,
-                    places[2],
-                    weights,
-                    seeds[2],
-                    arguments.rate,
-                ),
-            )
-        )
-    except ValueError as error:
-        raise IdentifyError(str(error))
+    with workers.Workers(arguments.scheduler) as team:
+        tuned, tried, compared = _search(arguments, team, model, before, seen, unseen, weights)
     result = _result(arguments, compared, seen + unseen, tried)
     comments = [
         "Found by tune: %d candidates on %s of %s."
@@ -156,6 +111,62 @@ def run(arguments):
         tracking_plots.tuned(arguments.picture, compared, tried, result, arguments.force)
     _say(arguments, result)
     return result
+
+
+def _search(arguments, team, model, before, seen, unseen, weights):
+    """The choice that was found, Candidates that were tried, and Candidates compared by name."""
+    seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
+    places = [
+        tracking.starts(count, seed)
+        for count, seed in zip(
+            (arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds
+        )
+    ]
+    try:
+        tried = tuning.search(
+            team,
+            list(before.values()),
+            model,
+            seen,
+            places[0],
+            weights,
+            arguments.evaluations,
+            seeds[0],
+            arguments.rate,
+            None if arguments.json else _progress,
+        )
+        print(file=sys.stderr)
+        best = tuning.choose(
+            team,
+            tried,
+            list(before.values()),
+            model,
+            seen,
+            places[1],
+            weights,
+            seeds[1],
+            arguments.rate,
+        )[0]
+        tuned = gains.choice(arguments.controller)
+        gains.put(tuned, best.gains)
+        compared = dict(
+            zip(
+                list(before) + ["tuned"],
+                tuning.evaluate(
+                    team,
+                    list(before.values()) + [tuned],
+                    model,
+                    seen + unseen,
+                    places[2],
+                    weights,
+                    seeds[2],
+                    arguments.rate,
+                ),
+            )
+        )
+    except ValueError as error:
+        raise IdentifyError(str(error))
+    return tuned, tried, compared
 
 
 def _task(text):

@@ -1,0 +1,111 @@
+"""Independent pieces of work: on all cores, or on the machines of a Dask cluster."""
+import copyreg
+import os
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+from ground import _core
+from ground.errors import IdentifyError
+
+RETRIES = 3  # of a piece of work whose worker died or that failed there
+PATIENCE = 10  # with a scheduler [s]
+
+
+def takes_scheduler(parser):
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="of a Dask cluster to work on (default: all cores of this computer)",
+    )
+
+
+class Workers:
+    """Who does the work; to be used in a with statement.
+
+    scheduler: address of a Dask scheduler, None for this computer; its workers need this package (start
+    them where setup.bash was sourced). processes: of this computer, rather than threads, for work that
+    holds the interpreter; then, and on a cluster, functions have to be those of modules and items and
+    results picklable. modules: files that a cluster's workers need besides this package. Raises
+    IdentifyError when the scheduler does not answer.
+    """
+
+    def __init__(self, scheduler=None, processes=False, count=None, modules=()):
+        self._client = self._pool = None
+        if scheduler:
+            self._client = _connect(scheduler)
+            for path in modules:
+                self._client.upload_file(path)
+        else:
+            kind = ProcessPoolExecutor if processes else ThreadPoolExecutor
+            self._pool = kind(count or len(os.sched_getaffinity(0)))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self._client:
+            self._client.close()
+        else:
+            self._pool.shutdown()
+
+    def map(self, work, items):
+        """Yields work(item) in the order of the items; what one raises is raised in its place."""
+        if not self._client:
+            yield from self._pool.map(work, items)
+            return
+        from distributed import KilledWorker
+
+        futures = self._client.map(work, list(items), pure=False, retries=RETRIES)
+        try:
+            for future in futures:
+                yield future.result()
+        except KilledWorker as error:
+            raise IdentifyError("a piece of work has ended several workers: %s" % error)
+        except ImportError as error:
+            raise IdentifyError("the workers lack a module: %s" % error)
+        finally:
+            self._client.cancel(futures)
+
+
+def _connect(address):
+    try:
+        from distributed import Client
+    except ImportError:
+        raise IdentifyError(
+            "Dask is missing: install python3-distributed (Debian) or distributed from PyPI"
+        )
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise IdentifyError("%s: no Dask scheduler answers (%s)" % (address, error))
+    if not client.scheduler_info()["workers"]:
+        client.close()
+        raise IdentifyError("%s: the scheduler has no workers" % address)
+    return client
+
+
+def _restore(kind, values):
+    made = kind()
+    for name, value in values.items():
+        setattr(made, name, value)
+    return made
+
+
+def _reduce(params):
+    kind = type(params)
+    names = [n for n, v in vars(kind).items() if isinstance(v, property) and v.fset]
+    return _restore, (kind, {name: getattr(params, name) for name in names})
+
+
+# What the core's functions take as parameters travels by its fields.
+for _kind in (
+    _core.MocapParams,
+    _core.ReferenceParams,
+    _core.TrackingGains,
+    _core.PlanWeights,
+    _core.ObserverParams,
+    _core.PredictiveParams,
+    _core.PrbsParams,
+    _core.ControllerChoice,
+    _core.TrackingParams,
+):
+    copyreg.pickle(_kind, _reduce)
