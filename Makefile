@@ -22,7 +22,7 @@ demo: build
 test: build
 	@cmake --build build --target tests --parallel $(jobs)
 	@rm -rf build/test_results
-	@status=0; $(in_workspace) (cd build && ctest --output-on-failure) || status=1; \
+	@status=0; $(in_workspace) (cd build && ctest --parallel $(jobs) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
 # All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
