@@ -29,7 +29,8 @@ namespace ground {
 /// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), and those of MocapState.cfg, live.
 /// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, and on tf world ->
 /// world_ned (z down) -> hovercraft. Repeated and late poses, and up to three in a row that cannot
-/// be, are passed over in silence; without poses it says so with invalid states at 10 Hz.
+/// be, are passed over in silence; without poses, or with a pose that is frozen, it says so with
+/// invalid states at 10 Hz.
 class MocapState : public nodelet::Nodelet {
  public:
   ~MocapState() override {
@@ -110,11 +111,13 @@ class MocapState : public nodelet::Nodelet {
     timeout_ =
         std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(c.timeout));
     max_age_ = c.max_age;
+    freezes_ = c.freezes;
     wake_.notify_all();
   }
 
   void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (repeats(pose->pose)) return;
     const StateEstimate& estimate = take(*pose);
     if (!estimate.used && (estimate.ignored || estimate.valid)) {
       if (!estimate.ignored)
@@ -128,6 +131,19 @@ class MocapState : public nodelet::Nodelet {
     const std::string late = estimate.valid ? wrongAge() : "";
     publish(estimate, estimate.valid && late.empty(), late.empty() ? estimate.status : late);
     if (estimate.used) publishOdometry(estimate);
+  }
+
+  /// Whether a pose is the last one said again: a mocap that measures has noise and never does so,
+  /// one that has lost the craft may.
+  bool repeats(const geometry_msgs::Pose& pose) {
+    const std::array<double, 7> now = {pose.position.x,    pose.position.y,    pose.position.z,
+                                       pose.orientation.w, pose.orientation.x, pose.orientation.y,
+                                       pose.orientation.z};
+    const bool same = now == last_;
+    last_ = now;
+    frozen_ = freezes_ && same && distinct_ >= kLively;
+    if (!same) distinct_ = std::min(distinct_ + 1, kLively);
+    return frozen_;
   }
 
   /// Hands a pose to the estimators.
@@ -225,10 +241,14 @@ class MocapState : public nodelet::Nodelet {
         continue;
       }
       publish(estimators_[active_]->estimate(), false,
-              last_pose_ == SteadyClock::time_point() ? "no pose yet" : "no pose for too long");
+              last_pose_ == SteadyClock::time_point() ? "no pose yet"
+              : frozen_                               ? "the pose is frozen"
+                                                      : "no pose for too long");
       wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
   }
+
+  static constexpr int kLively = 100;  // distinct poses after which a repeated one is suspect
 
   std::mutex mutex_;  ///< guards all data that follows
   std::string axes_;
@@ -239,6 +259,10 @@ class MocapState : public nodelet::Nodelet {
   int active_ = 0;
   SteadyClock::duration timeout_{};
   double max_age_ = 0;  ///< [s]; 0: any
+  bool freezes_ = true;
+  std::array<double, 7> last_{};  ///< pose
+  int distinct_ = 0;              ///< poses so far that differed from the one before
+  bool frozen_ = false;
   SteadyClock::time_point last_pose_;
   ros::Time stamp_;  ///< of the newest pose
   bool alive_ = true;

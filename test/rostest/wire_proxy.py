@@ -1,0 +1,63 @@
+"""The wire between sender and craft, for tests that spoil it; remembers what went over it."""
+import random
+import select
+import socket
+import threading
+import time
+
+from fake_craft import Packet, decode_motors
+
+
+class WireProxy:
+    """Passes datagrams between a sender and the craft that believes this to be its sender.
+
+    drop, twice: shares of packets that are lost, that come twice; swap: share that comes after the
+    next one. packets: what the sender has sent, before it was spoilt.
+    """
+
+    def __init__(self, sender_port, port, seed=1):
+        self.packets = []
+        self.drop = self.twice = self.swap = 0.0
+        self._random = random.Random(seed)
+        self._to_craft = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_craft.bind(("127.0.0.1", port))
+        self._to_sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_sender.bind(("127.0.0.1", 0))
+        self._sender, self._craft = ("127.0.0.1", sender_port), None
+        self._held = None
+        self._alive = True
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while self._alive:
+            for ready in select.select([self._to_craft, self._to_sender], [], [], 0.1)[0]:
+                data, source = ready.recvfrom(4096)
+                if ready is self._to_craft:
+                    self._craft = source
+                    self._to_sender.sendto(data, self._sender)
+                else:
+                    lift, _, right, left = [(v - 1000) / 1000 for v in decode_motors(data)]
+                    self.packets.append(Packet(time.time(), left, right, lift))
+                    self._spoil(data)
+
+    def _spoil(self, data):
+        if self._craft is None or self._random.random() < self.drop:
+            return
+        if self._held is None and self._random.random() < self.swap:
+            self._held = data
+            return
+        copies = 2 if self._random.random() < self.twice else 1
+        for each in [data] * copies + ([self._held] if self._held else []):
+            self._to_craft.sendto(each, self._craft)
+        self._held = None
+
+    def thrust_between(self, start, end):
+        """When packets with thrust were sent, [s, time.time()]."""
+        return [p.time for p in self.packets if start < p.time <= end and (p.left or p.right)]
+
+    def close(self):
+        self._alive = False
+        self._thread.join()
+        self._to_craft.close()
+        self._to_sender.close()
