@@ -408,7 +408,7 @@ TEST_F(GroundLinkTest, ParametersChangeLiveAndBadOnesAreRefused) {
   EXPECT_EQ(link().current(), State::kArmed);
   wait(0.02);
   EXPECT_EQ(link().current(), State::kFault);
-  for (double GroundLinkParams::*field :
+  for (double GroundLinkParams::* field :
        {&GroundLinkParams::command_timeout, &GroundLinkParams::state_timeout,
         &GroundLinkParams::keepalive_rate, &GroundLinkParams::peer_timeout,
         &GroundLinkParams::send_timeout})
@@ -531,6 +531,44 @@ TEST_F(GroundLinkTest, ARestartWhileArmedIsNotFollowed) {
   telemetry(kReborn);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
+  GroundLinkParams params;
+  params.recovery_time = 0.5;
+  make({}, params);
+  armed();
+  feed(0.1, kDrive);
+  EXPECT_EQ(packets_.back().command.left, kDrive.left);
+  // The state goes invalid, commands go on: zeros at once, and no fault.
+  state(false);
+  link().tick(now_);
+  EXPECT_EQ(packets_.back().command.left, 0);
+  packets_.clear();
+  for (int i = 0; i < 40; ++i) {
+    command(kDrive);
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+  ASSERT_FALSE(packets_.empty());
+  for (const Packet& p : packets_) EXPECT_EQ(p.command.left + p.command.right, 0);
+  // It is back in time: the craft drives on.
+  feed(0.05, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+  EXPECT_EQ(packets_.back().command.left, kDrive.left);
+  // The next loss has the whole time again, and then it is a fault that stays.
+  state(false);
+  for (int i = 0; i < 49; ++i) {
+    command(kDrive);
+    wait(0.01);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+  command(kDrive);
+  wait(0.03);
+  EXPECT_EQ(link().current(), State::kFault);
+  feed(0.1, kDrive);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(packets_.back().command.left, 0);
 }
 
 TEST_F(GroundLinkTest, AFixedPeerIsTheOnlyOne) {
