@@ -11,7 +11,7 @@ in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 SEED ?= 1
 
-.PHONY: build demo test sanitize bench bench-hidden bench-tracking install clean
+.PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -40,6 +40,20 @@ sanitize: $(installed)
 	  done; \
 	done
 
+# All that reads what others have written, fed with nonsense: FUZZ_SECONDS for each; needs clang.
+FUZZ_SECONDS ?= 60
+fuzz: $(installed)
+	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo \
+	  -Dground_warnings=-w -DCMAKE_CXX_FLAGS="-fsanitize=fuzzer-no-link,address,undefined \
+	  -fno-sanitize-recover=all" > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
+	@cmake --build build/fuzz --target fuzzers --parallel $(jobs)
+	@for fuzzer in datagrams model_files tables; do \
+	  mkdir -p build/fuzz/corpus/$$fuzzer; \
+	  build/fuzz/devel/lib/ground/fuzz_$$fuzzer -max_total_time=$(FUZZ_SECONDS) -timeout=10 \
+	    -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/fuzz/found_$${fuzzer}_ \
+	    build/fuzz/corpus/$$fuzzer test/fuzz/seeds/$$fuzzer || exit 1; \
+	done
+
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)
 	@$(in_workspace) rosrun ground table_3_1 && echo && \
@@ -53,6 +67,10 @@ bench: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --picture build/hidden.png $(OPTIONS)
+
+# Sweeps on all cores and on a Dask cluster, and what 1000 workers would do.
+bench-scaling: build
+	@$(in_workspace) test/bench/scaling.py
 
 # Controllers in closed loop, also with hidden effects before and after a diagnosis.
 bench-tracking: build

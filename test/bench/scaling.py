@@ -1,0 +1,134 @@
+#!/usr/bin/python3
+"""How sweeps scale: gains evaluated by threads and by a Dask cluster on this computer, measured; and on
+up to 1000 workers, foretold.
+
+The forecast is a simulation: pieces of work as long as the measured ones, drawn with replacement, go in
+order to whichever worker is free; the scheduler hands out one piece after the other and takes for each
+what it was measured to take with pieces of no work.
+"""
+import contextlib
+import heapq
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from ground import _core, gains, tracking, tuning, workers
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
+CANDIDATES, STARTS = 40, 4
+WORKERS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000]
+SWEEP = 100000  # pieces of work in the sweep that is foretold
+
+
+def nothing(_):
+    return None
+
+
+@contextlib.contextmanager
+def cluster(count):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = "tcp://127.0.0.1:%d" % probe.getsockname()[1]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    run = [sys.executable, "-m"]
+    processes = [
+        subprocess.Popen(
+            run + ["distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"], **quiet
+        )
+    ]
+    for _ in range(count):
+        command = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
+        processes.append(subprocess.Popen(run + command, **quiet))
+    try:
+        from distributed import Client
+
+        with Client(address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+        yield address
+    finally:
+        for process in processes:
+            process.terminate()
+            process.wait()
+
+
+def sweep(team, cells, model):
+    """Seconds that the evaluation of all candidates takes."""
+    choices = [gains.choice("TrajectoryTracking") for _ in range(CANDIDATES)]
+    places = tracking.starts(STARTS, 1)
+    begin = time.perf_counter()
+    tuning.evaluate(team, choices, model, cells, places, tuning.Weights(), 1)
+    return time.perf_counter() - begin
+
+
+def pieces(cells, model):
+    """Seconds of single pieces of work."""
+    choice, place = gains.choice("TrajectoryTracking"), tracking.starts(1, 1)[0]
+    lengths = []
+    for cell in cells:
+        for seed in range(3):
+            run = (cell.truth, model, choice, cell.task, place, cell.conditions, seed, 50.0)
+            begin = time.perf_counter()
+            tuning._numbers([run] * tuning.TOGETHER)
+            lengths.append(time.perf_counter() - begin)
+    return np.array(lengths)
+
+
+def foretold(lengths, overhead, count):
+    """Seconds of the sweep on so many workers."""
+    random = np.random.default_rng(1)
+    free, handed, end = [0.0] * count, 0.0, 0.0
+    for length in random.choice(lengths, SWEEP):
+        handed += overhead
+        begin = max(handed, heapq.heappop(free))
+        end = max(end, begin + length)
+        heapq.heappush(free, begin + length)
+    return end
+
+
+def main():
+    model = _core.load_model(MODEL)
+    cells = tuning.cells({k: tracking.task(k) for k in ("circle", "line", "sinusoid")}, model)
+    lengths = pieces(cells, model)
+    print(
+        "%d pieces of work; one takes %.0f ms in the middle, %.0f to %.0f ms"
+        % (
+            CANDIDATES * len(cells) * STARTS / tuning.TOGETHER,
+            *1e3 * np.quantile(lengths, [0.5, 0, 1]),
+        )
+    )
+    cores = len(os.sched_getaffinity(0))
+    times = {}
+    for count in (1, cores):
+        with workers.Workers(count=count) as team:
+            times["%d threads" % count] = sweep(team, cells, model)
+    for count in (1, cores):
+        with cluster(count) as address, workers.Workers(address) as team:
+            list(team.map(nothing, range(100)))
+            times["%d Dask workers" % count] = sweep(team, cells, model)
+            begin = time.perf_counter()
+            list(team.map(nothing, range(2000)))
+            overhead = (time.perf_counter() - begin) / 2000
+    first = times["1 threads"]
+    for name, seconds in times.items():
+        print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
+    print(
+        "the scheduler takes %.2f ms a piece; a sweep of %d pieces, foretold:"
+        % (1e3 * overhead, SWEEP)
+    )
+    alone = foretold(lengths, overhead, 1)
+    for count in WORKERS:
+        seconds = foretold(lengths, overhead, count)
+        print(
+            "%5d workers %9.1f s  %6.1f times as fast, %3.0f%% of ideal"
+            % (count, seconds, alone / seconds, 100 * alone / seconds / count)
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
