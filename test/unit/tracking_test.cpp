@@ -145,10 +145,17 @@ TEST(References, FilesAreReadOrRefusedByLine) {
   const ReferencePtr way = readReference(file("x,y\n0,0\n3,4\n"), {0, 0}, 2, false);
   EXPECT_LT((way->at(1.25).p - Vector2<double>(1.5, 2)).norm(), 1e-12);
   const std::vector<std::pair<std::string, std::string>> bad = {
-      {"a,b\n1,2\n", "line 1"},       {"x,y\n1,2\nfour,5\n", "line 3"},
-      {"x,y\n1,2\n1,2\n", "line 3"},  {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
-      {"x,y\n1,2\n", "at least two"}, {"x,y\n1,2,3\n4,5,6\n", "line 2"},
-      {"x,y\n1,nan\n4,5\n", "line 2"}};
+      {"a,b\n1,2\n", "line 1"},
+      {"x,y\n1,2\nfour,5\n", "line 3"},
+      {"x,y\n1,2\n1,2\n", "line 3"},
+      {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
+      {"x,y\n1,2\n", "at least two"},
+      {"x,y\n1,2,3\n4,5,6\n", "line 2"},
+      {"x,y\n1,nan\n4,5\n", "line 2"},
+      {"x,y\n1,2\n,3,4\n", "line 3"},
+      {"x,y\n1,2\n3 4\n", "line 3"},
+      {"x,y\n1,2\n8e84,4\n", "line 3"},
+      {"time,x,y\n0,1,2\n1,,3\n", "line 3"}};
   for (const auto& [text, why] : bad) {
     try {
       readReference(file(text), {0, 0}, 1, true);

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <complex>
 #include <fstream>
+#include <limits>
+#include <numeric>
 #include <sstream>
 #include <stdexcept>
 #include <unsupported/Eigen/Splines>
@@ -151,8 +153,11 @@ class Curve {
     Eigen::SparseMatrix<double> collocation(count, count);
     collocation.setFromTriplets(entries.begin(), entries.end());
     Eigen::SparseLU<Eigen::SparseMatrix<double>> solver(collocation);
-    const Eigen::MatrixXd control = solver.solve(wanted);
-    if (solver.info() != Eigen::Success || !control.allFinite())
+    // A singular system must not be solved: SparseLU does not look.
+    const bool solvable = solver.info() == Eigen::Success;
+    const Eigen::MatrixXd control =
+        solvable ? Eigen::MatrixXd(solver.solve(wanted)) : Eigen::MatrixXd();
+    if (!solvable || solver.info() != Eigen::Success || !control.allFinite())
       throw std::invalid_argument("no spline goes through these points");
     spline_ = Spline(knots, control.transpose());
   }
@@ -209,8 +214,24 @@ class Waypoints : public ReferenceTrajectory {
   Pace pace_;
 };
 
+constexpr double kFarthest = 1e4, kLongest = 1e7;  // of points in files [m], [s]
+
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
+}
+
+/// The numbers of a line of a CSV file, NaN for what is none.
+std::vector<double> cellsOf(const std::string& line) {
+  std::vector<double> cells;
+  std::istringstream parts(line);
+  for (std::string part; std::getline(parts, part, ',');) {
+    std::istringstream text(part);
+    double value = 0;
+    std::string rest;
+    const bool good = (text >> value) && !(text >> rest);
+    cells.push_back(good ? value : std::numeric_limits<double>::quiet_NaN());
+  }
+  return cells;
 }
 
 bool turns(double rate) { return std::isfinite(rate) && rate != 0; }
@@ -282,13 +303,13 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
   std::vector<Vector2<double>> points;
   for (int line = 2; std::getline(file, text); ++line) {
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
-    std::replace(text.begin(), text.end(), ',', ' ');
-    std::istringstream cells(text);
-    double time = 0, x = 0, y = 0;
-    std::string rest;
-    if (timed) cells >> time;
-    if (!(cells >> x >> y) || cells >> rest || !std::isfinite(time + x + y))
+    const std::vector<double> cells = cellsOf(text);
+    const double sum = std::accumulate(cells.begin(), cells.end(), 0.0);
+    if (cells.size() != (timed ? 3 : 2) || !std::isfinite(sum))
       fail(line, std::string("it needs ") + (timed ? "three" : "two") + " finite numbers");
+    const double time = timed ? cells[0] : 0, x = *(cells.end() - 2), y = cells.back();
+    if (std::abs(x) > kFarthest || std::abs(y) > kFarthest || std::abs(time) > kLongest)
+      fail(line, "no room is 10 km wide, and no craft flies for months");
     if (timed && !times.empty() && time <= times.back()) fail(line, "times have to grow");
     if (!timed && !points.empty() && points.back() == Vector2<double>(x, y) + origin)
       fail(line, "the point is the same as the one before");
