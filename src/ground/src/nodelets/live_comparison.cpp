@@ -18,6 +18,7 @@
 
 #include "ground/estimation/model_monitor.h"
 #include "ground/nodelets/model_service.h"
+#include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -83,12 +84,7 @@ class LiveComparison : public nodelet::Nodelet {
     MonitorParams p;
     p.horizon = c.horizon;
     p.window = c.window;
-    p.observer.position_noise = c.position_noise;
-    p.observer.heading_noise = c.heading_noise;
-    p.observer.push = c.push;
-    p.observer.twist = c.twist;
-    p.observer.push_drift = c.push_drift;
-    p.observer.twist_drift = c.twist_drift;
+    p.observer = observerParams(c);
     return p;
   }
 

@@ -3,6 +3,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "ground/control/predictive_control.h"
+#include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/reference_tracking.h"
 
 namespace ground {
@@ -24,12 +25,7 @@ class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
     p.search_iterations = c.search_iterations;
     p.lost = c.lost;
     p.weights = {c.velocity, c.input, c.turning, c.end_position, c.end_velocity};
-    p.observer.position_noise = c.position_noise;
-    p.observer.heading_noise = c.heading_noise;
-    p.observer.push = c.push;
-    p.observer.twist = c.twist;
-    p.observer.push_drift = c.push_drift;
-    p.observer.twist_drift = c.twist_drift;
+    p.observer = observerParams(c);
     return p;
   }
 
