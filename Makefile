@@ -40,9 +40,10 @@ sanitize: $(installed)
 	  done; \
 	done
 
-# All that reads what others have written, fed with nonsense: FUZZ_SECONDS for each; needs clang.
+# All that reads what others have written, fed with nonsense: FUZZ_SECONDS for each.
 FUZZ_SECONDS ?= 60
 fuzz: $(installed)
+	@.ci/install-dependencies .ci/debian-packages-fuzz.txt
 	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo \
 	  -Dground_warnings=-w -DCMAKE_CXX_FLAGS="-fsanitize=fuzzer-no-link,address,undefined \
 	  -fno-sanitize-recover=all" > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
