@@ -105,6 +105,8 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
         "Ceres",
         "input_delay",
         "seeds",
+        "recorded",
+        "of a simulated clock; error: nominal",
         "(held out)",
     ):
         assert part in text, part
@@ -188,7 +190,7 @@ def test_twenty_runs_stay_handy(folder, bags):
 
     def size(runs):
         sheet, path = page.Page("many"), folder / ("%d.html" % runs)
-        report._measured_against(sheet, [studies] * runs, "b")
+        report._measured_against(sheet, [studies] * runs, [{"begins": 1.0}] * runs, "b")
         sheet.write(str(path), "#000")
         return path.stat().st_size
 

@@ -1,13 +1,25 @@
 """What is in a recording and what is odd about it, in words."""
+import datetime
+
 from ground import quality
 
+THIS_CENTURY = 946684800.0  # [s] since 1970
 MOST_NAMED = 4  # of gaps and the like; the rest is counted
+
+
+def when(d):
+    """When a recording begins, by its stamps."""
+    if d["begins"] < THIS_CENTURY:
+        return "from %.2f s on of a simulated clock" % d["begins"]
+    moment = datetime.datetime.fromtimestamp(d["begins"], datetime.timezone.utc)
+    return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def facts(d):
     """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
     poses, controls = d["poses"], d["controls"]
     noise = poses["noise"]
+    yield "recorded", when(d)
     yield "source", d["source"]
     spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
     yield "usable", "%.2f of %.2f s: %s" % (

@@ -156,6 +156,7 @@ class Run:
         return {
             "name": recording.name,
             "source": recording.source,
+            "begins": float(stamps.min()),
             "warnings": recording.warnings,
             "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
             "usable": {

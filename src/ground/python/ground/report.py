@@ -37,7 +37,8 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
         for s in report["steps"]
     ]
     sheet.figure(figures.fall(steps, report["noise_floor"], "held-out runs"), ERROR)
-    _measured_against(sheet, inspected, " + ".join(report["improved"]["effects"]))
+    winner = " + ".join(report["improved"]["effects"])
+    _measured_against(sheet, inspected, described, winner)
     _evidence(sheet, report)
     apart = list(words.apart(report))
     sheet.heading("What cannot be told apart, and the next experiment")
@@ -83,7 +84,7 @@ def comparison(path, result, inspected, described, inputs=(), force=False):
     errors = {label: groups["all"]["error"] for label, groups in result["pooled"].items()}
     sheet.figure(figures.fall(list(errors.items()), result["noise_floor"], "all runs"), ERROR)
     _numbers(sheet, result["pooled"])
-    _measured_against(sheet, inspected, list(result["models"])[-1])
+    _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
     _origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
     sheet.write(path, figures.MODELS[1], force)
@@ -111,7 +112,7 @@ def _numbers(sheet, pooled):
     )
 
 
-def _measured_against(sheet, inspected, winner):
+def _measured_against(sheet, inspected, described, winner):
     """All runs against all models: over time and place, and where they fail."""
     labels = [s["label"] for s in inspected[0]]
     sheet.heading("Where it fails")
@@ -125,13 +126,13 @@ def _measured_against(sheet, inspected, winner):
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
         sheet.paragraph("Open a run to see it; what is open is printed.", "caption screen")
-    for count, studies in enumerate(inspected):
+    for count, (studies, about) in enumerate(zip(inspected, described)):
         run = studies[0]["run"]
         errors = ", ".join(
             "%s %s (%s)" % (s["label"], number(s["numbers"]["error"]), s["role"].replace("_", " "))
             for s in studies
         )
-        sheet.fold(run.name, "error: " + errors, count == 0)
+        sheet.fold(run.name, "%s; error: %s" % (findings.when(about), errors), count == 0)
         sheet.figure(figures.motion(studies), figures.motion_caption(run))
         sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
         sheet.subheading("Error against what was measured")
@@ -220,6 +221,7 @@ def _quality(sheet, described):
         rows.append(
             [
                 d["name"],
+                facts["recorded"],
                 facts["usable"],
                 facts["poses"],
                 facts["commands"],
@@ -228,7 +230,16 @@ def _quality(sheet, described):
             ]
         )
     sheet.table(
-        ["run", "usable", "poses", "commands", "reply", "what is odd, and was repaired"], rows
+        [
+            "run",
+            "recorded",
+            "usable",
+            "poses",
+            "commands",
+            "reply",
+            "what is odd, and was repaired",
+        ],
+        rows,
     )
 
 
