@@ -11,7 +11,8 @@ in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 SEED ?= 1
 
-.PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling install clean
+.PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
+  bench-soak install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -72,6 +73,11 @@ bench-hidden: build
 # Sweeps on all cores and on a Dask cluster, and what 1000 workers would do.
 bench-scaling: build
 	@$(in_workspace) test/bench/scaling.py
+
+# An hour of simulated experiment: memory, timing, complaints. OPTIONS="seconds:=600"
+bench-soak: build
+	@$(in_workspace) roslaunch ground soak.launch $(OPTIONS) 2>&1 | \
+	  grep -aE 'of experiment|times:|soak:' | tee build/soak.txt; grep -q ': sound' build/soak.txt
 
 # Controllers in closed loop, also with hidden effects before and after a diagnosis.
 bench-tracking: build
