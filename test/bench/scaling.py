@@ -16,6 +16,8 @@ import time
 
 import numpy as np
 
+import hidden
+import hidden_cases
 from ground import _core, gains, tracking, tuning, workers
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -78,6 +80,21 @@ def pieces(cells, model):
     return np.array(lengths)
 
 
+def diagnoses():
+    """Seconds of some pieces of make bench-hidden, one core each."""
+    cases = [
+        {"kind": "single", "strength": "moderate", "factor": hidden_cases.LEVELS["moderate"]}
+        for _ in range(3)
+    ]
+    lengths = []
+    for case, effect in zip(cases, ("motor_lag", "floor_tilt", "quadratic_drag")):
+        case.update(hidden=[effect], seed=1, noise=1.0, excitation="varied")
+        begin = time.perf_counter()
+        hidden.run_case(case)
+        lengths.append(time.perf_counter() - begin)
+    return np.array(lengths)
+
+
 def foretold(lengths, overhead, count):
     """Seconds of the sweep on so many workers."""
     random = np.random.default_rng(1)
@@ -116,17 +133,19 @@ def main():
     first = times["1 threads"]
     for name, seconds in times.items():
         print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
-    print(
-        "the scheduler takes %.2f ms a piece; a sweep of %d pieces, foretold:"
-        % (1e3 * overhead, SWEEP)
-    )
-    alone = foretold(lengths, overhead, 1)
+    print("the scheduler takes %.2f ms a piece; %d pieces, foretold:" % (1e3 * overhead, SWEEP))
+    kinds = {
+        "gains, %d runs a piece" % tuning.TOGETHER: lengths,
+        "diagnoses of hidden effects": diagnoses(),
+    }
+    print("%8s" % "workers" + "".join("%32s" % name for name in kinds))
     for count in WORKERS:
-        seconds = foretold(lengths, overhead, count)
-        print(
-            "%5d workers %9.1f s  %6.1f times as fast, %3.0f%% of ideal"
-            % (count, seconds, alone / seconds, 100 * alone / seconds / count)
-        )
+        row = "%8d" % count
+        for each in kinds.values():
+            seconds = foretold(each, overhead, count)
+            faster = foretold(each, overhead, 1) / seconds
+            row += "%12.0f s, %5.1f x, %3.0f%%" % (seconds, faster, 100 * faster / count)
+        print(row)
     return 0
 
 
