@@ -18,6 +18,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
 
 S = IdentificationStatus
+HERE = os.path.dirname(os.path.abspath(__file__))
 NODE = "identification/"
 
 
@@ -33,6 +34,7 @@ class IdentificationTest(unittest.TestCase):
         error = harness.Latest("model_error", ModelError)
         diagnose, fit = service(NODE + "diagnose", Identify), service(NODE + "fit", Identify)
         output = rospy.get_param(NODE + "output")
+        shutil.rmtree(output, True)
         self.addCleanup(shutil.rmtree, output, True)
         harness.wait_for(lambda: status.message and model.message, 20, "the latched topics")
         self.assertEqual(status.message.state, S.IDLE)
@@ -44,11 +46,14 @@ class IdentificationTest(unittest.TestCase):
             ({"bags": ["/nowhere.bag"]}, "no bag of this name"),
             ({"last": 5.0, "model": "/nowhere.yaml"}, "no model of this name"),
             ({"last": 5.0, "bags": ["x.bag"]}, "not both"),
+            ({"last": -5.0}, "have to be positive"),
+            ({"bags": [HERE]}, "there is no bag in this folder"),
         ):
             answer = diagnose(**request)
             self.assertFalse(answer.success)
             self.assertIn(reason, answer.message)
             harness.wait_for(lambda: status.message.state == S.FAILED, 5, "the failure")
+        self.assertEqual(os.listdir(output), [])  # nor is anything left lying about
         answer = service(NODE + "add", Identify)(last=5.0)
         self.assertIn("effect is empty", answer.message)
         self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))

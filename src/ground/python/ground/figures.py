@@ -7,21 +7,23 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from ground import failure, repair
+from ground.appearance import (
+    CHANNELS,
+    ERROR_AGAINST,
+    FLOOR,
+    LEFT,
+    MEASURED,
+    MODELS,
+    RIGHT,
+    WRENCH,
+    model_color,
+    scaled,
+    short_label,
+)
 from ground.words import number
 
-MEASURED = "#222222"
-MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
-LEFT, RIGHT = "#0b9aa8", "#e08e0b"
-FLOOR = "#2a9d5c"
 MOST = 1000  # points of a curve; what is left out is said
-CHANNELS = [("u", "surge u", "m/s"), ("v", "sway v", "m/s"), ("r", "yaw rate r", "rad/s")]
-WRENCH = [("X", "surge force X"), ("Y", "side force Y"), ("N", "yaw moment N")]
-ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
 WRENCH_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]
-
-
-def color(index):
-    return MODELS[index % len(MODELS)]
 
 
 def fall(steps, floor, measured_on):
@@ -76,7 +78,7 @@ def motion(studies):
     path = _line(shown[2][:, 1], shown[2][:, 0], "measured", line, False, 0.45)
     figure.add_trace(_timed(path, shown[0]), 1, 2)
     for count, study in enumerate(studies):
-        line = {"color": color(count), "width": 1.6}
+        line = {"color": model_color(count), "width": 1.6}
         pieces = [_thinned(p, every.step) for p in study["evaluation"].pieces]
         over = np.concatenate([np.append(p[0], np.nan) for p in pieces])
         simulated = np.vstack([np.vstack([p[1], [np.nan] * 3]) for p in pieces])
@@ -124,7 +126,9 @@ def where(studies):
             for count, study in enumerate(studies):
                 entry = study["where"][name]
                 legend = row == column == 0
-                trace = _bins(entry, entry["error"][channel], study["label"], color(count), legend)
+                trace = _bins(
+                    entry, entry["error"][channel], study["label"], model_color(count), legend
+                )
                 figure.add_trace(trace, row + 1, column + 1)
             best = min(studies, key=lambda s: s["numbers"]["error"])
             _axes_of(figure, row, column, studies[0]["where"][name], [0, 1.15 * top])
@@ -140,7 +144,7 @@ def wrench(studies, winner=None):
     figure = _small_multiples(3, len(against))
     for row, (channel, label) in enumerate(WRENCH):
         entries = [s["missing"].numbers["channels"][channel] for s in studies]
-        factor, unit = _scaled(entries[0])
+        factor, unit = scaled(entries[0])
         means = [factor * np.array(e["against"][n]["mean"]) for e in entries for n in against]
         reach = 1.4 * max(np.quantile(np.abs(m), 0.9) for m in means)
         for column, name in enumerate(against):
@@ -150,7 +154,7 @@ def wrench(studies, winner=None):
                     one,
                     factor * np.array(one["mean"]),
                     study["label"],
-                    color(count),
+                    model_color(count),
                     legend,
                     2 * factor * np.array(one["standard_error"]),
                 )
@@ -176,7 +180,7 @@ def wrench_over_time(studies):
     """The wrench that every model lacks over time, with two standard deviations of the first's."""
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.03)
     for row, (channel, label) in enumerate(WRENCH):
-        factor, unit = _scaled(studies[0]["missing"].numbers["channels"][channel])
+        factor, unit = scaled(studies[0]["missing"].numbers["channels"][channel])
         reach = 0.0
         for count, study in enumerate(studies):
             missing = study["missing"]
@@ -189,10 +193,10 @@ def wrench_over_time(studies):
             reach = max(reach, 1.15 * np.nanquantile(np.abs(values) + 2 * sigma, 0.995))
             if count == 0:
                 x, y = _band(at, values - 2 * sigma, values + 2 * sigma)
-                band = _line(x, y, "", {"width": 0, "color": color(0)}, False)
+                band = _line(x, y, "", {"width": 0, "color": model_color(0)}, False)
                 band.update(fill="toself", fillcolor="rgba(209,73,91,0.22)", hoverinfo="skip")
                 figure.add_trace(band, row + 1, 1)
-            line = {"color": color(count), "width": 1.4}
+            line = {"color": model_color(count), "width": 1.4}
             figure.add_trace(_line(at, values, study["label"], line, row == 0), row + 1, 1)
         figure.update_yaxes(title="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
         if reach > 0:
@@ -325,10 +329,7 @@ def _small_multiples(rows, columns):
 def _axes_of(figure, row, column, entry, limits):
     last = row == 2
     figure.update_xaxes(
-        title="%s<br>[%s]"
-        % (entry["label"].split("thrust ")[-1].split("difference ")[-1], entry["unit"])
-        if last
-        else None,
+        title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
         showticklabels=last,
         row=row + 1,
         col=column + 1,
@@ -350,11 +351,6 @@ def _percent(figure, row, column, columns, share):
         showarrow=False,
         font={"size": 10, "color": "#b04a00" if named else "#999999"},
     )
-
-
-def _scaled(entry):
-    """Factor and unit in which a channel's numbers are easy to read."""
-    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
 
 
 def _every(times):

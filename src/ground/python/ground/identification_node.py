@@ -4,8 +4,10 @@ A task runs in a process of its own, the command line's, so that one that fails 
 the node as it was, and what the node can do and what the terminal can do is the same.
 """
 import collections
+import contextlib
 import glob
 import json
+import math
 import os
 import signal
 import subprocess
@@ -57,8 +59,8 @@ class LiveBuffer:
         """How many seconds there are of both topics."""
         with self._lock:
             spans = []
-            for subscriber in {topic for _, topic, _ in self._messages}:
-                times = [at for at, topic, _ in self._messages if topic == subscriber]
+            for wanted in {topic for _, topic, _ in self._messages}:
+                times = [at for at, topic, _ in self._messages if topic == wanted]
                 spans.append((times[0], times[-1]))
         if len(spans) < len(self._subscribers):
             return 0.0
@@ -102,7 +104,10 @@ class IdentificationNode:
         self._bag_dir = _folder(rospy.get_param("~bag_dir", "~/ground_bags"))
         self._output = _folder(rospy.get_param("~output", "~/ground_models"))
         self._axes = rospy.get_param("~axes", "x, z, -y")
-        self.live = LiveBuffer(float(rospy.get_param("~keep", 120.0)))
+        keep = rospy.get_param("~keep", 120.0)
+        if not isinstance(keep, (int, float)) or not 0 < keep < math.inf:
+            raise IdentifyError("parameter keep is %s, not a number of seconds" % keep)
+        self.live = LiveBuffer(keep)
         self._busy = threading.Lock()
         self._child, self._cancelled = None, False
         self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
@@ -138,7 +143,18 @@ class IdentificationNode:
         model = _existing(request.model or self.model, "model")
         if task == "add" and not request.effect:
             raise IdentifyError("effect is empty: which one shall be added?")
+        if request.last < 0:
+            raise IdentifyError(
+                "last is %g s: seconds before now have to be positive" % request.last
+            )
         folder = self._new_folder(task)
+        try:
+            return self._run_in(folder, task, request, model, began)
+        finally:
+            with contextlib.suppress(OSError):
+                os.rmdir(folder)  # when nothing came of it
+
+    def _run_in(self, folder, task, request, model, began):
         recordings = self._recordings(request, folder)
         made = os.path.join(
             folder,

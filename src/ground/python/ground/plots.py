@@ -6,12 +6,20 @@ import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen fir
 import numpy as np  # noqa: E402
 
 from ground import failure, files, repair  # noqa: E402
+from ground.appearance import (  # noqa: E402
+    CHANNELS,
+    ERROR_AGAINST,
+    LEFT,
+    MEASURED,
+    MODELS,
+    RIGHT,
+    model_color,
+    scaled,
+    short_label,
+)
 from ground.words import number  # noqa: E402
 
-MEASURED = "#222222"
-MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
-LEFT, RIGHT = "#3b6fb6", "#e08e0b"
-LABELS = ["surge u [m/s]", "sway v [m/s]", "yaw rate r [rad/s]"]
+LABELS = ["%s [%s]" % (name, unit) for _, name, unit in CHANNELS]
 TIME = "time since the start of the run [s]"
 
 
@@ -130,24 +138,21 @@ def _draw_table(axis, studies):
             table[(row, 0)].set_fontsize(max(5, 9 * 14 / longest))
 
 
-ERROR_COLUMNS = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
-
-
 def where(path, studies, force=False):
     """Normalised error of one run, channel by channel, against what was measured."""
     figure, axes = plt.subplots(
         3,
-        len(ERROR_COLUMNS) + 1,
+        len(ERROR_AGAINST) + 1,
         figsize=(19, 8.5),
         sharey=False,
-        gridspec_kw={"width_ratios": [1] * len(ERROR_COLUMNS) + [1.35]},
+        gridspec_kw={"width_ratios": [1] * len(ERROR_AGAINST) + [1.35]},
     )
     shown = studies[-1]
     for row, channel in enumerate("uvr"):
         top = 1.1 * max(
-            np.max(s["where"][name]["error"][channel]) for s in studies for name in ERROR_COLUMNS
+            np.max(s["where"][name]["error"][channel]) for s in studies for name in ERROR_AGAINST
         )
-        for column, name in enumerate(ERROR_COLUMNS):
+        for column, name in enumerate(ERROR_AGAINST):
             axis = axes[row, column]
             for count, (study, color) in enumerate(zip(studies, _colors(studies))):
                 entry = study["where"][name]
@@ -249,7 +254,7 @@ def wrench(path, study, force=False):
     bottom = outer[1].subgridspec(3, len(WRENCH_COLUMNS), wspace=0.12, hspace=0.14)
     first = None
     for row, (channel, entry) in enumerate(missing.numbers["channels"].items()):
-        factor, unit = _scaled(entry)
+        factor, unit = scaled(entry)
         label = WRENCH_LABELS[channel] % unit
         axis = figure.add_subplot(top[row, 0], sharex=first)
         first = first or axis
@@ -393,11 +398,6 @@ def _draw_force_map(axis, missing):
     axis.grid(alpha=0.3)
 
 
-def _scaled(entry):
-    """Factor and unit in which a channel's numbers are easy to read."""
-    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
-
-
 def _draw_bins(axis, entry, values, errors, color, label):
     centres, values = np.array(entry["centres"]), np.array(values)
     if errors is not None:
@@ -431,8 +431,7 @@ def _small(axis, entry, last, first):
     axis.tick_params(labelsize=8, labelbottom=last, labelleft=first)
     if last:
         axis.set_xlabel(
-            "%s [%s]"
-            % (entry["label"].split("thrust ")[-1].split("difference ")[-1], entry["unit"]),
+            "%s [%s]" % (short_label(entry), entry["unit"]),
             fontsize=9,
         )
 
@@ -452,7 +451,7 @@ def _legend_above(axis, columns):
 
 
 def _colors(studies):
-    return [MODELS[i % len(MODELS)] for i in range(len(studies))]
+    return [model_color(i) for i in range(len(studies))]
 
 
 def save(figure, path, force):

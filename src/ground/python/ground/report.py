@@ -1,7 +1,7 @@
 """report.html of compare and diagnose: the verdict first, then what it rests on."""
 import os
 
-from ground import figures, findings, inspection, origin, page, words
+from ground import appearance, figures, findings, inspection, origin, page, words
 from ground.words import number
 
 COLORS = {"complete": "#2a9d5c", "missing": "#1f77b4", "unexplained": "#e08e0b"}
@@ -87,7 +87,7 @@ def comparison(path, result, inspected, described, inputs=(), force=False):
     _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
     _origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
-    sheet.write(path, figures.MODELS[1], force)
+    sheet.write(path, appearance.MODELS[1], force)
 
 
 def _numbers(sheet, pooled):

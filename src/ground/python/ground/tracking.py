@@ -1,12 +1,11 @@
 """A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ground import _core
 from ground.errors import IdentifyError
+from ground.workers import Workers
 
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
@@ -167,22 +166,14 @@ def _numbers(found, task):
     return numbers
 
 
-def in_parallel(calls):
-    """Results of calls without arguments, in their order, on all cores."""
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        return [future.result() for future in [pool.submit(call) for call in calls]]
-
-
 def many(truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0):
     """The Tracked of every start, each with a seed of its own."""
-    return in_parallel(
-        [
-            lambda i=i, start=start: run(
-                truth, believed, controller, task, start, conditions, seed + i, rate
-            )
-            for i, start in enumerate(starts)
-        ]
-    )
+
+    def one(i):
+        return run(truth, believed, controller, task, starts[i], conditions, seed + i, rate)
+
+    with Workers() as team:
+        return list(team.map(one, range(len(starts))))
 
 
 def perturbed(model, factors):

@@ -2,7 +2,8 @@
 import numpy as np
 
 from ground import tuning
-from ground.plots import LEFT, MEASURED, MODELS, RIGHT, plt, save
+from ground.appearance import LEFT, MEASURED, MODELS, RIGHT
+from ground.plots import plt, save
 from ground.words import number
 
 

@@ -35,8 +35,8 @@ class Unfinished:
             with self._lock:
                 self.taken += 1
             return found
-        except (OSError, EOFError, pickle.UnpicklingError, AttributeError, ValueError):
-            pass  # never finished, or by another version of the tool
+        except Exception:
+            pass  # never finished, or damaged: what a pickle then raises can be anything
         found = compute()
         with files.new_file(path, force=True) as temporary:
             with open(temporary, "wb") as file:

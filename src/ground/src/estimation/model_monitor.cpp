@@ -100,6 +100,7 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
   error.mean = mean_error;
   error.spread = square.cwiseSqrt().cwiseMax(kLeastSpread);
   error.error = error.mean.cwiseQuotient(error.spread).sum();
+  error.error_now = error.nu.cwiseAbs().cwiseQuotient(error.spread).sum();
   error.covered = time - scores_.front().time;
   return error;
 }
@@ -129,10 +130,7 @@ std::vector<Vector3<double>> ModelMonitor::path(double step) const {
 void ModelContest::add(double time, const ModelMonitor::Error& first,
                        const ModelMonitor::Error& second) {
   if (!differences_.empty() && time < differences_.back().first) differences_.clear();
-  const auto size = [](const ModelMonitor::Error& e) {
-    return e.nu.cwiseAbs().cwiseQuotient(e.spread).sum();
-  };
-  differences_.emplace_back(time, size(first) - size(second));
+  differences_.emplace_back(time, first.error_now - second.error_now);
   while (time - differences_.front().first > window_) differences_.pop_front();
 }
 

@@ -29,7 +29,7 @@ namespace ground {
 /// Parameters: model (model file, required), model2 (another, optional) and those of
 /// LiveComparison.cfg, live. Subscribes: state, controls. Publishes with every state: model_error,
 /// model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the last horizon,
-/// from the state measured then, with the commands since), model_comparison. Services:
+/// from the state seen then, with the commands since), model_comparison. Services:
 /// ~load_model, ~load_model2 (take another model file).
 class LiveComparison : public nodelet::Nodelet {
  private:
@@ -98,7 +98,11 @@ class LiveComparison : public nodelet::Nodelet {
 
   void take(Contestant& contestant, const Model& model, const std::string& file) {
     contestant.monitor = std::make_unique<ModelMonitor>(model, params(config_));
-    contestant.name = std::filesystem::path(file).stem().string();
+    const std::filesystem::path path(file);
+    contestant.name = path.stem().string();
+    for (const Contestant& other : contestants_)
+      if (&other != &contestant && other.monitor && other.name == contestant.name)
+        contestant.name = (path.parent_path().filename() / path.stem()).string();
     contest_ = ModelContest(config_.horizon, config_.window);
   }
 
@@ -156,6 +160,7 @@ class LiveComparison : public nodelet::Nodelet {
     message->horizon = e.horizon;
     message->window = e.covered;
     message->error = e.error;
+    message->error_now = e.error_now;
     for (int i = 0; i < 3; ++i) {
       message->eta[i] = e.predicted.eta(i);
       message->nu[i] = e.predicted.nu(i);

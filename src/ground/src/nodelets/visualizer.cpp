@@ -16,9 +16,9 @@
 #include <pluginlib/class_list_macros.hpp>
 #include <sstream>
 
+#include "ground/estimation/floor_map.h"
 #include "ground/model/model_file.h"
 #include "ground/model/typical.h"
-#include "ground/nodelets/floor_map.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -72,9 +72,8 @@ class Visualizer : public nodelet::Nodelet {
     const std::lock_guard<std::mutex> lock(mutex_);
     newest = error;
     if (&newest != &errors_[0] || error->window < kSettled) return;
-    double size = 0;
-    for (int i = 0; i < 3; ++i) size += std::abs(error->nu_error[i]) / error->spread[i];
-    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], size);
+    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
+               error->error_now);
   }
 
   void onComparison(const ground_msgs::ModelComparison::ConstPtr& comparison) {
@@ -134,8 +133,7 @@ class Visualizer : public nodelet::Nodelet {
     path->header.frame_id = "world_ned";
     ros::Time last;
     for (const auto& s : states_) {
-      const bool close = secondsBetween(last, s->header.stamp) < 0.02;
-      if (close) continue;
+      if (secondsBetween(last, s->header.stamp) < 0.02) continue;
       last = s->header.stamp;
       path->poses.push_back(pose(last, s->eta[0], s->eta[1], s->eta[2]));
     }

@@ -31,14 +31,14 @@ Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
 }
 
 void Room::setModel(const Model& model) {
+  const RigidState<double> here = state();
   InputSequence inputs = inputs_;
   for (auto& thrusters : inputs.thrusters)
     thrusters *= model.body.input_max / model_.body.input_max;
-  const Moving probe(model, inputs, state(), time_);
+  const Moving probe(model, inputs, here, time_);
   const RigidState<double> rate = probe.simulation.derivative();
   if (!rate.eta.allFinite() || !rate.nu.allFinite())
     throw std::invalid_argument("the craft's acceleration by this model is not finite");
-  const RigidState<double> here = state();
   model_ = model;
   inputs_ = std::move(inputs);
   moving_ = std::make_unique<Moving>(model_, inputs_, here, time_);

@@ -20,8 +20,8 @@ struct MonitorParams {
 };
 
 /// A model run beside a running experiment: where it and the measurement part, and which wrench it
-/// lacks. Prediction errors need no identification: the model starts at the state measured a
-/// horizon ago and runs with the commands since.
+/// lacks. The model starts at the state of a horizon ago, as an observer around it saw it then, and
+/// runs with the commands since.
 class ModelMonitor {
  public:
   /// Where model and measurement part at one instant.
@@ -33,6 +33,7 @@ class ModelMonitor {
     Vector3<double> mean;           ///< of |nu| over the window
     Vector3<double> spread;         ///< standard deviations of the measured nu in the window
     double error;                   ///< sum of mean / spread (DESIGN 8, over this horizon)
+    double error_now;               ///< sum of |nu| / spread
     double covered;                 ///< part of the window that there are errors of [s]
   };
 

@@ -30,8 +30,9 @@ import os
 
 import numpy as np
 
-from ground import comparison, files, inspection, quality, report, study, words, workers
+from ground import comparison, files, inspection, quality, report, words, workers
 from ground.errors import IdentifyError
+from ground.study import noise_floor
 from ground.verbs import common
 
 NAME = "compare"
@@ -108,8 +109,8 @@ def run(arguments):
     if len(found) > 1:
         _say_pooled(arguments, result["pooled"])
     best = min(labels, key=lambda label: result["pooled"][label]["all"]["error"])
-    runs = [common.data(arguments, recording, dict(models)[best]) for recording in prepared]
-    result["noise_floor"] = float(study.noise_floor(runs, dict(models)[best]).sum())
+    runs = [one["run"] for studies in inspected for one in studies if one["label"] == best]
+    result["noise_floor"] = float(noise_floor(runs, dict(models)[best]).sum())
     files.write_json(numbers, result, arguments.force)
     described = quality.describe(prepared)
     report.comparison(

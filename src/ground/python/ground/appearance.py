@@ -1,0 +1,25 @@
+"""What pictures and pages have in common: colours, and what channels and variables are called."""
+from ground import comparison, failure, words
+
+MEASURED = "#222222"
+MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
+FLOOR = MODELS[2]  # of the noise
+LEFT, RIGHT = "#0b9aa8", "#e08e0b"
+CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
+WRENCH = list(failure.CHANNEL_NAMES.items())
+ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
+
+
+def model_color(index):
+    """Of a model, by its place."""
+    return MODELS[index % len(MODELS)]
+
+
+def scaled(entry):
+    """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
+    return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
+
+
+def short_label(entry):
+    """What a variable is called where there is little room."""
+    return entry["label"].split("thrust ")[-1].split("difference ")[-1]
