@@ -7,7 +7,7 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
-#include "ground/model/simulation.h"
+#include "ground/model/lane_simulation.h"
 
 namespace ground {
 namespace {
@@ -34,38 +34,63 @@ template <typename T>
 std::vector<T> coordinates(const Model& model) {
   const std::vector<double> values = model.coordinates();
   std::vector<T> result(values.begin(), values.end());
-  if constexpr (!std::is_same_v<T, double>) {
+  if constexpr (!std::is_same_v<T, ValueOf<T>>) {
     int at = 0;
     for (const char* name : {"I_z", "X_u", "Y_v", "N_r", "k"})
-      result[static_cast<std::size_t>(model.index(name))].v(at++) = 1;
+      result[static_cast<std::size_t>(model.index(name))].v[at++] = 1.0;
   }
   return result;
 }
 
-/// A simulation of `state.range(0)` steps under inputs that change every tenth.
+constexpr int kSteps = 1000;
+
+/// Inputs that change every tenth step.
+InputSequence makeInputs() {
+  InputSequence inputs;
+  for (int i = 0; i < kSteps; i += 10) inputs.add(i * kStep, (i / 10) % 2, (i / 20) % 2, 1);
+  return inputs;
+}
+
+void count(benchmark::State& state, int steps) {
+  state.counters["per step"] =
+      benchmark::Counter(static_cast<double>(steps) * static_cast<double>(state.iterations()),
+                         benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
+}
+
+/// One simulation of kSteps.
 template <typename T>
 void step(benchmark::State& state, const std::string& effects, bool pose) {
   const Model model = craft(effects);
   const Dynamics<T> dynamics(model, coordinates<T>(model));
-  constexpr int kSteps = 1000;
-  InputSequence inputs;
-  for (int i = 0; i < kSteps; i += 10) inputs.add(i * kStep, (i / 10) % 2, (i / 20) % 2, 1);
+  const InputSequence inputs = makeInputs();
   for (auto _ : state) {
     Simulation<T> simulation(dynamics, inputs, {}, 0);
     if (!pose) simulation.forgetPose();
     simulation.advance(kSteps * kStep);
     benchmark::DoNotOptimize(simulation.state());
   }
-  state.counters["per step"] =
-      benchmark::Counter(static_cast<double>(kSteps) * static_cast<double>(state.iterations()),
-                         benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
+  count(state, kSteps);
+}
+
+/// Eight of them side by side.
+template <typename T>
+void lanes(benchmark::State& state, const std::string& effects, bool pose) {
+  const Model model = craft(effects);
+  Dynamics<T> dynamics(model, coordinates<T>(model));
+  dynamics.useDirections(5);
+  const InputSequence inputs = makeInputs();
+  const double samples[] = {0, kSteps * kStep};
+  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false);
+  for (auto _ : state)
+    plan.run<T>(dynamics, {}, pose,
+                [](const LanePlan::Sample&, const Measurement<T>& m) { benchmark::DoNotOptimize(m); });
+  count(state, Lanes::kCount * kSteps);
 }
 
 }  // namespace
 }  // namespace ground
 
 int main(int argc, char** argv) {
-  using ground::Jet;
   struct Case {
     const char *name, *effects;
     bool pose;
@@ -74,12 +99,15 @@ int main(int argc, char** argv) {
                        Case{"velocities, quadratic drag", "drag", false},
                        Case{"velocities and pose, three effects", "three", true}}) {
     const std::string name = c.name;
-    benchmark::RegisterBenchmark((name + ": state").c_str(), [c](benchmark::State& state) {
-      ground::step<double>(state, c.effects, c.pose);
-    });
-    benchmark::RegisterBenchmark(
-        (name + ": five sensitivities").c_str(),
-        [c](benchmark::State& state) { ground::step<Jet>(state, c.effects, c.pose); });
+    const auto add = [&](const char* what, auto function) {
+      benchmark::RegisterBenchmark(
+          (name + what).c_str(),
+          [c, function](benchmark::State& state) { function(state, c.effects, c.pose); });
+    };
+    add(": state", ground::step<double>);
+    add(": five sensitivities", ground::step<ground::Jet>);
+    add(": state, eight runs", ground::lanes<ground::Lanes>);
+    add(": five sensitivities, eight runs", ground::lanes<ground::LanesJet>);
   }
   benchmark::Initialize(&argc, argv);
   benchmark::RunSpecifiedBenchmarks();

@@ -179,10 +179,10 @@ TEST(Fit, DerivativesAgreeWithFiniteDifferences) {
   const Model model = with({8e-4, 4e-2, 6e-2, 8e-4, 0.12});
   const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
   const Vector3<double> nu(0.1, -0.05, 0.3);
-  Eigen::VectorXd r, plus, minus;
-  Eigen::MatrixXd J;
-  ASSERT_TRUE(p.residuals(model, model.coordinates(), free, 0, nu, r, &J));
-  ASSERT_EQ(J.cols(), 10);
+  const WindowResiduals exact = p.residuals(model, model.coordinates(), free, 0, nu, true);
+  ASSERT_TRUE(exact.finite);
+  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, made a multiple of eight
+  EXPECT_TRUE(exact.derivatives.rightCols(6).isZero(0.0));
   for (int j = 0; j < 10; ++j) {
     std::vector<double> up = model.coordinates(), down = up;
     Vector3<double> nu_up = nu, nu_down = nu;
@@ -191,10 +191,46 @@ TEST(Fit, DerivativesAgreeWithFiniteDifferences) {
     const double h = 1e-5 * std::max(std::abs(a), 1e-3);
     a += h;
     b -= h;
-    ASSERT_TRUE(p.residuals(model, up, free, 0, nu_up, plus, nullptr));
-    ASSERT_TRUE(p.residuals(model, down, free, 0, nu_down, minus, nullptr));
-    const Eigen::VectorXd finite = (plus - minus) / (2 * h);
-    EXPECT_LT((J.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
+    const WindowResiduals plus = p.residuals(model, up, {}, 0, nu_up, false);
+    const WindowResiduals minus = p.residuals(model, down, {}, 0, nu_down, false);
+    ASSERT_TRUE(plus.finite && minus.finite);
+    const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
+    EXPECT_LT((exact.derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
+  }
+}
+
+TEST(Residuals, OfAllWindowsAreThoseOfEachAlone) {
+  Model model = truth();
+  for (const char* effect : {"input_delay", "motor_lag", "marker_offset"})
+    model.addEffect(makeEffect(effect));
+  model.setValue("input_delay.delay", 0.013);
+  model.setValue("motor_lag.tau", 0.04);
+  const RunData a = record(model, 5, 0.1, 1), b = record(model, 7, 0.1, 2);
+  std::vector<Window> windows = cutWindows(a, 0, 0, 1e9, 0.7);
+  for (const Window& w : cutWindows(b, 1, 0.3, 1e9, 1.1)) windows.push_back(w);
+  const std::vector<int> free = {2, 3, 4, 5, 6, 7, 8, 9};
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError all({a, b}, windows, target);
+    std::vector<Eigen::VectorXd> initial;
+    for (std::size_t w = 0; w < windows.size(); ++w)
+      initial.push_back(0.1 * Eigen::VectorXd::LinSpaced(all.initialSize(), -1, 1 + 0.1 * w));
+    for (const bool derivatives : {false, true}) {
+      std::vector<int> seen(windows.size(), 0);
+      all.residuals(model, model.coordinates(), free, initial, derivatives, 1,
+                    [&](const WindowResiduals& found) {
+                      ++seen[found.window];
+                      const WindowResiduals alone =
+                          all.residuals(model, model.coordinates(), free, found.window,
+                                        initial[found.window], derivatives);
+                      ASSERT_TRUE(found.finite && alone.finite);
+                      EXPECT_LT((found.residuals - alone.residuals).norm(),
+                                1e-12 * alone.residuals.norm());
+                      ASSERT_EQ(found.derivatives.cols(), alone.derivatives.cols());
+                      EXPECT_LE((found.derivatives - alone.derivatives).norm(),
+                                1e-12 * alone.derivatives.norm());
+                    });
+      EXPECT_EQ(seen, std::vector<int>(windows.size(), 1));
+    }
   }
 }
 

@@ -35,11 +35,13 @@ TEST(Whitening, IsTheInverseOfTheCholeskyFactor) {
   const std::vector<double> times = unevenTimes(n);
   const Vector3<double> noise(3e-4, 4e-4, 5e-3), disturbance(0.01, 0.03, 0.4);
   const Whitening whitening(times, 0, n - 1, noise, disturbance);
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Random(3 * n, 2);
+  const int columns = 16;  // derivatives come in eights
+  Derivatives rows = Derivatives::Random(3 * n, columns);
+  Eigen::VectorXd errors = rows.col(3);
   Eigen::MatrixXd expected = rows;
   for (int c = 0; c < 3; ++c) {
     const Eigen::MatrixXd L = covariance(times, noise(c), disturbance(c)).llt().matrixL();
-    for (int column = 0; column < 2; ++column) {
+    for (int column = 0; column < columns; ++column) {
       Eigen::VectorXd channel(n);
       for (int i = 0; i < n; ++i) channel(i) = rows(3 * i + c, column);
       channel = L.triangularView<Eigen::Lower>().solve(channel);
@@ -49,16 +51,18 @@ TEST(Whitening, IsTheInverseOfTheCholeskyFactor) {
   }
   whitening.apply(rows);
   EXPECT_LT((rows - expected).norm(), 1e-8 * expected.norm());
+  whitening.apply(errors);
+  EXPECT_LT((errors - expected.col(3)).norm(), 1e-8 * expected.col(3).norm());
 }
 
 TEST(Whitening, DividesByTheNoiseWithoutDisturbance) {
   const std::vector<double> times = unevenTimes(5);
   const Vector3<double> noise(1, 2, 4);
   const Whitening whitening(times, 1, 3, noise, Vector3<double>::Zero());
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Ones(9, 1);
+  Eigen::VectorXd rows = Eigen::VectorXd::Ones(9);
   whitening.apply(rows);
   for (int i = 0; i < 3; ++i)
-    for (int c = 0; c < 3; ++c) EXPECT_DOUBLE_EQ(rows(3 * i + c, 0), 1 / noise(c));
+    for (int c = 0; c < 3; ++c) EXPECT_DOUBLE_EQ(rows(3 * i + c), 1 / noise(c));
 }
 
 }  // namespace

@@ -110,14 +110,14 @@ void TrajectoryOptimizer::linearize(int k) {
     linear.A(0, 2) = -(after(1) - state(1));
     linear.A(1, 2) = after(0) - state(0);
   }
-  constexpr int kAtOnce = Jet::DIMENSION;
+  constexpr int kAtOnce = Jet::kDirections;
   for (int first = 0; first < count; first += kAtOnce) {
     const int last = std::min(count, first + kAtOnce);
     std::array<Jet, kStates + 2> x;
     for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
     for (int i = 0; i < 2; ++i) x[static_cast<std::size_t>(kStates + i)] = Jet(input(i));
     for (int i = first; i < last; ++i)
-      x[static_cast<std::size_t>(by[static_cast<std::size_t>(i)])].v(i - first) = 1;
+      x[static_cast<std::size_t>(by[static_cast<std::size_t>(i)])].v[i - first] = 1;
     const StepInputs<Jet> acting =
         derivatives_.actuate({x[kStates], x[kStates + 1]}, lift_, Jet(step_), &x[6]);
     const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
@@ -128,11 +128,11 @@ void TrajectoryOptimizer::linearize(int k) {
       const int column = by[static_cast<std::size_t>(i)];
       State derivative = State::Zero();
       for (int j = 0; j < 3; ++j) {
-        derivative(j) = body.eta(j).v(i - first);
-        derivative(3 + j) = body.nu(j).v(i - first);
+        derivative(j) = body.eta(j).v[i - first];
+        derivative(3 + j) = body.nu(j).v[i - first];
       }
       for (int j = 0; j < actuators_; ++j)
-        derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v(i - first);
+        derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v[i - first];
       if (column < kStates) {
         linear.A.col(column) = derivative;
       } else {

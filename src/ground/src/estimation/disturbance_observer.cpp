@@ -91,10 +91,10 @@ void DisturbanceObserver::predict(double until) {
   Vector3<Jet> missing = estimate_.missing.cast<Jet>();
   std::array<Jet, kMostActuators> actuators;
   for (std::size_t i = 0; i < actuators.size(); ++i) actuators[i] = Jet(estimate_.actuators[i]);
-  state.eta.z().v(kPsi) = 1;
+  state.eta.z().v[kPsi] = 1;
   for (int i = 0; i < 3; ++i) {
-    state.nu(i).v(kNu + i) = 1;
-    missing(i).v(kMissing + i) = 1;
+    state.nu(i).v[kNu + i] = 1;
+    missing(i).v[kMissing + i] = 1;
   }
   replay(time_, until, [&](double t, double h, const Command& c) {
     const StepInputs<Jet> acting =
@@ -120,7 +120,7 @@ void DisturbanceObserver::predict(double until) {
 
 void DisturbanceObserver::correct(const Vector3<double>& eta) {
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
-  for (int i = 0; i < 3; ++i) state.eta(i).v(i) = 1;
+  for (int i = 0; i < 3; ++i) state.eta(i).v[i] = 1;
   const Measurement<Jet> seen = derivatives_.measure(state);
   Eigen::Matrix<double, 3, 9> H = Eigen::Matrix<double, 3, 9>::Zero();
   Vector3<double> off;

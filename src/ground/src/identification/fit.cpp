@@ -4,13 +4,15 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <numeric>
 #include <optional>
 #include <random>
 #include <stdexcept>
 
+#include "descent.h"
 #include "parallel.h"
 #include "uncertainty.h"
-#include "window_cost.h"
+#include "window_costs.h"
 
 namespace ground {
 namespace {
@@ -51,13 +53,17 @@ class AtBound : public ceres::IterationCallback {
 ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
                              const Robust& robust, double tolerance, int iterations, int threads,
                              bool until_bound, std::vector<double>& scaled, Initials& initial) {
+  WindowCosts costs(problem, model, free, robust, threads, scaled, initial);
+  ceres::Solver::Options options;
+#if CERES_VERSION_MAJOR >= 2
+  ceres::Problem::Options problem_options;
+  problem_options.evaluation_callback = &costs;
+  ceres::Problem ceres_problem(problem_options);
+#else
   ceres::Problem ceres_problem;
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    auto* cost = new WindowCost(problem, model, free, static_cast<int>(w), robust);
-    std::vector<double*> blocks = {initial[w].data()};
-    if (!scaled.empty()) blocks.insert(blocks.begin(), scaled.data());
-    ceres_problem.AddResidualBlock(cost, nullptr, blocks);
-  }
+  options.evaluation_callback = &costs;
+#endif
+  costs.addTo(ceres_problem);
   for (std::size_t i = 0; i < scaled.size(); ++i) {
     const int at = static_cast<int>(i);
     if (std::isfinite(free.lower[i]))
@@ -65,10 +71,8 @@ ceres::Solver::Summary solve(const SimulationError& problem, const Model& model,
     if (std::isfinite(free.upper[i]))
       ceres_problem.SetParameterUpperBound(scaled.data(), at, free.upper[i] / free.scale[i]);
   }
-  ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = iterations;
-  options.num_threads = threadCount(threads);
   // Steps are cut off at the bounds; to search along each would cost as much as the steps do.
   options.max_num_line_search_step_size_iterations = 0;
   options.function_tolerance = tolerance;
@@ -129,19 +133,18 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
 
 /// Derivatives of the cost by the scaled free parameters.
 Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, const Free& free,
-                         const Robust& robust, const Solution& at) {
+                         const Robust& robust, const Solution& at, int threads) {
   const auto n = static_cast<Eigen::Index>(free.index.size());
+  std::vector<Eigen::VectorXd> slopes(problem.windows().size(), Eigen::VectorXd::Zero(n));
+  problem.residuals(model, free.coordinates(at.scaled.data()), free.index, at.initial, true, threads,
+                    [&](const WindowResiduals& found) {
+                      if (!found.finite) return;
+                      Eigen::VectorXd score = found.residuals;
+                      for (double& x : score) x = robust.score(x);
+                      slopes[found.window] = found.derivatives.leftCols(n).transpose() * score;
+                    });
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
-  const std::vector<double> coordinates = free.coordinates(at.scaled.data());
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    Eigen::VectorXd r;
-    Eigen::MatrixXd J;
-    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), at.initial[w], r,
-                           &J))
-      continue;
-    for (double& x : r) x = robust.score(x);
-    sum += J.leftCols(n).transpose() * r;
-  }
+  for (const Eigen::VectorXd& slope : slopes) sum += slope;
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
@@ -162,7 +165,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
   for (std::size_t i = 0; i < n; ++i) held[i] = options.near && onBound(i);
   if (std::count(held.begin(), held.end(), true) > 0) {
     solution.cost = 0;
-    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
+    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution, options.threads);
     for (std::size_t i = 0; i < n; ++i) held[i] = held[i] && !fallsInwards(slope, i);
   }
   while (true) {
@@ -194,7 +197,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
     }
     if (changed) continue;
     if (std::count(held.begin(), held.end(), true) == 0) return;
-    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution);
+    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution, options.threads);
     for (std::size_t i = 0; i < n; ++i) {
       if (!held[i] || let_go[i] == kPatience || !fallsInwards(slope, i)) continue;
       held[i] = false;
@@ -237,17 +240,14 @@ std::vector<Window> pieces(const SimulationError& problem, double length) {
 /// window's simulation is not finite; the solver would say it on stderr, in its words.
 double costOf(const SimulationError& problem, const Model& model, const Free& free,
               const std::vector<double>& scaled) {
-  const Initials initial = measuredInitials(problem);
-  const std::vector<double> coordinates = free.coordinates(scaled.data());
-  double sum = 0;
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    Eigen::VectorXd r;
-    const int window = static_cast<int>(w);
-    if (!problem.residuals(model, coordinates, free.index, window, initial[w], r, nullptr))
-      throw std::runtime_error(notFinite(problem, window));
-    sum += r.squaredNorm() / 2;
-  }
-  return sum;
+  std::vector<double> costs(problem.windows().size());
+  problem.residuals(model, free.coordinates(scaled.data()), {}, measuredInitials(problem), false, 0,
+                    [&](const WindowResiduals& found) {
+                      costs[found.window] = found.finite ? found.residuals.squaredNorm() / 2 : kInfinity;
+                    });
+  for (std::size_t w = 0; w < costs.size(); ++w)
+    if (std::isinf(costs[w])) throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
+  return std::accumulate(costs.begin(), costs.end(), 0.0);
 }
 
 /// Values nearer to the data than the given ones, where there are any: those that fit short pieces
@@ -274,11 +274,10 @@ Initials initialsFor(const SimulationError& problem, const Model& model, const F
                      const std::vector<double>& scaled, const FitOptions& options) {
   Initials initial = measuredInitials(problem);
   if (!options.near) return initial;
-  Free nothing;
-  nothing.base = free.coordinates(scaled.data());
+  const std::vector<double> coordinates = free.coordinates(scaled.data());
   const Robust robust{options.width > 0 ? options.width : kInfinity};
   inParallel(initial.size(), options.threads, [&](std::size_t w) {
-    solveInitial(problem, model, nothing, robust, static_cast<int>(w), initial[w], kRoughly);
+    solveInitial(problem, model, coordinates, robust, static_cast<int>(w), initial[w], kRoughly);
   });
   return initial;
 }
@@ -347,12 +346,11 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   }));
   if (robust && std::isinf(best.delta)) {
     std::vector<double> sizes;
-    for (std::size_t w = 0; w < windows_.size(); ++w) {
-      Eigen::VectorXd r;
-      if (residuals(model, free.coordinates(best.scaled.data()), free.index, static_cast<int>(w),
-                    best.initial[w], r, nullptr))
-        for (double x : r) sizes.push_back(std::abs(x));
-    }
+    residuals(model, free.coordinates(best.scaled.data()), {}, best.initial, false, 1,
+              [&](const WindowResiduals& found) {
+                if (!found.finite) return;
+                for (const double x : found.residuals) sizes.push_back(std::abs(x));
+              });
     const double delta = options.width > 0 ? options.width
                          : sizes.empty()   ? kInfinity
                                            : 2 * deviationOf(sizes);
@@ -386,7 +384,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.objective = objective(simulateFrom(result.model, best.initial));
 
   const Uncertainty u =
-      uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block);
+      uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block,
+                  options.threads);
   const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   result.correlation = Eigen::MatrixXd::Identity(n, n);
   for (int i = 0; i < n; ++i)

@@ -8,7 +8,7 @@
 
 #include "parallel.h"
 #include "whitening.h"
-#include "window_cost.h"
+#include "descent.h"
 
 namespace ground {
 namespace {
@@ -46,14 +46,13 @@ Scores scores(const SimulationError& problem, const Model& model,
               const std::vector<Eigen::VectorXd>& given) {
   if (!given.empty()) checkInitials(problem, given);
   const auto infos = model.parameters();
-  Free nothing;
-  nothing.base = model.coordinates();
+  const std::vector<double> coordinates = model.coordinates();
   std::vector<int> index;
   Scores result;
   for (const std::string& name : parameters) {
     index.push_back(model.index(name));
     const double typical = infos[index.back()].scale(model.body);
-    const double scale = std::max(std::abs(nothing.base[index.back()]), typical);
+    const double scale = std::max(std::abs(coordinates[index.back()]), typical);
     result.scale.push_back(scale > 0 ? scale : 1.0);
   }
   const auto n = static_cast<Eigen::Index>(index.size());
@@ -65,14 +64,15 @@ Scores scores(const SimulationError& problem, const Model& model,
   std::vector<Eigen::MatrixXd> score(count), information(count);
   result.cost.resize(count);
   forWindows(problem, threads, [&](int w) {
-    if (given.empty()) solveInitial(problem, model, nothing, robust, w, initial[w]);
-    Eigen::VectorXd r;
-    Eigen::MatrixXd J;
-    if (!problem.residuals(model, nothing.base, index, w, initial[w], r, n > 0 ? &J : nullptr))
-      return false;
+    if (given.empty()) solveInitial(problem, model, coordinates, robust, w, initial[w]);
+    const WindowResiduals found =
+        problem.residuals(model, coordinates, index, w, initial[w], n > 0);
+    if (!found.finite) return false;
+    const Eigen::VectorXd& r = found.residuals;
     result.cost[w] = 0;
     for (const double x : r) result.cost[w] += 0.5 * robust(x) * robust(x);
     if (n == 0) return true;
+    Eigen::MatrixXd J = found.derivatives.leftCols(n + k);
     J.leftCols(n) *= scale.asDiagonal();
     // Expected curvature (of normal residuals, but for the few beyond the width) weighs all alike.
     const auto state = J.rightCols(k).colPivHouseholderQr();
@@ -111,13 +111,11 @@ Scores scores(const SimulationError& problem, const Model& model,
 
 std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, const Model& model,
                                               double width, int threads) {
-  Free nothing;
-  nothing.base = model.coordinates();
+  const std::vector<double> coordinates = model.coordinates();
   Initials initial = measuredInitials(problem);
   forWindows(problem, threads, [&](int w) {
-    Eigen::VectorXd r;
-    solveInitial(problem, model, nothing, {width}, w, initial[w]);
-    return problem.residuals(model, nothing.base, {}, w, initial[w], r, nullptr);
+    solveInitial(problem, model, coordinates, {width}, w, initial[w]);
+    return problem.residuals(model, coordinates, {}, w, initial[w], false).finite;
   });
   const WindowSimulation simulation = problem.simulateFrom(model, initial);
   std::vector<Disturbance> result;

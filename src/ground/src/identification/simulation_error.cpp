@@ -8,80 +8,65 @@
 
 #include "parallel.h"
 #include "whitening.h"
-#include "window_cost.h"
+#include "descent.h"
+#include "window_plans.h"
 
 namespace ground {
 namespace {
 
-constexpr int kPass = 8;  // derivatives that a Jet carries
-
-/// True state whose measured pose is the given one; nu is the true velocity. A fixed point, reached
-/// in two rounds: offsets of heading and position do not feed back on each other.
-template <typename T>
-RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<double>& measured,
-                              const Vector3<T>& nu) {
-  RigidState<T> state{measured.cast<T>(), nu};
-  for (int i = 0; i < 2; ++i) {
-    const Vector3<T> seen = dynamics.measure(state).eta;
-    state.eta += measured.cast<T>() - seen;
-  }
-  return state;
-}
-
-/// From an initial velocity at the measured pose, or from an initial pose and velocity. Poses are
-/// integrated only if asked for or needed.
-template <typename T, class Visit>
-void simulateWindow(const Dynamics<T>& dynamics, const RunData& run, const Window& window,
-                    const Eigen::Matrix<T, Eigen::Dynamic, 1>& initial, bool with_pose,
-                    Visit visit) {
-  const double start = run.times[window.first];
-  const Vector3<double> measured = run.eta.row(window.first);
-  const Vector3<T> nu = initial.template tail<3>();
-  const RigidState<T> state = initial.size() == 3 ? stateMeasuredAt(dynamics, measured, nu)
-                                                  : RigidState<T>{initial.template head<3>(), nu};
-  Simulation<T> simulation(dynamics, run.inputs, state, start);
-  if (!with_pose && !dynamics.usesPose()) simulation.forgetPose();
-  for (int i = window.first; i <= window.last; ++i) {
-    simulation.advance(run.times[i]);
-    visit(i - window.first, simulation.measure());
-  }
-}
-
-/// One window's residuals as a function of its initial state, for ceres::TinySolver.
+/// One window's residuals after the loss as a function of its initial state, for ceres::TinySolver.
 class InitialCost {
  public:
   using Scalar = double;
   enum { NUM_RESIDUALS = Eigen::Dynamic, NUM_PARAMETERS = Eigen::Dynamic };
 
-  InitialCost(const WindowCost& cost, int parameters) : cost_(cost), parameters_(parameters) {}
-  int NumResiduals() const { return cost_.num_residuals(); }
-  int NumParameters() const { return parameters_; }
+  InitialCost(const SimulationError& problem, const Model& model,
+              const std::vector<double>& coordinates, int window, const Robust& robust)
+      : problem_(problem),
+        model_(model),
+        coordinates_(coordinates),
+        window_(window),
+        robust_(robust) {}
+  int NumResiduals() const {
+    const Window& w = problem_.windows()[window_];
+    return 3 * (w.last - w.first + 1);
+  }
+  int NumParameters() const { return problem_.initialSize(); }
 
   bool operator()(const double* initial, double* residuals, double* jacobian) const {
-    const int rows = NumResiduals();
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> by_row(rows,
-                                                                                  parameters_);
-    double* blocks[] = {by_row.data()};
-    if (!cost_.Evaluate(&initial, residuals, jacobian ? blocks : nullptr)) {
+    const Eigen::Map<const Eigen::VectorXd> state(initial, NumParameters());
+    const WindowResiduals found =
+        problem_.residuals(model_, coordinates_, {}, window_, state, jacobian != nullptr);
+    const Eigen::Index rows = found.residuals.size();
+    if (!found.finite) {
       // The solver takes a step back from what is not finite.
       std::fill_n(residuals, rows, kInfinity);
       return false;
     }
-    if (jacobian) Eigen::Map<Eigen::MatrixXd>(jacobian, rows, parameters_) = by_row;
+    Eigen::Map<Eigen::MatrixXd> columns(jacobian, jacobian ? rows : 0, NumParameters());
+    for (Eigen::Index i = 0; i < rows; ++i) {
+      const double r = found.residuals(i);
+      residuals[i] = robust_(r);
+      if (jacobian)
+        columns.row(i) = robust_.derivative(r) * found.derivatives.row(i).head(NumParameters());
+    }
     return true;
   }
 
  private:
-  const WindowCost& cost_;
-  int parameters_;
+  const SimulationError& problem_;
+  const Model& model_;
+  const std::vector<double>& coordinates_;
+  int window_;
+  Robust robust_;
 };
 
 }  // namespace
 
-void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
-                  const Robust& robust, int window, Eigen::VectorXd& initial, double tolerance) {
-  const WindowCost cost(problem, model, nothing, window, robust);
-  const InitialCost function(cost, problem.initialSize());
+void solveInitial(const SimulationError& problem, const Model& model,
+                  const std::vector<double>& coordinates, const Robust& robust, int window,
+                  Eigen::VectorXd& initial, double tolerance) {
+  const InitialCost function(problem, model, coordinates, window, robust);
   ceres::TinySolver<InitialCost> solver;
   solver.options.function_tolerance = tolerance / 3 * function.NumResiduals();
   solver.Solve(function, &initial);
@@ -144,7 +129,10 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
 
 SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
                                  Target target)
-    : runs_(std::move(runs)), windows_(std::move(windows)), target_(target) {
+    : runs_(std::move(runs)),
+      windows_(std::move(windows)),
+      target_(target),
+      plans_(std::make_unique<WindowPlans>()) {
   if (windows_.empty())
     throw std::invalid_argument("the runs are too short: there is no window to simulate");
   for (RunData& run : runs_) {
@@ -179,89 +167,15 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
 SimulationError::~SimulationError() = default;
 SimulationError::SimulationError(SimulationError&&) noexcept = default;
 
-bool SimulationError::residuals(const Model& model, const std::vector<double>& coordinates,
-                                const std::vector<int>& free, int window,
-                                const Eigen::VectorXd& initial, Eigen::VectorXd& residuals,
-                                Eigen::MatrixXd* jacobian) const {
-  const Window& w = windows_[window];
-  const RunData& run = runs_[w.run];
-  const bool poses = target_ == Target::kPoses;
-  const Vector3<double> weight =
-      poses ? Vector3<double>::Ones() : Vector3<double>(sigma_[w.run].cwiseInverse());
-  const Eigen::MatrixX3d& measurements = poses ? run.poses : run.nu;
-  const int samples = w.last - w.first + 1;
-  residuals.resize(3 * samples);
-  const auto store = [&](int i, const Vector3<double>& simulated) {
-    const Vector3<double> measured = measurements.row(w.first + i);
-    residuals.segment<3>(3 * i) = (simulated - measured).cwiseProduct(weight);
-  };
-  if (!jacobian) {
-    const Dynamics<double> dynamics(model, coordinates);
-    simulateWindow<double>(
-        dynamics, run, w, initial, poses,
-        [&](int i, const Measurement<double>& m) { store(i, poses ? m.eta : m.nu); });
-    if (poses) whitening_[window].apply(residuals);
-    return residuals.allFinite();
-  }
-  const int columns = static_cast<int>(free.size()) + initialSize();
-  jacobian->resize(3 * samples, columns);
-  for (int begin = 0; begin < columns; begin += kPass) {
-    const int count = std::min(kPass, columns - begin);
-    std::vector<Jet> theta(coordinates.begin(), coordinates.end());
-    Eigen::Matrix<Jet, Eigen::Dynamic, 1> state = initial.cast<Jet>();
-    for (int j = 0; j < count; ++j) {
-      const int column = begin + j;
-      Jet& seeded = column < static_cast<int>(free.size())
-                        ? theta[free[column]]
-                        : state(column - static_cast<int>(free.size()));
-      seeded.v[j] = 1;
-    }
-    const Dynamics<Jet> dynamics(model, theta);
-    simulateWindow<Jet>(dynamics, run, w, state, poses, [&](int i, const Measurement<Jet>& m) {
-      const Vector3<Jet>& seen = poses ? m.eta : m.nu;
-      store(i, {seen.x().a, seen.y().a, seen.z().a});
-      for (int c = 0; c < 3; ++c)
-        jacobian->block(3 * i + c, begin, 1, count) = weight(c) * seen(c).v.head(count).transpose();
-    });
-  }
-  if (poses) {
-    whitening_[window].apply(residuals);
-    whitening_[window].apply(*jacobian);
-  }
-  return residuals.allFinite() && jacobian->allFinite();
-}
-
 WindowSimulation SimulationError::simulate(const Model& model,
                                            FitOptions::Objective objective) const {
-  Free nothing;
-  nothing.base = model.coordinates();
+  const std::vector<double> coordinates = model.coordinates();
   Initials initial = measuredInitials(*this);
   inParallel(windows_.size(), 0, [&](std::size_t w) {
     for (const double delta : lossesOf(objective))
-      solveInitial(*this, model, nothing, {delta}, static_cast<int>(w), initial[w]);
+      solveInitial(*this, model, coordinates, {delta}, static_cast<int>(w), initial[w]);
   });
   return simulateFrom(model, initial);
-}
-
-WindowSimulation SimulationError::simulateFrom(const Model& model,
-                                               const std::vector<Eigen::VectorXd>& initial) const {
-  WindowSimulation result;
-  const Dynamics<double> dynamics(model);
-  for (std::size_t w = 0; w < windows_.size(); ++w) {
-    const Window& window = windows_[w];
-    const int samples = window.last - window.first + 1;
-    Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
-    simulateWindow<double>(dynamics, runs_[window.run], window, initial[w], true,
-                           [&](int i, const Measurement<double>& m) {
-                             eta.row(i) = m.eta;
-                             nu.row(i) = m.nu;
-                           });
-    if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
-    result.eta.push_back(std::move(eta));
-    result.nu.push_back(std::move(nu));
-  }
-  return result;
 }
 
 double SimulationError::logDeviations() const {

@@ -46,25 +46,28 @@ double deviationOf(std::vector<double> sizes) {
 
 Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
                         const std::vector<double>& coordinates, const Initials& initial,
-                        const Robust& robust, double block) {
+                        const Robust& robust, double block, int threads) {
   const int n = static_cast<int>(free.index.size());
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
   const auto durationOf = [&problem](const Window& w) {
     const std::vector<double>& times = problem.runs()[w.run].times;
     return times[w.last] - times[w.first];
   };
-  double total = 0;
   std::vector<Eigen::VectorXd> residuals(problem.windows().size());
-  std::vector<Eigen::MatrixXd> jacobians(problem.windows().size());
+  std::vector<Derivatives> jacobians(problem.windows().size());
+  problem.residuals(model, coordinates, free.index, initial, true, threads,
+                    [&](const WindowResiduals& found) {
+                      if (!found.finite) return;
+                      residuals[found.window] = found.residuals;
+                      jacobians[found.window] =
+                          found.derivatives.leftCols(n + problem.initialSize());
+                      jacobians[found.window].leftCols(n) *= scale.asDiagonal();
+                    });
+  double total = 0;
   std::vector<double> sizes;
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    if (!problem.residuals(model, coordinates, free.index, static_cast<int>(w), initial[w],
-                           residuals[w], &jacobians[w])) {
-      residuals[w].resize(0);
-      continue;
-    }
+    if (residuals[w].size() == 0) continue;
     total += durationOf(problem.windows()[w]);
-    jacobians[w].leftCols(n) *= scale.asDiagonal();
     for (double r : residuals[w]) sizes.push_back(std::abs(r));
   }
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.

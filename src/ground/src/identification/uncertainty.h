@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "window_cost.h"
+#include "descent.h"
 
 namespace ground {
 
@@ -20,7 +20,7 @@ struct Uncertainty {
 /// (MacKinnon and White 1985, HC3).
 Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
                         const std::vector<double>& coordinates, const Initials& initial,
-                        const Robust& robust, double block);
+                        const Robust& robust, double block, int threads);
 
 /// Standard deviation that the median of absolute residuals stands for.
 double deviationOf(std::vector<double> sizes);

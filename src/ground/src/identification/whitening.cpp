@@ -1,6 +1,7 @@
 #include "whitening.h"
 
 #include <cmath>
+#include <cstring>
 
 namespace ground {
 
@@ -32,23 +33,27 @@ Whitening::Whitening(const std::vector<double>& times, int first, int last,
   }
 }
 
-void Whitening::apply(Eigen::Ref<Eigen::MatrixXd> rows) const {
-  for (Eigen::Index column = 0; column < rows.cols(); ++column) {
-    double* at = rows.col(column).data();
-    Vector3<double> drift = Vector3<double>::Zero(), rate = Vector3<double>::Zero();
-    for (std::size_t i = 0; i < deviation_.size(); ++i, at += 3) {
-      Eigen::Map<Vector3<double>> row(at);
-      if (white_) {
-        row.array() /= deviation_[i].array();
-        continue;
-      }
-      const Vector3<double> innovation = row - drift;
-      row = innovation.cwiseQuotient(deviation_[i]);
-      drift += gain_position_[i].cwiseProduct(innovation);
-      rate += gain_rate_[i].cwiseProduct(innovation);
-      drift += step_[i] * rate;
+template <typename V>
+void Whitening::filter(double* rows, Eigen::Index stride) const {
+  V drift[3] = {}, rate[3] = {};
+  for (std::size_t i = 0; i < deviation_.size(); ++i)
+    for (int c = 0; c < 3; ++c, rows += stride) {
+      V row;
+      std::memcpy(&row, rows, sizeof row);
+      const V innovation = row - drift[c];
+      row = innovation / deviation_[i](c);
+      std::memcpy(rows, &row, sizeof row);
+      if (white_) continue;
+      rate[c] += gain_rate_[i](c) * innovation;
+      drift[c] += gain_position_[i](c) * innovation + step_[i] * rate[c];
     }
-  }
+}
+
+void Whitening::apply(Eigen::VectorXd& errors) const { filter<double>(errors.data(), 1); }
+
+void Whitening::apply(Derivatives& columns) const {
+  for (Eigen::Index first = 0; first < columns.cols(); first += 8)
+    filter<Vec8>(columns.data() + first, columns.cols());
 }
 
 }  // namespace ground

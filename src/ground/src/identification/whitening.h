@@ -18,13 +18,18 @@ class Whitening {
   Whitening(const std::vector<double>& times, int first, int last, const Vector3<double>& noise,
             const Vector3<double>& disturbance);
 
-  /// In place; rows are x, y, psi of one sample after the other, columns errors or derivatives.
-  void apply(Eigen::Ref<Eigen::MatrixXd> rows) const;
+  /// In place; rows are x, y, psi of one sample after the other.
+  void apply(Eigen::VectorXd& errors) const;
+  /// The same to derivatives of errors, eight columns at once.
+  void apply(Derivatives& columns) const;
 
   /// Standard deviation of x, y, psi at each sample given those before.
   const std::vector<Vector3<double>>& deviations() const { return deviation_; }
 
  private:
+  template <typename V>
+  void filter(double* rows, Eigen::Index stride) const;
+
   std::vector<Vector3<double>> deviation_, gain_position_, gain_rate_;
   std::vector<double> step_;  ///< to the next sample [s]
   bool white_;

@@ -2,6 +2,9 @@
 
 #include <Eigen/LU>
 #include <stdexcept>
+#include <type_traits>
+
+#include "stages.h"
 
 namespace ground {
 namespace {
@@ -11,18 +14,21 @@ std::vector<T> constants(const std::vector<double>& values) {
   return std::vector<T>(values.begin(), values.end());
 }
 
-bool same(double a, double b) { return a == b; }
-bool same(const Jet& a, const Jet& b) { return a.a == b.a && a.v == b.v; }
+bool isZero(double x) { return x == 0; }
+bool isZero(const Lanes& x) { return allOf(x == Lanes(0.0)); }
+template <typename V, int N>
+bool isZero(const Dual<V, N>& x) {
+  return isZero(x.a) && x.isConstant();
+}
 
 /// Whether a mass matrix, its derivatives included, is other than that of a body whose centre of
 /// mass is its origin and that is equally heavy both ways.
 template <typename T>
 bool couples(const Matrix3<T>& mass) {
-  const T zero(0.0);
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
-      if (i != j && !same(mass(i, j), zero)) return true;
-  return !same(mass(0, 0), mass(1, 1));
+      if (i != j && !isZero(mass(i, j))) return true;
+  return !isZero(T(mass(0, 0) - mass(1, 1)));
 }
 
 }  // namespace
@@ -62,13 +68,16 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   }
   mass_inverse_ = mass_.inverse();
   couples_ = couples(mass_);
+  has_hooks_ = has_air_ || !thrust_.empty() || !wrench_.empty();
   over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
   lever_ = body_.l / body_.I_z;
+  surge_gain_ = body_.k / body_.m;
+  yaw_gain_ = body_.k * lever_;
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, double lift, const T& h,
+StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
                                    T* states) const {
   StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty()};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
@@ -76,87 +85,128 @@ StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, double lift, const
 }
 
 template <typename T>
-Vector2<T> Dynamics<T>::drive(const Vector2<T>& thrust) const {
-  return {over_mass_.x() * (thrust(0) + thrust(1)), lever_ * (thrust(0) - thrust(1))};
+template <typename I>
+typename Dynamics<T>::Drive Dynamics<T>::drive(const Vector2<I>& input) const {
+  Drive drive;
+  drive.surge = surge_gain_ * (input(0) + input(1));
+  drive.yaw = yaw_gain_ * (input(0) - input(1));
+  if (has_hooks_ || couples_) {
+    drive.input = {T(input(0)), T(input(1))};
+    drive.thrust = {body_.k * input(0), body_.k * input(1)};
+  }
+  return drive;
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
-                                       const Vector3<T>& nu_air) const {
-  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-  return {drive(0) + r * v - damping_.x() * nu_air.x(), -r * u - damping_.y() * nu_air.y(),
-          drive(1) - damping_.z() * r};
-}
-
-template <typename T>
-Vector3<T> Dynamics<T>::acceleration(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                                     const Vector3<T>& nu, const Vector2<T>& input,
-                                     double lift) const {
-  Point<T> point{t, eta, nu, heading, nu, input, body_.k * input, lift, &body_, &mass_};
-  if (has_air_) point.nu_air.template head<2>() -= heading.toBody(air_);
-  Vector2<T> thrust = point.thrust;
-  for (const Active& a : thrust_) a.effect->thrust(a.p, point, thrust);
-  point.thrust = thrust;
-  Vector3<T> wrench = Vector3<T>::Zero();
+Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
+                                const Vector3<T>& nu, const Drive& drive,
+                                const ValueOf<T>& lift) const {
+  Vector3<T> nu_air = nu;
+  if (has_air_) {
+    const Vector2<T> air = heading.toBody(air_);
+    nu_air.x() -= air.x();
+    nu_air.y() -= air.y();
+  }
+  Vector2<T> thrust = drive.thrust;
+  const Point<T> point{t, eta, nu, heading, nu_air, drive.input, thrust, lift, body_, mass_};
+  if (!thrust_.empty()) {
+    Vector2<T> force = thrust;
+    for (const Active& a : thrust_) a.effect->thrust(a.p, point, force);
+    thrust = force;
+  }
+  Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
   for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
-  if (!couples_)
-    return accelerationBy(drive(thrust), nu, point.nu_air) + over_mass_.cwiseProduct(wrench);
-
-  const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-  const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
-  // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and -D nu
-  wrench += Vector3<T>(thrust(0) + thrust(1) + r * p.y() - body_.X_u * point.nu_air.x(),
-                       -r * p.x() - body_.Y_v * point.nu_air.y(),
-                       body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r);
-  return mass_inverse_ * wrench;
-}
-
-template <typename T>
-Vector3<T> Dynamics<T>::drift(const Rotation<T>& heading, const Vector3<T>& nu) const {
-  const Vector2<T> over_floor = heading.toWorld({nu.x(), nu.y()});
-  return {over_floor.x(), over_floor.y(), nu.z()};
+  if (couples_) {
+    const T &u = nu.x(), &v = nu.y(), &r = nu.z();
+    const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
+    // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and
+    // -D nu
+    wrench.x() += thrust(0) + thrust(1) + r * p.y() - body_.X_u * nu_air.x();
+    wrench.y() -= r * p.x() + body_.Y_v * nu_air.y();
+    wrench.z() += body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r;
+    return mass_inverse_ * wrench;
+  }
+  Vector3<T> acceleration;
+  for (int i = 0; i < 3; ++i) acceleration(i) = over_mass_(i) * wrench(i);
+  if (has_air_)
+    for (int i = 0; i < 2; ++i) acceleration(i) += damping_(i) * (nu(i) - nu_air(i));
+  if (!thrust_.empty()) {
+    const T left = thrust(0) - drive.thrust(0), right = thrust(1) - drive.thrust(1);
+    acceleration.x() += over_mass_.x() * (left + right);
+    acceleration.z() += lever_ * (left - right);
+  }
+  return acceleration;
 }
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Vector2<T>& input, double lift) const {
+                                      const Vector2<T>& input, const ValueOf<T>& lift) const {
   const Rotation<T> heading(state.eta.z());
-  return {drift(heading, state.nu), acceleration(t, state.eta, heading, state.nu, input, lift)};
+  const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
+  const Vector2<T> over_floor = heading.toWorld({u, v});
+  const Drive now = drive(input);
+  Vector3<T> nu_dot(T(0.0), T(0.0), T(0.0));
+  if (has_hooks_ || couples_) nu_dot = effects(t, state.eta, heading, state.nu, now, lift);
+  if (!couples_) {
+    nu_dot.x() += r * v + now.surge - damping_.x() * u;
+    nu_dot.y() -= r * u + damping_.y() * v;
+    nu_dot.z() += now.yaw - damping_.z() * r;
+  }
+  return {{over_floor.x(), over_floor.y(), r}, nu_dot};
 }
 
 template <typename T>
 template <bool kPose, typename H>
-RigidState<T> Dynamics<T>::step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
-                                const H& h) const {
-  const bool nominal = inputs.held && isNominal();
-  const Vector2<T> constant = nominal ? drive(body_.k * inputs.thrusters[0]) : Vector2<T>();
-  RigidState<T> at = state, next = state;
-  // A pose that stays turns nothing.
-  Rotation<T> heading = kPose || !uses_pose_ ? Rotation<T>() : Rotation<T>(state.eta.z());
-  // One stage: its share of the step is added up, and the next stage's state is made of its rates.
-  const auto stage = [&](const H& after, const H& share, const H& to, const Vector2<T>& input) {
-    if (kPose) heading = Rotation<T>(at.eta.z());
-    const Vector3<T> nu_dot =
-        nominal ? accelerationBy(constant, at.nu, at.nu)
-                : acceleration(t + after, at.eta, heading, at.nu, input, inputs.lift);
-    if constexpr (kPose) {
-      const Vector3<T> eta_dot = drift(heading, at.nu);
-      for (int i = 0; i < 3; ++i) {
-        next.eta(i) += share * eta_dot(i);
-        at.eta(i) = state.eta(i) + to * eta_dot(i);
-      }
+void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
+                       int count) const {
+  const Drive start = drive(inputs.thrusters[0]);
+  if (inputs.held) {
+    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, h, count);
+    return;
+  }
+  const Drive middle = drive(inputs.thrusters[1]), end = drive(inputs.thrusters[2]);
+  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, h, count);
+}
+
+template <typename T>
+template <bool kPose, typename H>
+void Dynamics<T>::hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command,
+                       const ValueOf<T>& lift, const H& h, int count) const {
+  const Drive held = drive(command);
+  run<kPose, H>(t, state, {&held, &held, &held}, lift, h, count);
+}
+
+template <typename T>
+template <bool kPose, typename H>
+void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
+                      const ValueOf<T>& lift, const H& h, int count) const {
+  const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
+  Stages<T, kPose, H> stages{damping_, directions_, state};
+  const auto take = [&](auto first, auto last, const H& after, const H& share, const H& to,
+                        const Drive& drive) __attribute__((always_inline)) {
+    constexpr bool kFirst = decltype(first)::value, kLast = decltype(last)::value;
+    if (kPose) stages.template turn<kFirst>(uses_pose_);
+    if (!has_hooks_ && !couples_) {
+      stages.template move<kFirst, kLast, true, false>(share, to, drive.surge, drive.yaw, state.nu);
+      return;
     }
-    for (int i = 0; i < 3; ++i) {
-      next.nu(i) += share * nu_dot(i);
-      at.nu(i) = state.nu(i) + to * nu_dot(i);
-    }
+    const Vector3<T>& nu = kFirst ? stages.nu : stages.at_nu;
+    const Vector3<T>& eta = kFirst || !kPose ? stages.eta : stages.at_eta;
+    const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift);
+    if (couples_)
+      stages.template move<kFirst, kLast, false, true>(share, to, drive.surge, drive.yaw, more);
+    else
+      stages.template move<kFirst, kLast, true, true>(share, to, drive.surge, drive.yaw, more);
   };
-  const H half = h * 0.5, third = h / 3.0, sixth = h / 6.0;
-  stage(H(0.0), sixth, half, inputs.thrusters[0]);
-  stage(half, third, half, inputs.thrusters[1]);
-  stage(half, third, h, inputs.thrusters[1]);
-  stage(h, sixth, h, inputs.thrusters[2]);
-  return next;
+  for (int i = 0; i < count; ++i) {
+    stages.begin(uses_pose_);
+    take(std::true_type(), std::false_type(), H(0.0), sixth, half, *drives[0]);
+    take(std::false_type(), std::false_type(), half, third, half, *drives[1]);
+    take(std::false_type(), std::false_type(), half, third, h, *drives[1]);
+    take(std::false_type(), std::true_type(), h, sixth, h, *drives[2]);
+    t += h;
+  }
+  if constexpr (!std::is_reference_v<decltype(stages.next)>) state = stages.next;
 }
 
 template <typename T>
@@ -168,16 +218,24 @@ Measurement<T> Dynamics<T>::measure(const RigidState<T>& state) const {
 
 template class Dynamics<double>;
 template class Dynamics<Jet>;
+template class Dynamics<Lanes>;
+template class Dynamics<LanesJet>;
 
-#define GROUND_INSTANTIATE_STEP(T, kPose, H)                                         \
-  template RigidState<T> Dynamics<T>::step<kPose, H>(const T&, const RigidState<T>&, \
-                                                     const StepInputs<T>&, const H&) const;
-GROUND_INSTANTIATE_STEP(double, true, double)
-GROUND_INSTANTIATE_STEP(double, false, double)
-GROUND_INSTANTIATE_STEP(Jet, true, Jet)
-GROUND_INSTANTIATE_STEP(Jet, false, Jet)
-GROUND_INSTANTIATE_STEP(Jet, true, double)
-GROUND_INSTANTIATE_STEP(Jet, false, double)
+#define GROUND_INSTANTIATE_STEP(T, H)                                                           \
+  template void Dynamics<T>::step<true, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&,  \
+                                           int) const;                                          \
+  template void Dynamics<T>::step<false, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&, \
+                                            int) const;                                         \
+  template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Vector2<ValueOf<T>>&,      \
+                                           const ValueOf<T>&, const H&, int) const;             \
+  template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Vector2<ValueOf<T>>&,     \
+                                            const ValueOf<T>&, const H&, int) const;
+GROUND_INSTANTIATE_STEP(double, double)
+GROUND_INSTANTIATE_STEP(Jet, Jet)
+GROUND_INSTANTIATE_STEP(Jet, double)
+GROUND_INSTANTIATE_STEP(Lanes, Lanes)
+GROUND_INSTANTIATE_STEP(LanesJet, LanesJet)
+GROUND_INSTANTIATE_STEP(LanesJet, Lanes)
 #undef GROUND_INSTANTIATE_STEP
 
 }  // namespace ground

@@ -47,23 +47,17 @@ class ExpressionEffect final : public Effect {
   const ExpressionDefinition& definition() const { return definition_; }
 
   void wrench(const double* p, const Point<double>& point, Vector3<double>& wrench) const override {
-    load(p, point);
-    for (int i = 0; i < 3; ++i)
-      if (hasFormula(i)) wrench(i) += formulas_[i].parser.Eval();
+    add(p, point, wrench);
   }
-
   void wrench(const Jet* p, const Point<Jet>& point, Vector3<Jet>& wrench) const override {
-    load(p, point);
-    for (int i = 0; i < 3; ++i) {
-      if (!hasFormula(i)) continue;
-      const Formula& formula = formulas_[i];
-      Jet result(formula.parser.Eval());
-      for (int j : formula.depends) {
-        const Jet& argument = j < variableCount() ? variable(point, j) : p[j - variableCount()];
-        if (!argument.v.isZero(0.0)) result.v += derivative(formula, j) * argument.v;
-      }
-      wrench(i) += result;
-    }
+    add(p, point, wrench);
+  }
+  void wrench(const Lanes* p, const Point<Lanes>& point, Vector3<Lanes>& wrench) const override {
+    add(p, point, wrench);
+  }
+  void wrench(const LanesJet* p, const Point<LanesJet>& point,
+              Vector3<LanesJet>& wrench) const override {
+    add(p, point, wrench);
   }
 
  private:
@@ -95,11 +89,42 @@ class ExpressionEffect final : public Effect {
   }
 
   template <typename T>
-  void load(const T* p, const Point<T>& point) const {
-    for (int i = 0; i < variableCount(); ++i) values_[i] = valueOf(variable(point, i));
-    for (std::size_t i = 0; i < info_.parameters.size(); ++i)
-      values_[variableCount() + i] = valueOf(p[i]);
+  void add(const T* p, const Point<T>& point, Vector3<T>& wrench) const {
+    for (int lane = 0; lane < laneCount(T()); ++lane) {
+      for (int j = 0; j < static_cast<int>(values_.size()); ++j)
+        values_[j] = inLane(valueOf(argument(p, point, j)), lane);
+      for (int i = 0; i < 3; ++i)
+        if (hasFormula(i)) add(formulas_[i], p, point, lane, wrench(i));
+    }
   }
+  template <typename T>
+  void add(const Formula& formula, const T* p, const Point<T>& point, int lane, T& sum) const {
+    if constexpr (std::is_same_v<T, ValueOf<T>>) {
+      inLane(sum, lane) += formula.parser.Eval();
+    } else {
+      inLane(sum.a, lane) += formula.parser.Eval();
+      for (int j : formula.depends) {
+        const T at = argument(p, point, j);
+        if (at.isConstant()) continue;
+        const double slope = derivative(formula, j);
+        for (int d = 0; d < T::kDirections; ++d)
+          inLane(sum.v[d], lane) += slope * inLane(at.v[d], lane);
+      }
+    }
+  }
+  template <typename T>
+  static T argument(const T* p, const Point<T>& point, int j) {
+    return j < variableCount() ? variable(point, j) : p[j - variableCount()];
+  }
+
+  template <typename T>
+  static constexpr int laneCount(const T&) {
+    return std::is_same_v<ValueOf<T>, Lanes> ? Lanes::kCount : 1;
+  }
+  static double& inLane(double& x, int) { return x; }
+  static double inLane(const double& x, int) { return x; }
+  static double& inLane(Lanes& x, int lane) { return x[lane]; }
+  static double inLane(const Lanes& x, int lane) { return x[lane]; }
 
   double derivative(const Formula& formula, int j) const {
     const double at = values_[j];

@@ -206,7 +206,7 @@ void note(const Room& room, ExperimentLog& log) {
         text, sizeof text,
         "the simulated motion is not finite at %.3f s: the model is unstable, or too fast "
         "for steps of %g ms",
-        room.time(), 1000 * Simulation<double>::kDefaultStep);
+        room.time(), 1000 * kDefaultStep);
     throw std::runtime_error(text);
   }
   log.truth.push_back({room.time(), state, room.derivative().nu});

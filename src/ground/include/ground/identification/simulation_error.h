@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -91,7 +93,20 @@ enum class Target {
                 ///< and disturbance, independent and of variance one when the model is true
 };
 
+/// Derivatives of a window's residuals, a row each; the columns are the free parameters, then the
+/// numbers of the initial state, then as many zeros as make them a multiple of eight.
+using Derivatives = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Residuals of a window at some parameters and initial state.
+struct WindowResiduals {
+  int window;
+  bool finite;                ///< else the simulation was not
+  Eigen::VectorXd residuals;  ///< u, v, r (x, y, psi) after each other for every sample
+  Derivatives derivatives;    ///< empty where not asked for
+};
+
 class Whitening;
+class WindowPlans;
 
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
 /// starts at its measured pose with a velocity of its own; when poses are the target, at a pose of
@@ -127,12 +142,17 @@ class SimulationError {
   /// Numbers of an initial state: u, v, r, or x, y, psi, u, v, r where poses are the target.
   int initialSize() const { return target_ == Target::kPoses ? 6 : 3; }
 
-  /// Weighted residuals of one window, u, v, r (x, y, psi) after each other for every sample;
-  /// `jacobian`, when asked for, by the parameters of those indices, then by the initial state.
-  /// False when the simulation is not finite.
-  bool residuals(const Model& model, const std::vector<double>& coordinates,
-                 const std::vector<int>& free, int window, const Eigen::VectorXd& initial,
-                 Eigen::VectorXd& residuals, Eigen::MatrixXd* jacobian) const;
+  /// Weighted residuals of one window; with `derivatives` also those by the parameters of the
+  /// indices `free` and by the initial state.
+  WindowResiduals residuals(const Model& model, const std::vector<double>& coordinates,
+                            const std::vector<int>& free, int window,
+                            const Eigen::VectorXd& initial, bool derivatives) const;
+  /// The same for all windows, several of them at once and on several threads (0: all cores): calls
+  /// visit(residuals) for each, in any order, from any of the threads.
+  void residuals(const Model& model, const std::vector<double>& coordinates,
+                 const std::vector<int>& free, const std::vector<Eigen::VectorXd>& initial,
+                 bool derivatives, int threads,
+                 const std::function<void(const WindowResiduals&)>& visit) const;
 
   /// Sum of the logarithms of what the pose errors are divided by; 0 for other targets.
   double logDeviations() const;
@@ -141,11 +161,14 @@ class SimulationError {
                                 const std::vector<Eigen::VectorXd>& initial) const;
 
  private:
+  class Evaluation;
+
   std::vector<RunData> runs_;
   std::vector<Window> windows_;
   std::vector<Vector3<double>> sigma_;
   Target target_;
   std::vector<Whitening> whitening_;  // of each window when poses are the target
+  std::unique_ptr<WindowPlans> plans_;
 };
 
 }  // namespace ground

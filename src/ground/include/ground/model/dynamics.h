@@ -14,7 +14,7 @@ struct RigidState {
 };
 
 /// Equations of motion (2.3), (2.4) with the model's effects inside, for one set of parameters.
-/// Instantiated for double and Jet. One thread at a time.
+/// Instantiated for the scalar types of types.h. One thread at a time.
 template <typename T>
 class Dynamics {
  public:
@@ -23,9 +23,17 @@ class Dynamics {
   /// With the model's own parameters.
   explicit Dynamics(const Model& model);
 
+  /// Only the first `count` derivatives of the motion are taken from now on, the others are
+  /// anything; makes eight simulations with few derivatives faster.
+  void useDirections(int count) { directions_ = count; }
+
   const Body<T>& body() const { return body_; }
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }  ///< [s]
+  /// A time [s] with derivatives of which the derivative by the delay is known.
+  T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
+    return seconds + by_delay * (delay_ - valueOf(delay_));
+  }
   int stateCount() const { return state_count_; }
   bool hasActuators() const { return !actuators_.empty(); }
   /// Whether velocities depend on the pose: else they can be simulated without it.
@@ -33,16 +41,22 @@ class Dynamics {
 
   /// Passes a command, held over a step of length h [s], through the actuators; their states are
   /// advanced to the end of the step.
-  StepInputs<T> actuate(const Vector2<T>& command, double lift, const T& h, T* states) const;
+  StepInputs<T> actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
+                        T* states) const;
 
   /// Time derivative of the rigid state at run time t [s]; `nu_dot` is the body acceleration.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
-                           double lift) const;
-  /// One classical Runge-Kutta step of order 4 and length h [s] from run time t [s]; H is double,
-  /// or T where the length has derivatives. The pose stays as it is unless kPose.
+                           const ValueOf<T>& lift) const;
+  /// `count` classical Runge-Kutta steps of order 4 and length h [s] from run time t [s], which is
+  /// advanced; each begins with the same inputs. H is ValueOf<T>, or T where the length has
+  /// derivatives. The pose stays as it is unless kPose.
   template <bool kPose = true, typename H = T>
-  RigidState<T> step(const T& t, const RigidState<T>& state, const StepInputs<T>& inputs,
-                     const H& h) const;
+  void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
+            int count = 1) const;
+  /// The same with a command that is held and, there being no actuators, acts as it is.
+  template <bool kPose = true, typename H = T>
+  void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command,
+            const ValueOf<T>& lift, const H& h, int count = 1) const;
   /// What the mocap sees of a state.
   Measurement<T> measure(const RigidState<T>& state) const;
 
@@ -53,20 +67,22 @@ class Dynamics {
     int state;  ///< offset of its states
   };
 
-  /// Nothing but thrust and linear damping moves the craft.
-  bool isNominal() const {
-    return actuators_.empty() && thrust_.empty() && wrench_.empty() && !has_air_ && !couples_;
-  }
-  /// Of the pose, world_ned.
-  Vector3<T> drift(const Rotation<T>& heading, const Vector3<T>& nu) const;
-  /// `heading` is that of eta; only looked at where motion depends on the pose.
-  Vector3<T> acceleration(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                          const Vector3<T>& nu, const Vector2<T>& input, double lift) const;
-  /// Surge and yaw acceleration by the thrusters alone.
-  Vector2<T> drive(const Vector2<T>& thrust) const;
-  /// With damping in the air and Coriolis, for a mass matrix diag(m, m, I_z).
-  Vector3<T> accelerationBy(const Vector2<T>& drive, const Vector3<T>& nu,
-                            const Vector3<T>& nu_air) const;
+  /// What the thrusters do as long as their input stays.
+  struct Drive {
+    Vector2<T> input, thrust;  ///< for effects: thrust is that before they change it [N]
+    T surge, yaw;              ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
+  };
+  /// `input` is of T or ValueOf<T>.
+  template <typename I>
+  Drive drive(const Vector2<I>& input) const;
+  template <bool kPose, typename H>
+  void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
+           const ValueOf<T>& lift, const H& h, int count) const;
+  /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces; with a
+  /// mass matrix that couples, the whole acceleration. `heading` is that of eta, only looked at
+  /// where motion depends on the pose.
+  Vector3<T> effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
+                     const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift) const;
 
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
@@ -75,14 +91,18 @@ class Dynamics {
   Matrix3<T> mass_, mass_inverse_;
   Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z
   T lever_{};                       ///< l/I_z
+  T surge_gain_{}, yaw_gain_{};     ///< k/m, k l/I_z
   Vector2<T> air_;
   T delay_{};
-  int state_count_ = 0;
+  int state_count_ = 0, directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
   bool couples_ = false;  ///< the mass matrix is not diag(m, m, I_z)
+  bool has_hooks_ = false;  ///< there are effects to ask at every instant
 };
 
 extern template class Dynamics<double>;
 extern template class Dynamics<Jet>;
+extern template class Dynamics<Lanes>;
+extern template class Dynamics<LanesJet>;
 
 }  // namespace ground

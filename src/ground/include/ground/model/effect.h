@@ -46,23 +46,23 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Vector2<T>, 3> thrusters;  ///< left, right
-  double lift = 0.0;                    ///< held over the step
+  ValueOf<T> lift{0.0};                 ///< held over the step
   bool held = false;                    ///< the thrusters' inputs are, too
 };
 
 /// All that a wrench may depend on, at one instant.
 template <typename T>
 struct Point {
-  T t{};                   ///< since the start of the run [s]
-  Vector3<T> eta;          ///< x, y [m], psi [rad], world_ned
-  Vector3<T> nu;           ///< u, v [m/s], r [rad/s], body
-  Rotation<T> heading;     ///< by psi, between body and world
-  Vector3<T> nu_air;       ///< nu relative to the air, body
-  Vector2<T> input;        ///< what reaches the thrusters: left, right
-  Vector2<T> thrust;       ///< force of the thrusters: left, right [N]
-  double lift = 0.0;       ///< 0..1
-  const Body<T>* body;     ///< nominal parameters
-  const Matrix3<T>* mass;  ///< mass matrix with all effects inside
+  const T& t;                  ///< since the start of the run [s]
+  const Vector3<T>& eta;       ///< x, y [m], psi [rad], world_ned
+  const Vector3<T>& nu;        ///< u, v [m/s], r [rad/s], body
+  const Rotation<T>& heading;  ///< by psi, between body and world
+  const Vector3<T>& nu_air;    ///< nu relative to the air, body
+  const Vector2<T>& input;     ///< what reaches the thrusters: left, right
+  const Vector2<T>& thrust;    ///< force of the thrusters: left, right [N]
+  const ValueOf<T>& lift;      ///< 0..1
+  const Body<T>& body;         ///< nominal parameters
+  const Matrix3<T>& mass;      ///< mass matrix with all effects inside
 };
 
 /// Measured pose and velocity: what the mocap's rigid body does, not the centre of the craft.
@@ -74,7 +74,8 @@ struct Measurement {
 
 /// The places of the model at which an effect can act, for one scalar type. `p` is the effect's
 /// parameters in coordinates, in the order of EffectInfo::parameters. Each function adds to or
-/// changes its last argument; each must leave it exactly alone at the neutral parameters.
+/// changes its last argument; each must leave it exactly alone at the neutral parameters. Lanes are
+/// asked all at once: where an effect decides by a value it does so by choose() or blend().
 template <typename T>
 class EffectHooks {
  public:
@@ -97,7 +98,10 @@ class EffectHooks {
 };
 
 /// A physical effect: rigid body plus a list of effects is the model.
-class Effect : public EffectHooks<double>, public EffectHooks<Jet> {
+class Effect : public EffectHooks<double>,
+               public EffectHooks<Jet>,
+               public EffectHooks<Lanes>,
+               public EffectHooks<LanesJet> {
  public:
   enum Hook : unsigned {
     kDelay = 1u << 0,

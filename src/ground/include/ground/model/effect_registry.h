@@ -68,7 +68,7 @@ class HooksOf : public Base {
 };
 
 template <class E>
-class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
+class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Lanes, HooksOf<E, LanesJet, Effect>>>>,
                          public std::enable_shared_from_this<EffectFrom<E>> {
  public:
   const EffectInfo& info() const override {

@@ -10,11 +10,11 @@ constexpr int kMostActuators = 2;
 /// One step of a model that lacks a constant acceleration (body; m/s^2, m/s^2, rad/s^2): half of it
 /// acts before and half after the step.
 template <typename T, typename H>
-RigidState<T> pushedStep(const Dynamics<T>& dynamics, const T& t, RigidState<T> state,
+RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state,
                          const StepInputs<T>& inputs, const Vector3<T>& missing, const H& h) {
   const Vector3<T> push = T(h / 2) * missing;
   state.nu += push;
-  state = dynamics.template step<true>(t, state, inputs, h);
+  dynamics.template step<true>(t, state, inputs, h);
   state.nu += push;
   return state;
 }

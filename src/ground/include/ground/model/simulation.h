@@ -1,25 +1,17 @@
 #pragma once
 
-#include <cstddef>
 #include <vector>
 
 #include "ground/model/dynamics.h"
+#include "ground/model/stepping.h"
 
 namespace ground {
 
-/// Commands over time, each held until the next; thrusters and lift are off before the first.
-struct InputSequence {
-  std::vector<double> times;               ///< ascending, on the run's clock [s]
-  std::vector<Vector2<double>> thrusters;  ///< left, right
-  std::vector<double> lift;
+constexpr double kDefaultStep = 0.005;    ///< longest step of a simulation [s], thesis 2.3
+constexpr double kActuatorMemory = 10.0;  ///< actuators forget what was commanded before [s]
 
-  void add(double time, double left, double right, double lift);
-  std::size_t size() const { return times.size(); }
-};
-
-/// Runs a model through a sequence of commands. Steps end exactly at the instants asked for and at
-/// the instants where the (delayed) command changes, so that RK4 keeps its order and derivatives
-/// by the delay are exact. Dynamics and sequence must outlive it; the sequence may grow.
+/// Runs a model through a sequence of commands by the steps of Stepping. T is double or Jet.
+/// Dynamics and sequence must outlive it; the sequence may grow.
 template <typename T>
 class Simulation {
  public:
@@ -35,7 +27,7 @@ class Simulation {
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
   void advance(double time);
 
-  double time() const { return valueOf(time_); }
+  double time() const { return stepping_.time(); }
   const RigidState<T>& state() const { return state_; }
   RigidState<T>& state() { return state_; }
   /// Acceleration and velocity at the current time.
@@ -44,22 +36,16 @@ class Simulation {
   Vector2<T> actuated() const;
   Measurement<T> measure() const { return dynamics_.measure(state_); }
 
-  static constexpr double kDefaultStep = 0.005;  ///< thesis 2.3
 
  private:
-  Vector2<T> command() const;
-  double lift() const;
-  void advanceHeld(const T& until);
   template <bool kPose, typename H>
   void step(int steps, const H& h);
 
   const Dynamics<T>& dynamics_;
-  const InputSequence& inputs_;
+  Stepping stepping_;
   RigidState<T> state_;
   std::vector<T> actuator_states_;
   T time_;
-  std::size_t next_ = 0;  ///< first command that has not taken effect
-  double max_step_;
   bool pose_ = true;
 };
 

@@ -1,15 +1,22 @@
 #pragma once
 
-#include <ceres/jet.h>
-
 #include <Eigen/Core>
 #include <cmath>
 
+#include "ground/model/dual.h"
+#include "ground/model/lanes.h"
+
 namespace ground {
 
-/// Scalar that carries eight exact derivatives (forward mode). The model is instantiated for
-/// double and Jet; more than eight derivatives are taken in several passes.
-using Jet = ceres::Jet<double, 8>;
+// The core is chosen among libraries for several kinds of processor when it is loaded.
+static_assert(EIGEN_DEFAULT_ALIGN_BYTES == 16,
+              "Eigen allocates otherwise than the core does: compile without -march=native or AVX");
+
+/// The scalar types that the model is instantiated for. Those with derivatives carry eight; more
+/// are taken in several passes.
+using Jet = Dual<double, 8>;       ///< one simulation with derivatives
+using LanesJet = Dual<Lanes, 8>;  ///< eight simulations with derivatives
+// and double and Lanes: one simulation, and eight, without
 
 template <typename T>
 using Vector2 = Eigen::Matrix<T, 2, 1>;
@@ -18,18 +25,48 @@ using Vector3 = Eigen::Matrix<T, 3, 1>;
 template <typename T>
 using Matrix3 = Eigen::Matrix<T, 3, 3>;
 
+/// T without derivatives.
+template <typename T>
+struct WithoutDerivatives {
+  using type = T;
+};
+template <typename V, int N>
+struct WithoutDerivatives<Dual<V, N>> {
+  using type = V;
+};
+template <typename T>
+using ValueOf = typename WithoutDerivatives<T>::type;
+
 inline double valueOf(double x) { return x; }
-inline double valueOf(const Jet& x) { return x.a; }
+inline const Lanes& valueOf(const Lanes& x) { return x; }
+template <typename V, int N>
+const V& valueOf(const Dual<V, N>& x) {
+  return x.a;
+}
+
+/// The value of a variable, to be set.
+inline double& valueIn(double& x) { return x; }
+inline Lanes& valueIn(Lanes& x) { return x; }
+template <typename V, int N>
+V& valueIn(Dual<V, N>& x) {
+  return x.a;
+}
 
 inline void cosSin(double angle, double& c, double& s) {
   c = std::cos(angle);
   s = std::sin(angle);
 }
-/// Each is the other's derivative: Jet's own cos and sin would take both twice.
-inline void cosSin(const Jet& angle, Jet& c, Jet& s) {
-  cosSin(angle.a, c.a, s.a);
-  c.v = -s.a * angle.v;
-  s.v = c.a * angle.v;
+inline void cosSin(const Lanes& angle, Lanes& c, Lanes& s) {
+  c = cos(angle);
+  s = sin(angle);
+}
+/// Each is the other's derivative.
+template <typename V, int N>
+void cosSin(const Dual<V, N>& angle, Dual<V, N>& c, Dual<V, N>& s) {
+  V cosine, sine;
+  cosSin(angle.a, cosine, sine);
+  c = chain(angle, cosine, V(-sine));
+  s = chain(angle, sine, cosine);
 }
 
 /// Rotation of planar vectors by the heading psi [rad], (2.1).
@@ -39,6 +76,16 @@ struct Rotation {
 
   Rotation() = default;
   explicit Rotation(const T& psi) { cosSin(psi, c, s); }
+  /// With the heading's cosine and sine known, but for their derivatives.
+  Rotation(const T& psi, const ValueOf<T>& cosine, const ValueOf<T>& sine) {
+    if constexpr (std::is_same_v<T, ValueOf<T>>) {
+      c = cosine;
+      s = sine;
+    } else {
+      c = chain(psi, cosine, ValueOf<T>(-sine));
+      s = chain(psi, sine, cosine);
+    }
+  }
   Vector2<T> toWorld(const Vector2<T>& a) const {
     return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
   }

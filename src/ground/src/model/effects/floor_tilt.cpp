@@ -15,11 +15,11 @@ struct FloorTilt {
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     constexpr double kGravity = 9.81;
-    const T &m = point.body->m, weight = m * kGravity;
+    const T &m = point.body.m, weight = m * kGravity;
     const Vector2<T> force = point.heading.toBody({weight * p[0], weight * p[1]});
     wrench.template head<2>() += force;
     // The mass matrix knows where the centre of mass is: M_13 = -m y_g, M_23 = m x_g.
-    const Matrix3<T>& mass = *point.mass;
+    const Matrix3<T>& mass = point.mass;
     wrench(2) += (mass(1, 2) * force.y() + mass(0, 2) * force.x()) / m;
   }
 };

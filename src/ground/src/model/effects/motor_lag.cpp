@@ -18,37 +18,49 @@ struct MotorLag {
   }
   template <typename T>
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
-    std::array<T, 3> remains;  // what is left of the initial difference at the three nodes
-    T end;
-    decay(p[0], h, remains, end);
+    const Remains<T> left = decay(p[0], h);
     for (int side = 0; side < 2; ++side) {
       const T command = inputs.thrusters[0](side);
       const T difference = states[side] - command;
-      for (int i = 0; i < 3; ++i) inputs.thrusters[i](side) = command + difference * remains[i];
-      states[side] = command + difference * end;
+      inputs.thrusters[0](side) = command + difference * left.start;
+      inputs.thrusters[1](side) = command + difference * left.middle;
+      inputs.thrusters[2](side) = command + difference * left.end;
+      states[side] = command + difference * left.after;
     }
   }
 
  private:
+  /// What is left of the initial difference: at the three nodes of the parabola, and after the step.
   template <typename T>
-  static void decay(const T& tau, const T& h, std::array<T, 3>& nodes, T& end) {
-    using std::exp;
+  struct Remains {
+    T start{0.0}, middle{0.0}, end{0.0}, after{0.0};
+
+    template <class M>
+    friend Remains blend(const M& mask, const Remains& a, const Remains& b) {
+      return {blend(mask, a.start, b.start), blend(mask, a.middle, b.middle),
+              blend(mask, a.end, b.end), blend(mask, a.after, b.after)};
+    }
+  };
+
+  template <typename T>
+  static Remains<T> decay(const T& tau, const T& h) {
     constexpr double kLong = 50, kShort = 0.02;  // of tau/h; beyond, the general case loses digits
-    if (valueOf(tau) == 0 && valueOf(h) == 0) {
-      end = T(0.0);
-      nodes = {end, end, end};
-      return;
-    }
-    if (valueOf(tau) > kLong * valueOf(h)) {
-      end = exp(-h / tau);
-      nodes = {T(1.0), exp(-h / (2.0 * tau)), end};
-      return;
-    }
-    const T e = tau / h;
-    end = valueOf(e) < kShort ? T(0.0) : T(exp(-1.0 / e));
-    const T m0 = e * (1.0 - end), m1 = e * (m0 - end), m2 = e * (2.0 * m1 - end);
-    const T c0 = m0, c1 = 3.0 * (2.0 * m1 - m0), c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0);
-    nodes = {c0 - c1 + c2, c0 - 0.5 * c2, c0 + c1 + c2};
+    using std::exp;
+    const auto slow = [&] {
+      const T end = exp(-h / tau);
+      return Remains<T>{T(1.0), T(exp(-h / (2.0 * tau))), end, end};
+    };
+    const auto general = [&] {
+      const T e = tau / h;
+      const T end = choose(
+          valueOf(e) < kShort, [] { return T(0.0); }, [&] { return T(exp(-1.0 / e)); });
+      const T m0 = e * (1.0 - end), m1 = e * (m0 - end), m2 = e * (2.0 * m1 - end);
+      const T c0 = m0, c1 = 3.0 * (2.0 * m1 - m0), c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0);
+      return Remains<T>{c0 - c1 + c2, c0 - 0.5 * c2, c0 + c1 + c2, end};
+    };
+    return choose(
+        valueOf(tau) == 0.0 && valueOf(h) == 0.0, [] { return Remains<T>(); },
+        [&] { return choose(valueOf(tau) > kLong * valueOf(h), slow, general); });
   }
 };
 GROUND_REGISTER_EFFECT(MotorLag)

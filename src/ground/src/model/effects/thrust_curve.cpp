@@ -17,8 +17,10 @@ struct ThrustCurve {
   static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
     using std::pow;
     for (int side = 0; side < 2; ++side) {
-      const T w = point.input(side) / point.body->input_max;
-      if (valueOf(w) > kOff) force(side) *= pow(w, p[0] - 1.0);
+      const T w = point.input(side) / point.body.input_max;
+      force(side) = choose(
+          valueOf(w) > kOff, [&] { return T(force(side) * pow(w, T(p[0] - 1.0))); },
+          [&] { return force(side); });
     }
   }
 

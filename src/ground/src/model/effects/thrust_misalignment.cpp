@@ -22,7 +22,7 @@ struct ThrustMisalignment {
     const T lost = cos(p[0]) - 1.0;
     wrench(0) += total * lost;
     wrench(1) += total * sin(p[0]);
-    wrench(2) += point.body->l * (point.thrust(0) - point.thrust(1)) * lost;
+    wrench(2) += point.body.l * (point.thrust(0) - point.thrust(1)) * lost;
   }
 };
 GROUND_REGISTER_EFFECT(ThrustMisalignment)

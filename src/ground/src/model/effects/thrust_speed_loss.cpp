@@ -16,7 +16,7 @@ struct ThrustSpeedLoss {
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
     const T factor = 1.0 - p[0] * point.nu_air.x();
-    force *= valueOf(factor) > 0 ? factor : T(0.0);
+    force *= blend(valueOf(factor) > 0.0, factor, T(0.0));
   }
 };
 GROUND_REGISTER_EFFECT(ThrustSpeedLoss)

@@ -1,7 +1,5 @@
-// What the solvers of the fit share: residuals of one window as a cost, and the loss on them.
+// What the solvers of the fit share: the loss on residuals, free parameters, initial states.
 #pragma once
-
-#include <ceres/cost_function.h>
 
 #include <Eigen/Core>
 #include <cmath>
@@ -65,56 +63,6 @@ struct Free {
   }
 };
 
-/// Residuals of one window after the loss; parameter blocks are the free parameters, scaled, if
-/// there are any, and the initial state.
-class WindowCost : public ceres::CostFunction {
- public:
-  WindowCost(const SimulationError& problem, const Model& model, const Free& free, int window,
-             const Robust& robust)
-      : problem_(problem), model_(model), free_(free), window_(window), robust_(robust) {
-    const Window& w = problem.windows()[window];
-    set_num_residuals(3 * (w.last - w.first + 1));
-    if (!free.index.empty())
-      mutable_parameter_block_sizes()->push_back(static_cast<int>(free.index.size()));
-    mutable_parameter_block_sizes()->push_back(problem.initialSize());
-  }
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override {
-    const int count = static_cast<int>(free_.index.size());
-    const int initial_block = count > 0 ? 1 : 0;
-    const int initial_size = problem_.initialSize();
-    const std::vector<double> coordinates = free_.coordinates(parameters[0]);
-    const Eigen::Map<const Eigen::VectorXd> initial(parameters[initial_block], initial_size);
-    Eigen::VectorXd r;
-    Eigen::MatrixXd J;
-    if (!problem_.residuals(model_, coordinates, free_.index, window_, initial, r,
-                            jacobians ? &J : nullptr))
-      return false;
-    for (Eigen::Index i = 0; i < r.size(); ++i) {
-      residuals[i] = robust_(r(i));
-      if (jacobians) J.row(i) *= robust_.derivative(r(i));
-    }
-    if (!jacobians) return true;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    if (count > 0 && jacobians[0]) {
-      Eigen::Map<RowMajor> out(jacobians[0], r.size(), count);
-      for (int i = 0; i < count; ++i) out.col(i) = J.col(i) * free_.scale[i];
-    }
-    if (jacobians[initial_block])
-      Eigen::Map<RowMajor>(jacobians[initial_block], r.size(), initial_size) =
-          J.rightCols(initial_size);
-    return true;
-  }
-
- private:
-  const SimulationError& problem_;
-  const Model& model_;
-  const Free& free_;
-  int window_;
-  Robust robust_;
-};
-
 using Initials = std::vector<Eigen::VectorXd>;
 
 /// The initial states that were measured.
@@ -133,10 +81,10 @@ void checkInitials(const SimulationError& problem, const Initials& initial);
 /// "The model's motion is not finite in …".
 std::string notFinite(const SimulationError& problem, int window);
 
-/// The initial state of one window that suits the model best, sought from the given one. `nothing`
-/// has no free parameter. Ends when a step lowers the cost of a sample by less than `tolerance`.
-void solveInitial(const SimulationError& problem, const Model& model, const Free& nothing,
-                  const Robust& robust, int window, Eigen::VectorXd& initial,
-                  double tolerance = 3e-10);
+/// The initial state of one window that suits the model best, sought from the given one. Ends when
+/// a step lowers the cost of a sample by less than `tolerance`.
+void solveInitial(const SimulationError& problem, const Model& model,
+                  const std::vector<double>& coordinates, const Robust& robust, int window,
+                  Eigen::VectorXd& initial, double tolerance = 3e-10);
 
 }  // namespace ground

@@ -1,0 +1,199 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <type_traits>
+
+#include "ground/model/lanes.h"
+
+namespace ground {
+
+/// N derivatives of a V.
+template <typename V, int N>
+struct Directions {
+  static_assert(N > 0, "");
+  V x[N];
+
+  V& operator[](int i) { return x[i]; }
+  const V& operator[](int i) const { return x[i]; }
+  template <class Binary>
+  GROUND_INLINE static Directions each(const Binary& of) {
+    Directions result;
+    for (int i = 0; i < N; ++i) result.x[i] = of(i);
+    return result;
+  }
+  friend GROUND_INLINE Directions operator+(const Directions& a, const Directions& b) {
+    return each([&](int i) { return a.x[i] + b.x[i]; });
+  }
+  friend GROUND_INLINE Directions operator-(const Directions& a, const Directions& b) {
+    return each([&](int i) { return a.x[i] - b.x[i]; });
+  }
+  friend GROUND_INLINE Directions operator*(const V& a, const Directions& b) {
+    return each([&](int i) { return a * b.x[i]; });
+  }
+};
+
+/// Eight derivatives of a number fill one register.
+template <>
+struct Directions<double, 8> {
+  Vec8 x;
+
+  double& operator[](int i) { return reinterpret_cast<double*>(&x)[i]; }
+  double operator[](int i) const { return x[i]; }
+  template <int count>
+  auto head() const {
+    return Eigen::Map<const Eigen::Matrix<double, 8, 1>>(reinterpret_cast<const double*>(&x))
+        .template head<count>();
+  }
+  GROUND_INLINE static Directions of(const Vec8& x) {
+    return {x};
+  }
+  friend GROUND_INLINE Directions operator+(const Directions& a, const Directions& b) {
+    return of(a.x + b.x);
+  }
+  friend GROUND_INLINE Directions operator-(const Directions& a, const Directions& b) {
+    return of(a.x - b.x);
+  }
+  friend GROUND_INLINE Directions operator*(double a, const Directions& b) { return of(a * b.x); }
+};
+
+/// A number with N exact derivatives (forward mode). As a double it is anything until it is set.
+/// Vectors of it must not be Eigen's dynamic ones: they do not align it.
+template <typename V, int N>
+struct Dual {
+  using Value = V;
+  static constexpr int kDirections = N;
+
+  V a;                 ///< value
+  Directions<V, N> v;  ///< derivatives
+
+  Dual() = default;
+  GROUND_INLINE Dual(const V& value) : a(value), v{} {}  // NOLINT: as numbers do
+  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>
+  GROUND_INLINE Dual(S value) : a(static_cast<double>(value)), v{} {}  // NOLINT
+  /// The variable that direction i is the derivative by.
+  Dual(double value, int i) : a(value), v{} { v[i] = 1.0; }
+  GROUND_INLINE Dual(const V& value, const Directions<V, N>& derivatives)
+      : a(value), v(derivatives) {}
+
+  bool isConstant() const {
+    for (int i = 0; i < N; ++i)
+      if (!isZero(v[i])) return false;
+    return true;
+  }
+
+  GROUND_INLINE Dual operator-() const { return {-a, V(-1.0) * v}; }
+  GROUND_INLINE Dual& operator+=(const Dual& b) { return *this = *this + b; }
+  GROUND_INLINE Dual& operator-=(const Dual& b) { return *this = *this - b; }
+  GROUND_INLINE Dual& operator*=(const Dual& b) { return *this = *this * b; }
+  GROUND_INLINE Dual& operator/=(const Dual& b) { return *this = *this / b; }
+
+  friend GROUND_INLINE Dual operator+(const Dual& x, const Dual& y) {
+    return {x.a + y.a, x.v + y.v};
+  }
+  friend GROUND_INLINE Dual operator-(const Dual& x, const Dual& y) {
+    return {x.a - y.a, x.v - y.v};
+  }
+  friend GROUND_INLINE Dual operator*(const Dual& x, const Dual& y) {
+    return {x.a * y.a, x.a * y.v + y.a * x.v};
+  }
+  friend GROUND_INLINE Dual operator/(const Dual& x, const Dual& y) {
+    const V over = V(1.0) / y.a, quotient = x.a * over;
+    return {quotient, over * (x.v - quotient * y.v)};
+  }
+  friend GROUND_INLINE Dual operator+(const Dual& x, const V& s) { return {x.a + s, x.v}; }
+  friend GROUND_INLINE Dual operator+(const V& s, const Dual& x) { return {s + x.a, x.v}; }
+  friend GROUND_INLINE Dual operator-(const Dual& x, const V& s) { return {x.a - s, x.v}; }
+  friend GROUND_INLINE Dual operator-(const V& s, const Dual& x) {
+    return {s - x.a, V(-1.0) * x.v};
+  }
+  friend GROUND_INLINE Dual operator*(const Dual& x, const V& s) { return {x.a * s, s * x.v}; }
+  friend GROUND_INLINE Dual operator*(const V& s, const Dual& x) { return {s * x.a, s * x.v}; }
+  friend GROUND_INLINE Dual operator/(const Dual& x, const V& s) {
+    const V over = V(1.0) / s;
+    return {x.a * over, over * x.v};
+  }
+  friend GROUND_INLINE Dual operator/(const V& s, const Dual& x) { return Dual(s) / x; }
+
+#define GROUND_WITH_NUMBER(op)                                                             \
+  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>                    \
+  friend GROUND_INLINE Dual operator op(const Dual& x, S s) {                              \
+    return x op V(static_cast<double>(s));                                                 \
+  }                                                                                        \
+  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>                    \
+  friend GROUND_INLINE Dual operator op(S s, const Dual& x) {                              \
+    return V(static_cast<double>(s)) op x;                                                 \
+  }
+  GROUND_WITH_NUMBER(+)
+  GROUND_WITH_NUMBER(-)
+  GROUND_WITH_NUMBER(*)
+  GROUND_WITH_NUMBER(/)
+#undef GROUND_WITH_NUMBER
+
+ private:
+  static bool isZero(double x) { return x == 0; }
+  static bool isZero(const Lanes& x) { return allOf(x == Lanes(0.0)); }
+};
+
+template <typename V, int N>
+GROUND_INLINE Dual<V, N> blend(const Mask& mask, const Dual<V, N>& x, const Dual<V, N>& y) {
+  return {blend(mask, x.a, y.a),
+          Directions<V, N>::each([&](int i) { return blend(mask, x.v[i], y.v[i]); })};
+}
+
+/// f(x) from the values of f and its derivative at x.
+template <typename V, int N>
+GROUND_INLINE Dual<V, N> chain(const Dual<V, N>& x, const V& value, const V& slope) {
+  return {value, slope * x.v};
+}
+
+template <typename V, int N>
+Dual<V, N> abs(const Dual<V, N>& x) {
+  using std::abs;
+  return chain(x, abs(x.a), V(blend(x.a < V(0.0), V(-1.0), V(1.0))));
+}
+template <typename V, int N>
+GROUND_INLINE Dual<V, N> sqrt(const Dual<V, N>& x) {
+  using std::sqrt;
+  const V root = sqrt(x.a);
+  return chain(x, root, V(V(0.5) / root));
+}
+template <typename V, int N>
+Dual<V, N> exp(const Dual<V, N>& x) {
+  using std::exp;
+  const V value = exp(x.a);
+  return chain(x, value, value);
+}
+template <typename V, int N>
+Dual<V, N> sin(const Dual<V, N>& x) {
+  using std::cos;
+  using std::sin;
+  return chain(x, V(sin(x.a)), V(cos(x.a)));
+}
+template <typename V, int N>
+Dual<V, N> cos(const Dual<V, N>& x) {
+  using std::cos;
+  using std::sin;
+  return chain(x, V(cos(x.a)), V(-sin(x.a)));
+}
+/// Of a positive base.
+template <typename V, int N>
+Dual<V, N> pow(const Dual<V, N>& base, const Dual<V, N>& exponent) {
+  using std::log;
+  using std::pow;
+  const V value = pow(base.a, exponent.a);
+  const V by_base = exponent.a * pow(base.a, exponent.a - V(1.0)), by_exponent = value * log(base.a);
+  return {value, by_base * base.v + by_exponent * exponent.v};
+}
+
+}  // namespace ground
+
+namespace Eigen {
+template <typename V, int N>
+struct NumTraits<ground::Dual<V, N>> : NumTraits<double> {
+  using Real = ground::Dual<V, N>;
+  using NonInteger = ground::Dual<V, N>;
+  using Nested = ground::Dual<V, N>;
+  enum { RequireInitialization = 1 };
+};
+}  // namespace Eigen

@@ -1,0 +1,142 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+
+// Eight numbers side by side, as compilers know them: one register where the machine has such (AVX-
+// 512), several elsewhere; in memory alike everywhere. Passing them by value would depend on the
+// machine; nothing does.
+#define GROUND_INLINE inline __attribute__((always_inline))
+
+namespace ground {
+
+using Vec8 = double __attribute__((vector_size(64), aligned(64)));
+using Bits8 = long long __attribute__((vector_size(64), aligned(64)));
+
+/// The same question to eight lanes.
+struct Mask {
+  Bits8 bits;  ///< all ones or all zeros
+
+  GROUND_INLINE bool operator[](int i) const { return bits[i] != 0; }
+  GROUND_INLINE Mask operator&&(const Mask& other) const { return {bits & other.bits}; }
+};
+
+GROUND_INLINE bool allOf(const Mask& m) {
+  long long all = -1;
+  for (int i = 0; i < 8; ++i) all &= m.bits[i];
+  return all != 0;
+}
+GROUND_INLINE bool noneOf(const Mask& m) {
+  long long any = 0;
+  for (int i = 0; i < 8; ++i) any |= m.bits[i];
+  return any == 0;
+}
+
+/// One number of each of eight simulations that run side by side: a scalar type of the model. As a
+/// double it is anything until it is set.
+struct Lanes {
+  static constexpr int kCount = 8;
+
+  Vec8 x;
+
+  Lanes() = default;
+  GROUND_INLINE Lanes(double a) : x{a, a, a, a, a, a, a, a} {}  // NOLINT: as numbers do
+  GROUND_INLINE static Lanes of(const Vec8& x) {
+    Lanes lanes;
+    lanes.x = x;
+    return lanes;
+  }
+  double& operator[](int i) { return reinterpret_cast<double*>(&x)[i]; }
+  double operator[](int i) const { return x[i]; }
+
+  GROUND_INLINE Lanes operator-() const { return of(-x); }
+  GROUND_INLINE Lanes& operator+=(const Lanes& b) { return x += b.x, *this; }
+  GROUND_INLINE Lanes& operator-=(const Lanes& b) { return x -= b.x, *this; }
+  GROUND_INLINE Lanes& operator*=(const Lanes& b) { return x *= b.x, *this; }
+  GROUND_INLINE Lanes& operator/=(const Lanes& b) { return x /= b.x, *this; }
+  friend GROUND_INLINE Lanes operator+(const Lanes& a, const Lanes& b) { return of(a.x + b.x); }
+  friend GROUND_INLINE Lanes operator-(const Lanes& a, const Lanes& b) { return of(a.x - b.x); }
+  friend GROUND_INLINE Lanes operator*(const Lanes& a, const Lanes& b) { return of(a.x * b.x); }
+  friend GROUND_INLINE Lanes operator/(const Lanes& a, const Lanes& b) { return of(a.x / b.x); }
+  friend GROUND_INLINE Mask operator>(const Lanes& a, const Lanes& b) { return {a.x > b.x}; }
+  friend GROUND_INLINE Mask operator<(const Lanes& a, const Lanes& b) { return {a.x < b.x}; }
+  friend GROUND_INLINE Mask operator==(const Lanes& a, const Lanes& b) { return {a.x == b.x}; }
+};
+
+GROUND_INLINE Lanes blend(const Mask& mask, const Lanes& a, const Lanes& b) {
+  return Lanes::of(mask.bits ? a.x : b.x);
+}
+
+/// Of two numbers the one that is asked for, lane by lane.
+template <typename T>
+GROUND_INLINE T blend(bool first, const T& a, const T& b) {
+  return first ? a : b;
+}
+
+/// As blend, of two functions: only those that some lane needs are called.
+template <class Then, class Otherwise>
+GROUND_INLINE auto choose(bool condition, const Then& then, const Otherwise& otherwise)
+    -> decltype(then()) {
+  return condition ? then() : otherwise();
+}
+template <class Then, class Otherwise>
+GROUND_INLINE auto choose(const Mask& mask, const Then& then, const Otherwise& otherwise)
+    -> decltype(then()) {
+  if (allOf(mask)) return then();
+  if (noneOf(mask)) return otherwise();
+  return blend(mask, then(), otherwise());
+}
+
+GROUND_INLINE Lanes abs(const Lanes& a) { return Lanes::of(a.x < 0 ? -a.x : a.x); }
+GROUND_INLINE Lanes sqrt(const Lanes& a) {
+  Lanes root;
+  for (int i = 0; i < Lanes::kCount; ++i) root.x[i] = std::sqrt(a.x[i]);
+  return root;
+}
+
+// What is not inlined takes and gives lanes by reference.
+namespace lanes {
+void sin(const Lanes& a, Lanes& result);
+void cos(const Lanes& a, Lanes& result);
+void exp(const Lanes& a, Lanes& result);
+void log(const Lanes& a, Lanes& result);
+void pow(const Lanes& base, const Lanes& exponent, Lanes& result);
+}  // namespace lanes
+
+GROUND_INLINE Lanes sin(const Lanes& a) {
+  Lanes result;
+  lanes::sin(a, result);
+  return result;
+}
+GROUND_INLINE Lanes cos(const Lanes& a) {
+  Lanes result;
+  lanes::cos(a, result);
+  return result;
+}
+GROUND_INLINE Lanes exp(const Lanes& a) {
+  Lanes result;
+  lanes::exp(a, result);
+  return result;
+}
+GROUND_INLINE Lanes log(const Lanes& a) {
+  Lanes result;
+  lanes::log(a, result);
+  return result;
+}
+GROUND_INLINE Lanes pow(const Lanes& base, const Lanes& exponent) {
+  Lanes result;
+  lanes::pow(base, exponent, result);
+  return result;
+}
+
+}  // namespace ground
+
+namespace Eigen {
+template <>
+struct NumTraits<ground::Lanes> : NumTraits<double> {
+  using Real = ground::Lanes;
+  using NonInteger = ground::Lanes;
+  using Nested = ground::Lanes;
+  enum { RequireInitialization = 1 };
+};
+}  // namespace Eigen

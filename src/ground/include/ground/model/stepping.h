@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "ground/model/types.h"
+
+namespace ground {
+
+/// Commands over time, each held until the next; thrusters and lift are off before the first.
+struct InputSequence {
+  std::vector<double> times;               ///< ascending, on the run's clock [s]
+  std::vector<Vector2<double>> thrusters;  ///< left, right
+  std::vector<double> lift;
+
+  void add(double time, double left, double right, double lift);
+  std::size_t size() const { return times.size(); }
+};
+
+/// Steps of equal length under one command.
+struct Stretch {
+  int steps;
+  double h;         ///< [s]
+  double by_delay;  ///< derivative of h by the delay of the inputs
+};
+
+/// Which steps a simulation takes: they end exactly at the instants asked for and at those where
+/// the delayed command changes, so that RK4 keeps its order and derivatives by the delay are exact.
+/// The sequence must outlive it and may grow.
+class Stepping {
+ public:
+  /// From time `start` [s] of the sequence's clock; inputs act `delay` [s] late, which may `vary`:
+  /// there are stretches of no length then that have a derivative. Steps are at most max_step [s].
+  Stepping(const InputSequence& inputs, double start, double delay, bool varies, double max_step);
+
+  /// The next stretch on the way to `time` [s]; false when it is reached. Throws
+  /// std::invalid_argument when that is before the current time.
+  bool next(double time, Stretch& stretch);
+
+  double time() const { return time_; }
+  /// Held over the last stretch.
+  Vector2<double> thrusters() const;
+  double lift() const;
+
+  /// A command and for how long it acts [s], its derivative by the delay included.
+  struct Held {
+    std::size_t command;
+    double duration, by_delay;
+  };
+  /// The commands of the last `memory` seconds before the start, what actuators have to be settled
+  /// to.
+  std::vector<Held> before(double memory) const;
+
+ private:
+  bool reach(double time, bool moves, Stretch& stretch);
+
+  const InputSequence* inputs_;
+  double time_, delay_, max_step_;
+  bool varies_;
+  bool moves_ = false;     ///< the current time does with the delay
+  std::size_t next_ = 0;   ///< first command that has not taken effect
+  std::size_t held_ = 0;   ///< the same during the last stretch
+};
+
+}  // namespace ground

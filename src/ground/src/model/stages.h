@@ -1,0 +1,152 @@
+// The stages of a Runge-Kutta step of the rigid body.
+#pragma once
+
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+// Values and derivatives as registers hold them: the eight derivatives of a Jet are one slice; each
+// derivative of a LanesJet is one.
+GROUND_INLINE double raw(const double& x) { return x; }
+GROUND_INLINE const Vec8& raw(const Lanes& x) { return x.x; }
+GROUND_INLINE double& raw(double& x) { return x; }
+GROUND_INLINE Vec8& raw(Lanes& x) { return x.x; }
+
+template <typename V>
+struct RawOf {
+  using type = double;
+};
+template <>
+struct RawOf<Lanes> {
+  using type = Vec8;
+};
+
+template <typename T>
+struct Slices {
+  static constexpr int kCount = 0;
+};
+template <>
+struct Slices<Jet> {
+  static constexpr int kCount = 1;
+  static GROUND_INLINE Vec8& of(Jet& x, int) { return x.v.x; }
+  static GROUND_INLINE const Vec8& of(const Jet& x, int) { return x.v.x; }
+};
+template <int N>
+struct Slices<Dual<Lanes, N>> {
+  static constexpr int kCount = N;
+  static GROUND_INLINE Vec8& of(Dual<Lanes, N>& x, int d) { return x.v.x[d].x; }
+  static GROUND_INLINE const Vec8& of(const Dual<Lanes, N>& x, int d) { return x.v.x[d].x; }
+};
+
+/// What a step has of the state at its beginning, at the current stage and at its end. The
+/// derivatives of a stage are taken slice by slice from the rates to what is made of them, so that
+/// they stay in registers: several times as fast as number by number.
+template <typename T, bool kPose, typename H>
+struct Stages {
+  using V = ValueOf<T>;
+  using Raw = typename RawOf<V>::type;
+
+  const Vector3<T>& damping;  ///< X_u/m, Y_v/m, N_r/I_z
+  const int directions;       ///< derivatives in use
+  /// The end of the step: by value where that may stay in registers.
+  std::conditional_t<(Slices<T>::kCount > 1), RigidState<T>&, RigidState<T>> next;
+  Vector3<T> eta, nu, at_eta, at_nu;
+  Rotation<T> heading;
+  Raw c, s;  ///< of the current stage's heading
+
+  Stages(const Vector3<T>& damping, int directions, RigidState<T>& state)
+      : damping(damping), directions(directions), next(state) {}
+
+  void begin(bool uses_pose) {
+    nu = next.nu;
+    if (kPose || uses_pose) eta = next.eta;
+    // A pose that stays turns nothing but what effects see.
+    if (!kPose && uses_pose) heading = Rotation<T>(eta.z());
+  }
+
+  /// Heading of the current stage.
+  template <bool kFirst>
+  GROUND_INLINE void turn(bool uses_pose) {
+    const T& psi = kFirst ? eta.z() : at_eta.z();
+    V cosine, sine;
+    cosSin(valueOf(psi), cosine, sine);
+    c = raw(cosine);
+    s = raw(sine);
+    if (uses_pose) heading = Rotation<T>(psi, cosine, sine);
+  }
+
+  /// The rates are those of the rigid body with thrust and linear damping (kRigid) plus `more`
+  /// (kMore). `share` of them is added to the end of the step; the next stage is `to` along them
+  /// from the beginning.
+  template <bool kFirst, bool kLast, bool kRigid, bool kMore>
+  GROUND_INLINE void move(const H& share, const H& to, const T& surge, const T& yaw,
+                          const Vector3<T>& more) {
+    const Vector3<T>& at = kFirst ? nu : at_nu;
+    const Raw u = raw(valueOf(at(0))), v = raw(valueOf(at(1))), r = raw(valueOf(at(2)));
+    const Raw d0 = raw(valueOf(damping(0))), d1 = raw(valueOf(damping(1))),
+              d2 = raw(valueOf(damping(2)));
+    Raw rate[3] = {};
+    if (kRigid) {
+      rate[0] = r * v + (raw(valueOf(surge)) - d0 * u);
+      rate[1] = -(r * u + d1 * v);
+      rate[2] = raw(valueOf(yaw)) - d2 * r;
+    }
+    if (kMore)
+      for (int i = 0; i < 3; ++i) rate[i] += raw(valueOf(more(i)));
+    Raw drift[3] = {};
+    if (kPose) {
+      drift[0] = c * u - s * v;
+      drift[1] = s * u + c * v;
+      drift[2] = r;
+    }
+    const Raw by = raw(valueOf(share)), along = raw(valueOf(to));
+    using Of = Slices<T>;
+    for (int d = 0; d < (Of::kCount > 1 ? directions : Of::kCount); ++d) {
+      if constexpr (Of::kCount > 0) {
+        const Vec8 du = Of::of(at(0), d), dv = Of::of(at(1), d), dr = Of::of(at(2), d);
+        Vec8 drate[3] = {};
+        if (kRigid) {
+          drate[0] = r * dv + v * dr + (Of::of(surge, d) - d0 * du - u * Of::of(damping(0), d));
+          drate[1] = -(r * du + u * dr + d1 * dv + v * Of::of(damping(1), d));
+          drate[2] = Of::of(yaw, d) - d2 * dr - r * Of::of(damping(2), d);
+        }
+        if (kMore)
+          for (int i = 0; i < 3; ++i) drate[i] += Of::of(more(i), d);
+        for (int i = 0; i < 3; ++i)
+          advance<kLast>(d, share, to, by, along, rate[i], drate[i], nu(i), next.nu(i), at_nu(i));
+        if (kPose) {
+          const Vec8 dpsi = Of::of(kFirst ? eta.z() : at_eta.z(), d);
+          const Vec8 ddrift[3] = {c * du - s * dv - drift[1] * dpsi,
+                                  s * du + c * dv + drift[0] * dpsi, dr};
+          for (int i = 0; i < 3; ++i)
+            advance<kLast>(d, share, to, by, along, drift[i], ddrift[i], eta(i), next.eta(i),
+                           at_eta(i));
+        }
+      }
+    }
+    for (int i = 0; i < 3; ++i) {
+      raw(valueIn(next.nu(i))) += by * rate[i];
+      if (!kLast) raw(valueIn(at_nu(i))) = raw(valueOf(nu(i))) + along * rate[i];
+      if (!kPose) continue;
+      raw(valueIn(next.eta(i))) += by * drift[i];
+      if (!kLast) raw(valueIn(at_eta(i))) = raw(valueOf(eta(i))) + along * drift[i];
+    }
+  }
+
+ private:
+  template <bool kLast>
+  static GROUND_INLINE void advance(int d, const H& share, const H& to, const Raw& by,
+                                    const Raw& along, const Raw& rate, const Vec8& drate,
+                                    const T& begin, T& end, T& stage) {
+    using Of = Slices<T>;
+    Vec8 change = by * drate, way = along * drate;
+    if constexpr (!std::is_same_v<H, V>) {
+      change += Of::of(share, d) * rate;
+      way += Of::of(to, d) * rate;
+    }
+    Of::of(end, d) += change;
+    if (!kLast) Of::of(stage, d) = Of::of(begin, d) + way;
+  }
+};
+
+}  // namespace ground

@@ -1,0 +1,73 @@
+#include "ground/model/stepping.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace ground {
+
+void InputSequence::add(double time, double left, double right, double lift_value) {
+  if (!times.empty() && time < times.back())
+    throw std::invalid_argument("commands have to be in ascending order of time");
+  times.push_back(time);
+  thrusters.emplace_back(left, right);
+  lift.push_back(lift_value);
+}
+
+Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies,
+                   double max_step)
+    : inputs_(&inputs), time_(start), delay_(delay), max_step_(max_step), varies_(varies) {
+  next_ = static_cast<std::size_t>(
+      std::upper_bound(inputs.times.begin(), inputs.times.end(), start - delay) -
+      inputs.times.begin());
+  held_ = next_;
+}
+
+std::vector<Stepping::Held> Stepping::before(double memory) const {
+  const std::vector<double>& times = inputs_->times;
+  const auto first = static_cast<std::size_t>(
+      std::upper_bound(times.begin(), times.end(), time_ - memory - delay_) - times.begin());
+  std::vector<Held> held;
+  for (std::size_t i = first; i < next_; ++i) {
+    // The last one acts until now, which stays where it is when the delay changes.
+    const bool last = i + 1 == next_;
+    held.push_back({i, last ? time_ - (times[i] + delay_) : times[i + 1] - times[i],
+                    last && varies_ ? -1.0 : 0.0});
+  }
+  return held;
+}
+
+bool Stepping::next(double time, Stretch& stretch) {
+  if (!(time >= time_))
+    throw std::invalid_argument("cannot simulate back from " + std::to_string(time_) + " s to " +
+                                std::to_string(time) + " s");
+  while (next_ < inputs_->size()) {
+    const double change = inputs_->times[next_] + delay_;
+    if (change > time) break;
+    held_ = next_++;
+    if (reach(change, varies_, stretch)) return true;
+  }
+  held_ = next_;
+  return reach(time, false, stretch);
+}
+
+bool Stepping::reach(double time, bool moves, Stretch& stretch) {
+  const double duration = time - time_;
+  const double by_delay = double(moves) - double(moves_);
+  // A duration of zero still has a derivative when the instant moves with the delay.
+  if (duration < 0 || (duration == 0 && by_delay == 0)) return false;
+  const int steps = std::max(1, static_cast<int>(std::ceil(duration / max_step_ - 1e-9)));
+  stretch = {steps, duration / steps, by_delay / steps};
+  time_ = time;
+  moves_ = moves;
+  return true;
+}
+
+Vector2<double> Stepping::thrusters() const {
+  return held_ == 0 ? Vector2<double>(0, 0) : inputs_->thrusters[held_ - 1];
+}
+
+double Stepping::lift() const { return held_ == 0 ? 0.0 : inputs_->lift[held_ - 1]; }
+
+}  // namespace ground

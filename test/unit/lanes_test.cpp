@@ -1,0 +1,195 @@
+// Eight simulations side by side are those of one after the other: every effect, every derivative.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
+#include "ground/model/lane_simulation.h"
+#include "ground/model/model_file.h"
+
+namespace ground {
+namespace {
+
+/// What one lane does: commands and samples off every grid, other ones in each.
+struct Run {
+  InputSequence inputs;
+  std::vector<double> samples;
+  RigidState<double> start;
+
+  explicit Run(unsigned seed) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> uniform(0, 1);
+    double t = -1 + uniform(random);
+    for (int i = 0; i < 25 + static_cast<int>(seed % 7); ++i) {
+      // Switched off now and then.
+      const bool off = i % 6 == 5;
+      inputs.add(t, off ? 0 : uniform(random), off ? 0 : uniform(random), uniform(random));
+      t += 0.12 * uniform(random);
+    }
+    t = 0.1 * uniform(random);
+    const int count = 12 + static_cast<int>(5 * uniform(random));
+    while (static_cast<int>(samples.size()) < count)
+      samples.push_back(t += 0.002 + 0.03 * uniform(random));
+    start.eta = {uniform(random), uniform(random), 6 * uniform(random)};
+    start.nu = {uniform(random), uniform(random) - 0.5, 4 * uniform(random) - 2};
+  }
+};
+
+Model craftWith(const std::vector<std::string>& effects) {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  for (const std::string& name : effects) {
+    if (name != "expression") {
+      model.addEffect(makeEffect(name));
+    } else {
+      ParameterInfo c;
+      c.name = "c";
+      model.addEffect(makeExpressionEffect(
+          {"expression", "c*sin(psi)*u_L", "c*u^2*x*lift", "c*r*t", {c}, {1e-3}}));
+    }
+    const std::vector<double> before = model.coordinates();
+    const auto infos = model.parameters();
+    std::vector<double> values = model.values();
+    for (std::size_t p = 0; p < infos.size(); ++p)
+      if (infos[p].name.rfind(name + ".", 0) == 0)
+        values[p] = infos[p].fromCoordinate(before[p] + 0.7 * infos[p].scale(model.body));
+    model.setValues(values);
+  }
+  return model;
+}
+
+/// Coordinates with derivatives by the last eight parameters.
+template <typename T>
+std::vector<T> coordinates(const Model& model) {
+  const std::vector<double> values = model.coordinates();
+  std::vector<T> result(values.begin(), values.end());
+  if constexpr (!std::is_same_v<T, ValueOf<T>>)
+    for (std::size_t i = 0; i < 8 && i < result.size(); ++i)
+      result[result.size() - 1 - i].v[static_cast<int>(i)] = 1.0;
+  return result;
+}
+
+double scaleOf(double a, double b) { return 1e-12 * std::max({1.0, std::abs(a), std::abs(b)}); }
+
+/// Simulates `count` runs with and without lanes and compares all measurements.
+template <typename One, typename Many>
+void compare(const Model& model, int count, bool pose) {
+  std::vector<Run> runs;
+  for (int i = 0; i < count; ++i) runs.emplace_back(10 * count + i);
+  std::vector<Lane> lanes;
+  for (const Run& run : runs)
+    lanes.push_back({&run.inputs, run.samples.data(), static_cast<int>(run.samples.size())});
+  const Dynamics<Many> dynamics(model, coordinates<Many>(model));
+  const Dynamics<One> alone(model, coordinates<One>(model));
+  if (alone.usesPose() && !pose) return;
+  const auto varies = [](const auto& delay) {
+    if constexpr (std::is_same_v<One, double>)
+      return delay > 0;  // a plan for derivatives is good for values, too
+    else
+      return !delay.isConstant();
+  };
+  const LanePlan plan(lanes, valueOf(alone.inputDelay()), varies(alone.inputDelay()));
+
+  RigidState<Many> start;
+  for (int i = 0; i < count; ++i)
+    for (int c = 0; c < 3; ++c) {
+      valueIn(start.eta(c))[i] = runs[static_cast<std::size_t>(i)].start.eta(c);
+      valueIn(start.nu(c))[i] = runs[static_cast<std::size_t>(i)].start.nu(c);
+    }
+  std::vector<std::vector<Measurement<One>>> seen(runs.size());
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    RigidState<One> state;
+    for (int c = 0; c < 3; ++c) {
+      valueIn(state.eta(c)) = runs[i].start.eta(c);
+      valueIn(state.nu(c)) = runs[i].start.nu(c);
+    }
+    Simulation<One> simulation(alone, runs[i].inputs, state, runs[i].samples[0]);
+    if (!pose) simulation.forgetPose();
+    for (const double t : runs[i].samples) {
+      simulation.advance(t);
+      seen[i].push_back(simulation.measure());
+    }
+  }
+  std::vector<int> next(runs.size(), 0);
+  plan.run<Many>(dynamics, start, pose, [&](const LanePlan::Sample& sample,
+                                            const Measurement<Many>& m) {
+    const auto lane = static_cast<std::size_t>(sample.lane);
+    ASSERT_EQ(sample.index, next[lane]++);
+    const Measurement<One>& expected = seen[lane][static_cast<std::size_t>(sample.index)];
+    for (int c = 0; c < 6; ++c) {
+      if (c < 3 && !pose) continue;
+      const One& a = c < 3 ? expected.eta(c) : expected.nu(c - 3);
+      const Many& b = c < 3 ? m.eta(c) : m.nu(c - 3);
+      const double value = valueOf(b)[sample.lane];
+      ASSERT_NEAR(value, valueOf(a), scaleOf(value, valueOf(a))) << "lane " << lane << ", " << c;
+      if constexpr (!std::is_same_v<One, double>)
+        for (int d = 0; d < 8; ++d) {
+          const double slope = b.v[d][sample.lane];
+          ASSERT_NEAR(slope, a.v[d], scaleOf(slope, a.v[d]))
+              << "derivative " << d << ", lane " << lane << ", " << c;
+        }
+    }
+  });
+  for (std::size_t i = 0; i < runs.size(); ++i)
+    EXPECT_EQ(next[i], static_cast<int>(runs[i].samples.size()));
+}
+
+void compareAll(const Model& model) {
+  for (const int count : {8, 3})
+    for (const bool pose : {true, false}) {
+      compare<double, Lanes>(model, count, pose);
+      compare<Jet, LanesJet>(model, count, pose);
+    }
+}
+
+TEST(Lanes, AreTheCraftSimulatedOneByOne) { compareAll(craftWith({})); }
+
+TEST(Lanes, AreEveryEffectSimulatedOneByOne) {
+  std::vector<std::string> names = effectNames();
+  names.push_back("expression");
+  for (const std::string& name : names) {
+    SCOPED_TRACE(name);
+    compareAll(craftWith({name}));
+  }
+}
+
+TEST(Lanes, AreManyEffectsSimulatedOneByOne) {
+  compareAll(craftWith({"motor_lag", "input_delay", "wind", "quadratic_drag", "marker_offset"}));
+  compareAll(craftWith({"com_offset", "thrust_curve", "floor_tilt", "heading_offset"}));
+}
+
+TEST(Lanes, DecideEachForItself) {
+  Lanes x;
+  for (int i = 0; i < Lanes::kCount; ++i) x[i] = i - 3.5;
+  const Lanes size = choose(
+      x < Lanes(0.0), [&] { return -x; }, [&] { return x; });
+  for (int i = 0; i < Lanes::kCount; ++i) EXPECT_EQ(size[i], std::abs(i - 3.5));
+  int asked = 0;
+  choose(
+      x < Lanes(9.0), [&] { return ++asked, x; }, [&] { return asked += 100, x; });
+  EXPECT_EQ(asked, 1);  // what no lane needs is not worked out
+}
+
+TEST(Lanes, TakeTheirFunctionsFromTheVectorLibrary) {
+  Lanes x;
+  for (int i = 0; i < Lanes::kCount; ++i) x[i] = 0.3 + 1.7 * i;
+  const Lanes sine = sin(x), cosine = cos(x), power = exp(x), root = pow(x, Lanes(0.37)),
+              logarithm = log(x);
+  for (int i = 0; i < Lanes::kCount; ++i) {
+    EXPECT_NEAR(sine[i], std::sin(x[i]), 1e-15);
+    EXPECT_NEAR(cosine[i], std::cos(x[i]), 1e-15);
+    EXPECT_NEAR(power[i], std::exp(x[i]), 2e-15 * std::exp(x[i]));
+    EXPECT_NEAR(root[i], std::pow(x[i], 0.37), 2e-15 * std::pow(x[i], 0.37));
+    EXPECT_NEAR(logarithm[i], std::log(x[i]), 2e-15);
+  }
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
