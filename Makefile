@@ -30,7 +30,7 @@ test: build
 sanitize: $(installed)
 	@for kind in address,undefined thread; do \
 	  folder=build/sanitize/$${kind%,*}; \
-	  $(in_ros) cmake -S . -B $$folder -DCMAKE_BUILD_TYPE=RelWithDebInfo \
+	  $(in_ros) cmake -S . -B $$folder -DCMAKE_BUILD_TYPE=RelWithDebInfo -DGROUND_WIDE=OFF \
 	    -DCMAKE_CXX_FLAGS="-O1 -fsanitize=$$kind -fno-sanitize-recover=all \
 	      -fno-omit-frame-pointer -Wno-error=maybe-uninitialized" \
 	    > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }; \
@@ -45,7 +45,7 @@ sanitize: $(installed)
 FUZZ_SECONDS ?= 60
 fuzz: $(installed)
 	@.ci/install-dependencies .ci/debian-packages-fuzz.txt
-	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo \
+	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo -DGROUND_WIDE=OFF \
 	  -Dground_warnings=-w -DCMAKE_CXX_FLAGS="-fsanitize=fuzzer-no-link,address,undefined \
 	  -fno-sanitize-recover=all" > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
 	@cmake --build build/fuzz --target fuzzers --parallel $(jobs)

@@ -74,7 +74,7 @@ void step(benchmark::State& state, const std::string& effects, bool pose) {
 
 /// Eight of them side by side.
 template <typename T>
-void lanes(benchmark::State& state, const std::string& effects, bool pose) {
+void sideBySide(benchmark::State& state, const std::string& effects, bool pose) {
   const Model model = craft(effects);
   Dynamics<T> dynamics(model, coordinates<T>(model));
   dynamics.useDirections(5);
@@ -83,7 +83,7 @@ void lanes(benchmark::State& state, const std::string& effects, bool pose) {
   const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false);
   for (auto _ : state)
     plan.run<T>(dynamics, {}, pose,
-                [](const LanePlan::Sample&, const Measurement<T>& m) { benchmark::DoNotOptimize(m); });
+                [](const LanePlan::Sample*, int, const Measurement<T>& m) { benchmark::DoNotOptimize(m); });
   count(state, Lanes::kCount * kSteps);
 }
 
@@ -106,8 +106,8 @@ int main(int argc, char** argv) {
     };
     add(": state", ground::step<double>);
     add(": five sensitivities", ground::step<ground::Jet>);
-    add(": state, eight runs", ground::lanes<ground::Lanes>);
-    add(": five sensitivities, eight runs", ground::lanes<ground::LanesJet>);
+    add(": state, eight runs", ground::sideBySide<ground::Lanes>);
+    add(": five sensitivities, eight runs", ground::sideBySide<ground::LanesJet>);
   }
   benchmark::Initialize(&argc, argv);
   benchmark::RunSpecifiedBenchmarks();

@@ -113,8 +113,7 @@ void compare(const Model& model, int count, bool pose) {
     }
   }
   std::vector<int> next(runs.size(), 0);
-  plan.run<Many>(dynamics, start, pose, [&](const LanePlan::Sample& sample,
-                                            const Measurement<Many>& m) {
+  const auto check = [&](const LanePlan::Sample& sample, const Measurement<Many>& m) {
     const auto lane = static_cast<std::size_t>(sample.lane);
     ASSERT_EQ(sample.index, next[lane]++);
     const Measurement<One>& expected = seen[lane][static_cast<std::size_t>(sample.index)];
@@ -131,7 +130,11 @@ void compare(const Model& model, int count, bool pose) {
               << "derivative " << d << ", lane " << lane << ", " << c;
         }
     }
-  });
+  };
+  plan.run<Many>(dynamics, start, pose,
+                 [&](const LanePlan::Sample* samples, int number, const Measurement<Many>& m) {
+                   for (int i = 0; i < number; ++i) check(samples[i], m);
+                 });
   for (std::size_t i = 0; i < runs.size(); ++i)
     EXPECT_EQ(next[i], static_cast<int>(runs[i].samples.size()));
 }
@@ -158,6 +161,15 @@ TEST(Lanes, AreEveryEffectSimulatedOneByOne) {
 TEST(Lanes, AreManyEffectsSimulatedOneByOne) {
   compareAll(craftWith({"motor_lag", "input_delay", "wind", "quadratic_drag", "marker_offset"}));
   compareAll(craftWith({"com_offset", "thrust_curve", "floor_tilt", "heading_offset"}));
+}
+
+TEST(Lanes, TurnRowsIntoColumns) {
+  Vec8 m[8];
+  for (int i = 0; i < 8; ++i)
+    for (int j = 0; j < 8; ++j) m[i][j] = 10 * i + j;
+  transpose(m);
+  for (int i = 0; i < 8; ++i)
+    for (int j = 0; j < 8; ++j) EXPECT_EQ(m[i][j], 10 * j + i);
 }
 
 TEST(Lanes, DecideEachForItself) {

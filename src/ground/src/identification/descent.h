@@ -23,6 +23,30 @@ struct Robust {
     const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
+  /// Of all residuals: the squares of the derivatives, the derivatives times the residuals after the
+  /// loss, and the sum of the squares of these.
+  double weigh(const Eigen::VectorXd& residuals, Eigen::VectorXd& weight,
+               Eigen::VectorXd& product) const {
+    if (std::isinf(delta)) {
+      weight.setOnes();
+      product = residuals;
+      return residuals.squaredNorm();
+    }
+    const double over = 1 / (delta * delta);
+    double sum = 0;
+    for (Eigen::Index i = 0; i < residuals.size(); ++i) {
+      // f^2 and the derivative over f, see derivative(); loops without branches are made of vectors
+      const double square = residuals(i) * residuals(i), root = std::sqrt(1 + square * over);
+      const double f2 = 2 / (1 + root), slope = 1 - (root - 1) / (2 * root);
+      weight(i) = f2 * slope * slope;
+      product(i) = f2 * slope * residuals(i);
+    }
+    for (Eigen::Index i = 0; i < residuals.size(); ++i) {
+      const double r = residuals(i);
+      sum += 2 * r * r / (1 + std::sqrt(1 + r * r * over));
+    }
+    return sum;
+  }
   /// Half the derivative of the loss by the residual.
   double score(double r) const {
     return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
@@ -30,7 +54,8 @@ struct Robust {
   /// Half the second derivative of the loss, averaged over about `width` (no less than delta):
   /// absolute values have all their curvature at zero, where few residuals are.
   double curvature(double r, double width) const {
-    return std::isinf(delta) ? 1 : delta / width * std::pow(1 + r * r / (width * width), -1.5);
+    const double square = 1 + r * r / (width * width);
+    return std::isinf(delta) ? 1 : delta / width / (square * std::sqrt(square));
   }
 
  private:

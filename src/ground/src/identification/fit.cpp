@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <memory>
 #include <numeric>
-#include <optional>
 #include <random>
 #include <stdexcept>
 
@@ -320,8 +320,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   const std::vector<double> losses = options.near && robust && options.width > 0
                                          ? std::vector<double>{options.width}
                                          : lossesOf(options.objective);
-  std::optional<SimulationError> brief;
-  if (!options.near) brief.emplace(runs_, pieces(*this, kBrief), target_);
+  std::unique_ptr<const SimulationError> brief;
+  if (!options.near) brief.reset(new SimulationError(data_, pieces(*this, kBrief), target_));
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
     Solution found;
     try {
@@ -345,12 +345,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     return c <= best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
   }));
   if (robust && std::isinf(best.delta)) {
-    std::vector<double> sizes;
-    residuals(model, free.coordinates(best.scaled.data()), {}, best.initial, false, 1,
-              [&](const WindowResiduals& found) {
-                if (!found.finite) return;
-                for (const double x : found.residuals) sizes.push_back(std::abs(x));
-              });
+    const std::vector<double> sizes = residualSizes(
+        *this, model, free.coordinates(best.scaled.data()), best.initial, options.threads);
     const double delta = options.width > 0 ? options.width
                          : sizes.empty()   ? kInfinity
                                            : 2 * deviationOf(sizes);
@@ -381,7 +377,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
         std::clamp(info.fromCoordinate(coordinates[free.index[i]]), info.lower, info.upper);
   }
   result.model.setValues(values);
-  result.objective = objective(simulateFrom(result.model, best.initial));
+  result.objective = objective(result.model, best.initial);
 
   const Uncertainty u =
       uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block,

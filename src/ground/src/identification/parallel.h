@@ -1,6 +1,8 @@
 // Work shared out over threads.
 #pragma once
 
+#include <sched.h>
+
 #include <algorithm>
 #include <atomic>
 #include <thread>
@@ -8,9 +10,12 @@
 
 namespace ground {
 
-/// Number of threads: all cores for 0.
+/// Number of threads: for 0 as many as the process may use cores.
 inline int threadCount(int wanted) {
-  return wanted > 0 ? wanted : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  if (wanted > 0) return wanted;
+  cpu_set_t cores;
+  if (sched_getaffinity(0, sizeof cores, &cores) == 0) return std::max(1, CPU_COUNT(&cores));
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
 /// Calls `work(i)` for i = 0 … count - 1 from several threads.

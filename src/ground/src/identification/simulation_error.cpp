@@ -127,15 +127,10 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
   return windows;
 }
 
-SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
-                                 Target target)
-    : runs_(std::move(runs)),
-      windows_(std::move(windows)),
-      target_(target),
-      plans_(std::make_unique<WindowPlans>()) {
-  if (windows_.empty())
-    throw std::invalid_argument("the runs are too short: there is no window to simulate");
-  for (RunData& run : runs_) {
+std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vector<RunData> runs,
+                                                                      Target target) {
+  auto data = std::make_shared<Data>();
+  for (RunData& run : runs) {
     if (run.poses.rows() == 0) run.poses = run.eta;
     const auto count = static_cast<Eigen::Index>(run.times.size());
     if (run.eta.rows() != count || run.nu.rows() != count || run.poses.rows() != count)
@@ -147,21 +142,38 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
         (run.nu.rowwise() - mean.transpose()).array().square().colwise().mean().sqrt();
     if (!(sigma.minCoeff() > 0))
       throw std::invalid_argument(run.name + ": the craft does not move");
-    sigma_.push_back(sigma);
+    data->sigma.push_back(sigma);
+    data->measured.push_back(target == Target::kPoses ? run.poses : run.nu);
     if (!(run.noise.minCoeff() > 0))
       throw std::invalid_argument(run.name + ": the noise of poses must be positive");
     if (!(run.disturbance.minCoeff() >= 0))
       throw std::invalid_argument(run.name + ": a disturbance must not be negative");
   }
+  data->runs = std::move(runs);
+  return data;
+}
+
+SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
+                                 Target target)
+    : SimulationError(prepare(std::move(runs), target), std::move(windows), target) {}
+
+SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows,
+                                 Target target)
+    : data_(std::move(data)),
+      windows_(std::move(windows)),
+      target_(target),
+      plans_(std::make_unique<WindowPlans>()) {
+  if (windows_.empty())
+    throw std::invalid_argument("the runs are too short: there is no window to simulate");
   for (const Window& w : windows_) {
-    if (w.run < 0 || w.run >= static_cast<int>(runs_.size()) || w.first < 0 || w.last <= w.first ||
-        w.last >= static_cast<int>(runs_[w.run].times.size()))
+    if (w.run < 0 || w.run >= static_cast<int>(runs().size()) || w.first < 0 ||
+        w.last <= w.first || w.last >= static_cast<int>(runs()[w.run].times.size()))
       throw std::invalid_argument("a window lies outside its run");
   }
   if (target_ != Target::kPoses) return;
   for (const Window& w : windows_)
-    whitening_.emplace_back(runs_[w.run].times, w.first, w.last, runs_[w.run].noise,
-                            runs_[w.run].disturbance);
+    whitening_.emplace_back(runs()[w.run].times, w.first, w.last, runs()[w.run].noise,
+                            runs()[w.run].disturbance);
 }
 
 SimulationError::~SimulationError() = default;
@@ -192,11 +204,28 @@ double SimulationError::objective(const WindowSimulation& simulation) const {
   for (std::size_t w = 0; w < windows_.size(); ++w) {
     const Window& span = windows_[w];
     const Eigen::MatrixX3d error =
-        simulation.nu[w] - runs_[span.run].nu.middleRows(span.first, simulation.nu[w].rows());
-    sum += (error.cwiseAbs() * sigma_[span.run].cwiseInverse()).sum();
+        simulation.nu[w] - runs()[span.run].nu.middleRows(span.first, simulation.nu[w].rows());
+    sum += (error.cwiseAbs() * sigma(span.run).cwiseInverse()).sum();
     samples += error.rows();
   }
   return sum / static_cast<double>(samples);
+}
+
+double SimulationError::objective(const Model& model,
+                                  const std::vector<Eigen::VectorXd>& initial) const {
+  if (target_ != Target::kVelocities) return objective(simulateFrom(model, initial));
+  std::vector<double> sums(windows_.size(), kInfinity);
+  double samples = 0;
+  residuals(model, model.coordinates(), {}, initial, false, 1, [&](const WindowResiduals& found) {
+    if (found.finite) sums[found.window] = found.residuals.lpNorm<1>();
+    samples += static_cast<double>(found.residuals.size()) / 3;
+  });
+  double sum = 0;
+  for (std::size_t w = 0; w < windows_.size(); ++w) {
+    if (std::isinf(sums[w])) throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+    sum += sums[w];
+  }
+  return sum / samples;
 }
 
 }  // namespace ground

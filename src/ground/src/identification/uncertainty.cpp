@@ -1,5 +1,7 @@
 #include "uncertainty.h"
 
+#include "window_costs.h"
+
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
@@ -14,6 +16,7 @@ struct Normal {
   Eigen::VectorXd b;
 
   explicit Normal(int n) : A(Eigen::MatrixXd::Zero(n, n)), b(Eigen::VectorXd::Zero(n)) {}
+  Normal(NormalEquations equations) : A(std::move(equations.A)), b(std::move(equations.b)) {}
   Normal& operator+=(const Normal& other) {
     A += other.A;
     b += other.b;
@@ -44,6 +47,20 @@ double deviationOf(std::vector<double> sizes) {
   return 1.4826 * *middle;
 }
 
+std::vector<double> residualSizes(const SimulationError& problem, const Model& model,
+                                  const std::vector<double>& coordinates, const Initials& initial,
+                                  int threads) {
+  std::vector<Eigen::VectorXd> windows(problem.windows().size());
+  problem.residuals(model, coordinates, {}, initial, false, threads,
+                    [&](const WindowResiduals& found) {
+                      if (found.finite) windows[found.window] = found.residuals.cwiseAbs();
+                    });
+  std::vector<double> sizes;
+  for (const Eigen::VectorXd& window : windows)
+    sizes.insert(sizes.end(), window.begin(), window.end());
+  return sizes;
+}
+
 Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
                         const std::vector<double>& coordinates, const Initials& initial,
                         const Robust& robust, double block, int threads) {
@@ -53,53 +70,48 @@ Uncertainty uncertainty(const SimulationError& problem, const Model& model, cons
     const std::vector<double>& times = problem.runs()[w.run].times;
     return times[w.last] - times[w.first];
   };
-  std::vector<Eigen::VectorXd> residuals(problem.windows().size());
-  std::vector<Derivatives> jacobians(problem.windows().size());
-  problem.residuals(model, coordinates, free.index, initial, true, threads,
-                    [&](const WindowResiduals& found) {
-                      if (!found.finite) return;
-                      residuals[found.window] = found.residuals;
-                      jacobians[found.window] =
-                          found.derivatives.leftCols(n + problem.initialSize());
-                      jacobians[found.window].leftCols(n) *= scale.asDiagonal();
-                    });
+  const std::vector<double> sizes = residualSizes(problem, model, coordinates, initial, threads);
+  const double width = std::max(robust.delta, sizes.empty() ? 0 : 0.3 * deviationOf(sizes));
   double total = 0;
-  std::vector<double> sizes;
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    if (residuals[w].size() == 0) continue;
-    total += durationOf(problem.windows()[w]);
-    for (double r : residuals[w]) sizes.push_back(std::abs(r));
-  }
+  for (const Window& window : problem.windows()) total += durationOf(window);
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
   block = std::min(block, total / (4 * n));
-  const double width = std::max(robust.delta, sizes.empty() ? 0 : 0.3 * deviationOf(sizes));
 
+  const int k = problem.initialSize();
+  std::vector<std::vector<Normal>> blocks(problem.windows().size());
+  problem.residuals(
+      model, coordinates, free.index, initial, true, threads, [&](const WindowResiduals& found) {
+        if (!found.finite) return;
+        const Window& span = problem.windows()[found.window];
+        const int samples = span.last - span.first + 1;
+        const int count =
+            std::min(samples, std::max(1, static_cast<int>(std::lround(durationOf(span) / block))));
+        Eigen::VectorXd curvature(3 * samples), score(3 * samples);
+        for (Eigen::Index i = 0; i < score.size(); ++i) {
+          curvature(i) = robust.curvature(found.residuals(i), width);
+          score(i) = robust.score(found.residuals(i));
+        }
+        for (int b = 0; b < count; ++b) {
+          Normal part = normalEquations(found.derivatives, n + k, curvature, score,
+                                        3 * (samples * b / count), 3 * (samples * (b + 1) / count));
+          part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
+          part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
+          part.b.head(n) = scale.cwiseProduct(part.b.head(n));
+          blocks[found.window].push_back(std::move(part));
+        }
+      });
   Normal whole(n);
   std::vector<Normal> changes;  // of the whole when a block is left out
-  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
-    const Window& span = problem.windows()[w];
-    const int samples = static_cast<int>(residuals[w].size()) / 3;
-    if (samples == 0) continue;
-    const int count =
-        std::min(samples, std::max(1, static_cast<int>(std::lround(durationOf(span) / block))));
-    Normal window(n + problem.initialSize());
-    std::vector<Normal> parts(count, window);
-    for (int b = 0; b < count; ++b) {
-      const int begin = 3 * (samples * b / count), end = 3 * (samples * (b + 1) / count);
-      for (int i = begin; i < end; ++i) {
-        const Eigen::VectorXd row = jacobians[w].row(i);
-        const double r = residuals[w](i);
-        parts[b].A += robust.curvature(r, width) * row * row.transpose();
-        parts[b].b += robust.score(r) * row;
-      }
-      window += parts[b];
-    }
-    const Normal reduced = window.reduced(problem.initialSize());
+  for (const std::vector<Normal>& parts : blocks) {
+    if (parts.empty()) continue;
+    Normal window(n + k);
+    for (const Normal& part : parts) window += part;
+    const Normal reduced = window.reduced(k);
     whole += reduced;
     for (const Normal& part : parts) {
       Normal rest = window;
       rest -= part;
-      changes.push_back(count > 1 ? rest.reduced(problem.initialSize()) : Normal(n));
+      changes.push_back(parts.size() > 1 ? rest.reduced(k) : Normal(n));
       changes.back() -= reduced;
     }
   }

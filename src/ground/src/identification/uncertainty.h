@@ -22,6 +22,11 @@ Uncertainty uncertainty(const SimulationError& problem, const Model& model, cons
                         const std::vector<double>& coordinates, const Initials& initial,
                         const Robust& robust, double block, int threads);
 
+/// Absolute residuals of all windows that can be simulated.
+std::vector<double> residualSizes(const SimulationError& problem, const Model& model,
+                                  const std::vector<double>& coordinates, const Initials& initial,
+                                  int threads);
+
 /// Standard deviation that the median of absolute residuals stands for.
 double deviationOf(std::vector<double> sizes);
 

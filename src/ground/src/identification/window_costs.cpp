@@ -8,47 +8,30 @@
 
 namespace ground {
 
-Eigen::MatrixXd normalEquations(const WindowResiduals& window, int columns, const Robust& robust) {
-  const Eigen::Index rows = window.residuals.size();
-  const int blocks = static_cast<int>(window.derivatives.cols()) / 8;
-  const auto row = [&](Eigen::Index i, int block) {
-    Vec8 part;
-    std::memcpy(&part, &window.derivatives(i, 8 * block), sizeof part);
-    return part;
-  };
-  Eigen::VectorXd weight(rows), residual(rows);
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    const double slope = robust.derivative(window.residuals(i));
-    residual(i) = robust(window.residuals(i));
-    weight(i) = slope * slope;
-    residual(i) *= slope;  // with J's factor on its side as well
-  }
-  Eigen::MatrixXd A(columns + 1, columns + 1);
-  for (int p = 0; p < blocks; ++p) {
-    for (int q = p; q < blocks; ++q) {
-      Vec8 sum[8] = {};
-      for (Eigen::Index i = 0; i < rows; ++i) {
-        const Vec8 left = weight(i) * row(i, p), right = row(i, q);
+NormalEquations normalEquations(const Derivatives& rows, int columns, const Eigen::VectorXd& weight,
+                                const Eigen::VectorXd& residual, Eigen::Index first,
+                                Eigen::Index last) {
+  NormalEquations result{Eigen::MatrixXd(columns, columns), Eigen::VectorXd(columns)};
+  const int blocks = static_cast<int>(rows.cols()) / 8;
+  for (int q = 0; q < blocks; ++q) {
+    for (int p = 0; p <= q; ++p) {
+      Vec8 sum[8] = {}, slope = {};
+      for (Eigen::Index i = first; i < last; ++i) {
+        const double* left = &rows(i, 8 * p);
+        Vec8 right;
+        std::memcpy(&right, &rows(i, 8 * q), sizeof right);
+        if (p == q) slope += residual(i) * right;
+        right *= weight(i);
         for (int k = 0; k < 8; ++k) sum[k] += left[k] * right;
       }
-      for (int k = 0; k < 8; ++k)
-        for (int j = 0; j < 8; ++j) {
-          if (8 * p + k >= columns || 8 * q + j >= columns) continue;
-          A(8 * p + k, 8 * q + j) = A(8 * q + j, 8 * p + k) = sum[k][j];
-        }
+      for (int j = 0; j < 8 && 8 * q + j < columns; ++j) {
+        for (int k = 0; k < 8 && 8 * p + k < columns; ++k)
+          result.A(8 * p + k, 8 * q + j) = result.A(8 * q + j, 8 * p + k) = sum[k][j];
+        if (p == q) result.b(8 * q + j) = slope[j];
+      }
     }
-    Vec8 slope = {};
-    for (Eigen::Index i = 0; i < rows; ++i) slope += residual(i) * row(i, p);
-    for (int k = 0; k < 8 && 8 * p + k < columns; ++k)
-      A(8 * p + k, columns) = A(columns, 8 * p + k) = slope[k];
   }
-  double size = 0;
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    const double r = robust(window.residuals(i));
-    size += r * r;
-  }
-  A(columns, columns) = size;
-  return A;
+  return result;
 }
 
 /// A window's share, as the last evaluation left it.
@@ -122,15 +105,22 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
         if (!found.finite) return;
         if (!derivatives) {
           double sum = 0;
-          for (const double r : found.residuals) sum += std::pow(robust_(r), 2);
+          for (const double r : found.residuals) sum += robust_(r) * robust_(r);
           window.size = std::sqrt(sum);
           return;
         }
-        Eigen::MatrixXd A = normalEquations(found, columns, robust_);
-        for (int i = 0; i < free; ++i) {
-          A.row(i) *= free_.scale[i];
-          A.col(i) *= free_.scale[i];
-        }
+        const Eigen::Index rows = found.residuals.size();
+        Eigen::VectorXd weight(rows), residual(rows);
+        const double size = robust_.weigh(found.residuals, weight, residual);
+        const NormalEquations normal =
+            normalEquations(found.derivatives, columns, weight, residual, 0, rows);
+        Eigen::VectorXd scale = Eigen::VectorXd::Ones(columns);
+        for (int i = 0; i < free; ++i) scale(i) = free_.scale[i];
+        Eigen::MatrixXd A(columns + 1, columns + 1);
+        A.topLeftCorner(columns, columns) = scale.asDiagonal() * normal.A * scale.asDiagonal();
+        A.col(columns).head(columns) = scale.cwiseProduct(normal.b);
+        A.row(columns).head(columns) = A.col(columns).head(columns).transpose();
+        A(columns, columns) = size;
         // Of what the derivatives do not tell apart rounding may leave less than nothing.
         const Eigen::LDLT<Eigen::MatrixXd> decomposed(A);
         const Eigen::MatrixXd upper = decomposed.matrixU();

@@ -42,8 +42,14 @@ class WindowCosts : public ceres::EvaluationCallback {
   bool has_derivatives_ = false;
 };
 
-/// [J r]'[J r] of a window's residuals and the derivatives by its first `columns` columns, both
-/// after the loss.
-Eigen::MatrixXd normalEquations(const WindowResiduals& window, int columns, const Robust& robust);
+/// J'WJ and J'r.
+struct NormalEquations {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd b;
+};
+/// Of the rows [first, last) and the first `columns` columns of J, W being a diagonal.
+NormalEquations normalEquations(const Derivatives& rows, int columns, const Eigen::VectorXd& weight,
+                                const Eigen::VectorXd& residual, Eigen::Index first,
+                                Eigen::Index last);
 
 }  // namespace ground

@@ -33,4 +33,17 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
   return groups_;
 }
 
+std::unique_ptr<GroupResiduals> WindowPlans::borrow() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (spare_.empty()) return std::make_unique<GroupResiduals>(Lanes::kCount);
+  std::unique_ptr<GroupResiduals> results = std::move(spare_.back());
+  spare_.pop_back();
+  return results;
+}
+
+void WindowPlans::giveBack(std::unique_ptr<GroupResiduals> results) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  spare_.push_back(std::move(results));
+}
+
 }  // namespace ground

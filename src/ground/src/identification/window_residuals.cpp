@@ -62,6 +62,7 @@ struct Variables {
 struct Measured {
   const RunData* run;
   const Window* window;
+  const Rows3* of;  ///< poses or velocities of the run
   bool poses;
   Vector3<double> weight;
 
@@ -71,8 +72,7 @@ struct Measured {
     result.derivatives.resize(columns > 0 ? rows : 0, (columns + kPass - 1) / kPass * kPass);
   }
   void store(int sample, int c, double simulated, WindowResiduals& result) const {
-    const Eigen::MatrixX3d& of = poses ? run->poses : run->nu;
-    result.residuals(3 * sample + c) = (simulated - of(window->first + sample, c)) * weight(c);
+    result.residuals(3 * sample + c) = (simulated - (*of)(window->first + sample, c)) * weight(c);
   }
   template <typename T>
   const Vector3<T>& seen(const Measurement<T>& measurement) const {
@@ -80,6 +80,19 @@ struct Measured {
   }
   Vector3<double> start() const { return run->eta.row(window->first); }
 };
+
+/// Eigen's own looks at one number at a time.
+bool allFinite(const Derivatives& rows) {
+  Vec8 sum = {};
+  for (Eigen::Index i = 0; i < rows.size(); i += 8) {
+    Vec8 part;
+    std::memcpy(&part, rows.data() + i, sizeof part);
+    sum += 0.0 * part;  // not a number, if one is not
+  }
+  for (int i = 0; i < 8; ++i)
+    if (sum[i] != 0) return false;
+  return true;
+}
 
 /// Simulates one window and keeps its residuals and the derivatives of one pass.
 template <typename T>
@@ -110,23 +123,29 @@ void simulateOne(const Dynamics<T>& dynamics, const Measured& measured, const Va
 template <typename T>
 void simulateLanes(const Dynamics<T>& dynamics, const LanePlan& plan,
                    const std::vector<Measured>& measured, const Variables<T>& point, int initial_size,
-                   int begin, int end, std::vector<WindowResiduals>& results) {
+                   int begin, int end, GroupResiduals& results) {
   Vector3<T> start(T(0.0), T(0.0), T(0.0));
   for (std::size_t lane = 0; lane < measured.size(); ++lane)
     for (int c = 0; c < 3; ++c)
       valueIn(start(c))[static_cast<int>(lane)] = measured[lane].start()(c);
   const bool pose = measured[0].poses || dynamics.usesPose();
   plan.run<T>(dynamics, stateAtStart(dynamics, start, point.initial, initial_size), pose,
-              [&](const LanePlan::Sample& sample, const Measurement<T>& now) {
-                const Measured& at = measured[sample.lane];
-                WindowResiduals& result = results[sample.lane];
-                const Vector3<T>& seen = at.seen(now);
+              [&](const LanePlan::Sample* samples, int count, const Measurement<T>& now) {
+                const Vector3<T>& seen = measured[0].seen(now);
                 for (int c = 0; c < 3; ++c) {
-                  at.store(sample.index, c, valueOf(seen(c))[sample.lane], result);
+                  Vec8 rows[kPass];  // of derivatives, one a lane
                   if constexpr (!std::is_same_v<T, Lanes>) {
-                    double* row = &result.derivatives(3 * sample.index + c, begin);
                     for (int d = 0; d < kPass; ++d)
-                      row[d] = d < end - begin ? at.weight(c) * seen(c).v[d][sample.lane] : 0.0;
+                      rows[d] = d < end - begin ? seen(c).v[d].x : Vec8{};
+                    transpose(rows);
+                  }
+                  for (int i = 0; i < count; ++i) {
+                    const auto [lane, index] = samples[i];
+                    WindowResiduals& result = results[lane];
+                    measured[lane].store(index, c, valueOf(seen(c))[lane], result);
+                    if constexpr (std::is_same_v<T, Lanes>) continue;
+                    const Vec8 row = measured[lane].weight(c) * rows[lane];
+                    std::memcpy(&result.derivatives(3 * index + c, begin), &row, sizeof row);
                   }
                 }
               });
@@ -157,7 +176,7 @@ class SimulationError::Evaluation {
   }
 
   void together(const WindowPlans::Group& group, const std::vector<Eigen::VectorXd>& initial,
-                std::vector<WindowResiduals>& results) const {
+                GroupResiduals& results) const {
     std::vector<Measured> measured;
     for (std::size_t lane = 0; lane < group.windows.size(); ++lane) {
       measured.push_back(at(group.windows[lane]));
@@ -182,7 +201,7 @@ class SimulationError::Evaluation {
     Variables<Jet> point(coordinates_);
     for (const int parameter : free_) point.coordinates[parameter].v[0] = 1.0;
     const Jet delay = Dynamics<Jet>(model_, point.coordinates).inputDelay();
-    return error_.plans_->get(error_.runs_, error_.windows_, delay.a, !delay.isConstant());
+    return error_.plans_->get(error_.runs(), error_.windows_, delay.a, !delay.isConstant());
   }
 
  private:
@@ -190,8 +209,8 @@ class SimulationError::Evaluation {
     const Window& w = error_.windows_[window];
     const bool poses = error_.target_ == Target::kPoses;
     const Vector3<double> weight = poses ? Vector3<double>(1, 1, 1)
-                                         : Vector3<double>(error_.sigma_[w.run].cwiseInverse());
-    return {&error_.runs_[w.run], &w, poses, weight};
+                                         : Vector3<double>(error_.sigma(w.run).cwiseInverse());
+    return {&error_.runs()[w.run], &w, &error_.data_->measured[w.run], poses, weight};
   }
 
   /// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without.
@@ -217,7 +236,7 @@ class SimulationError::Evaluation {
       error_.whitening_[window].apply(result.residuals);
       if (columns_ > 0) error_.whitening_[window].apply(result.derivatives);
     }
-    result.finite = result.residuals.allFinite() && result.derivatives.allFinite();
+    result.finite = result.residuals.allFinite() && allFinite(result.derivatives);
   }
 
   const SimulationError& error_;
@@ -244,18 +263,19 @@ void SimulationError::residuals(const Model& model, const std::vector<double>& c
   const Evaluation evaluation(*this, model, coordinates, free, derivatives);
   const WindowPlans::Groups groups = evaluation.groups();
   inParallel(groups->size(), threads, [&](std::size_t g) {
-    thread_local std::vector<WindowResiduals> results(Lanes::kCount);
+    std::unique_ptr<GroupResiduals> results = plans_->borrow();
     const WindowPlans::Group& group = (*groups)[g];
     const std::size_t count = group.windows.size();
     if (count >= kFewestLanes) {
-      evaluation.together(group, initial, results);
-      for (std::size_t lane = 0; lane < count; ++lane) visit(results[lane]);
-      return;
+      evaluation.together(group, initial, *results);
+      for (std::size_t lane = 0; lane < count; ++lane) visit((*results)[lane]);
+    } else {
+      for (const int window : group.windows) {
+        evaluation.one(window, initial[window], results->front());
+        visit(results->front());
+      }
     }
-    for (const int window : group.windows) {
-      evaluation.one(window, initial[window], results[0]);
-      visit(results[0]);
-    }
+    plans_->giveBack(std::move(results));
   });
 }
 
@@ -265,7 +285,7 @@ WindowSimulation SimulationError::simulateFrom(const Model& model,
   const Dynamics<double> dynamics(model);
   for (std::size_t w = 0; w < windows_.size(); ++w) {
     const Window& window = windows_[w];
-    const RunData& run = runs_[window.run];
+    const RunData& run = runs()[window.run];
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
     std::array<double, kMostInitial> from{};

@@ -97,6 +97,8 @@ enum class Target {
 /// numbers of the initial state, then as many zeros as make them a multiple of eight.
 using Derivatives = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+using Rows3 = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
 /// Residuals of a window at some parameters and initial state.
 struct WindowResiduals {
   int window;
@@ -133,10 +135,13 @@ class SimulationError {
   /// The thesis's objective (3.4) over all windows, from a simulation of them: the mean over
   /// samples of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
   double objective(const WindowSimulation& simulation) const;
+  /// The same from given initial states. Throws std::runtime_error when the model cannot be
+  /// simulated.
+  double objective(const Model& model, const std::vector<Eigen::VectorXd>& initial) const;
 
   /// Standard deviations of u, v, r in a run.
-  const Vector3<double>& sigma(int run) const { return sigma_[run]; }
-  const std::vector<RunData>& runs() const { return runs_; }
+  const Vector3<double>& sigma(int run) const { return data_->sigma[run]; }
+  const std::vector<RunData>& runs() const { return data_->runs; }
   const std::vector<Window>& windows() const { return windows_; }
 
   /// Numbers of an initial state: u, v, r, or x, y, psi, u, v, r where poses are the target.
@@ -163,9 +168,17 @@ class SimulationError {
  private:
   class Evaluation;
 
-  std::vector<RunData> runs_;
+  /// What windows of all lengths are cut from.
+  struct Data {
+    std::vector<RunData> runs;
+    std::vector<Vector3<double>> sigma;
+    std::vector<Rows3> measured;  ///< what each run's simulations are held against
+  };
+  SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target);
+  static std::shared_ptr<const Data> prepare(std::vector<RunData> runs, Target target);
+
+  std::shared_ptr<const Data> data_;
   std::vector<Window> windows_;
-  std::vector<Vector3<double>> sigma_;
   Target target_;
   std::vector<Whitening> whitening_;  // of each window when poses are the target
   std::unique_ptr<WindowPlans> plans_;

@@ -31,9 +31,9 @@ class LanePlan {
   LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
            double max_step = kDefaultStep);
 
-  /// Runs all lanes from `state`, the actuators settled, and calls visit(sample, measurement) for
-  /// every sample; those of one instant come one after the other with the same measurement. Without
-  /// `pose` only velocities are integrated.
+  /// Runs all lanes from `state`, the actuators settled, and calls visit(samples, count, measurement)
+  /// whenever some lanes, one sample each, are to be measured. Without `pose` only velocities are
+  /// integrated.
   template <typename T, class Visit>
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Visit& visit) const;
 
@@ -76,9 +76,9 @@ void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
     for (const Step& step : settling_) run.settle(step);
   int sample = 0;
   const auto show = [&](int end) {
-    if (sample == end) return;
-    const Measurement<T> seen = run.measure();
-    for (; sample < end; ++sample) visit(samples_[static_cast<std::size_t>(sample)], seen);
+    if (sample < end)
+      visit(&samples_[static_cast<std::size_t>(sample)], end - sample, run.measure());
+    sample = end;
   };
   show(first_samples_);
   for (const Step& step : steps_) {

@@ -72,9 +72,9 @@ void cosSin(const Dual<V, N>& angle, Dual<V, N>& c, Dual<V, N>& s) {
 /// Rotation of planar vectors by the heading psi [rad], (2.1).
 template <typename T>
 struct Rotation {
-  T c{1.0}, s{0.0};
+  T c, s;
 
-  Rotation() = default;
+  Rotation() = default;  ///< anything
   explicit Rotation(const T& psi) { cosSin(psi, c, s); }
   /// With the heading's cosine and sine known, but for their derivatives.
   Rotation(const T& psi, const ValueOf<T>& cosine, const ValueOf<T>& sine) {
