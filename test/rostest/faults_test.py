@@ -11,7 +11,7 @@ import unittest
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped
-from ground_msgs.msg import ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -19,7 +19,8 @@ import harness  # noqa: E402
 from wire_proxy import WireProxy  # noqa: E402
 
 LIMIT = 0.3  # of thrust after the last pose that is to be believed [s]
-GOES_ON, STOPS = "goes on", "stops"
+# How a fault ends: the controller drives on; it stops; it stops and the sender is in FAULT besides.
+GOES_ON, STOPS, FAULTS = "goes on", "stops", "stops, FAULT"
 JUMP = 2  # frames
 TRACKS = 0.05  # error of a craft that has recovered [m]
 
@@ -76,6 +77,18 @@ def jump():
     return spoil
 
 
+def carried(pose):
+    pose.pose.position.x += 1.0
+    return pose
+
+
+def swapped(pose):
+    p, o = pose.pose.position, pose.pose.orientation
+    p.y, p.z = p.z, p.y
+    o.y, o.z = o.z, o.y
+    return pose
+
+
 def not_finite(pose):
     pose.pose.position.x = math.nan
     return pose
@@ -90,17 +103,46 @@ def endless(pose):
 MOCAP = [
     ("mocap lost for 0.1 s", lambda: lose, 0.1, GOES_ON),
     ("mocap lost for 0.5 s", lambda: lose, 0.5, GOES_ON),
-    ("mocap lost for 5 s", lambda: lose, 5.0, STOPS),
-    ("pose frozen for 2 s", frozen, 2.0, STOPS),
-    ("poses not finite for 2 s", lambda: not_finite, 2.0, STOPS),
-    ("orientations infinite for 2 s", lambda: endless, 2.0, STOPS),
+    ("mocap lost for 5 s", lambda: lose, 5.0, FAULTS),
+    ("pose frozen for 2 s", frozen, 2.0, FAULTS),
+    ("poses not finite for 2 s", lambda: not_finite, 2.0, FAULTS),
+    ("orientations infinite for 2 s", lambda: endless, 2.0, FAULTS),
     ("pose 1 m off for two frames", jump, 0.1, GOES_ON),
+    ("pose 1 m off from now on", lambda: carried, 2.0, STOPS),
+    # Abeam the craft then seems to lie on its side, else to be elsewhere: at several headings.
+    ("axes swapped", lambda: swapped, 2.0, STOPS),
+    ("axes swapped, an eighth of a round on", lambda: swapped, 2.0, STOPS),
+    ("axes swapped, a quarter of a round on", lambda: swapped, 2.0, STOPS),
+]
+ROUND = 2 * math.pi * 1.5 / 0.5  # of the reference [s]
+# how long the craft tracks before the fault [s]
+LATER = {"axes swapped, an eighth of a round on": ROUND / 8, "axes swapped, a quarter of a round on": ROUND / 4}
+# fault, what is published on which topic for 2 s, how it ends
+MESSAGES = [
+    ("second controller, nameless", "controls", lambda: thrust(1.0, ""), GOES_ON),
+    ("second controller with a name", "controls", lambda: thrust(1.0, "/other"), STOPS),
+    ("second controller of NaN", "controls", lambda: thrust(math.nan, ""), GOES_ON),
+    ("states of NaN", "state", lambda: state(math.nan), STOPS),
+    ("states of infinite size", "state", lambda: state(math.inf), STOPS),
 ]
 # fault, what happens to packets for 3 s
 WIRE = [
     ("30% of the packets lost", {"drop": 0.3}),
     ("packets twice and in disorder", {"twice": 0.3, "swap": 0.3}),
 ]
+
+
+def thrust(value, driver):
+    message = Controls(left=value, right=value, lift=1.0)
+    message.header.stamp = rospy.Time.now()
+    message.header.frame_id = driver
+    return message
+
+
+def state(value):
+    message = State(valid=True, eta=[value] * 3, nu=[value] * 3)
+    message.header.stamp = rospy.Time.now()
+    return message
 
 
 class FaultsTest(unittest.TestCase):
@@ -161,12 +203,17 @@ class FaultsTest(unittest.TestCase):
             self.assertFalse(faults & {SenderStatus.FAULT}, self.sender.message.reason)
         else:
             self.assertIn(ControllerStatus.STOPPED, states)
+        if ending == FAULTS:
             self.assertIn(SenderStatus.FAULT, faults)
+
+    def print(self, name, ending, what):
+        print("fault: %-38s %-12s %s" % (name, ending, what))
 
     def test_the_mocap_fails(self):
         for name, spoil, seconds, ending in MOCAP:
             with self.subTest(name):
                 self.drive()
+                time.sleep(LATER.get(name, 0.0))
                 begun = time.monotonic()
                 self.mocap.spoil = spoil()
                 time.sleep(seconds)
@@ -174,7 +221,7 @@ class FaultsTest(unittest.TestCase):
                 self.mocap.spoil = None
                 late = [t - last for t in self.wire.thrust_between(last, end)]
                 worst = max(late, default=0.0)
-                print("%-32s %s; thrust until %3.0f ms after it" % (name, ending, 1e3 * worst))
+                self.print(name, ending, "thrust until %3.0f ms after it" % (1e3 * worst))
                 self.assertLess(worst, LIMIT)
                 if ending == GOES_ON:
                     self.drive()
@@ -197,9 +244,66 @@ class FaultsTest(unittest.TestCase):
                     errors.append(self.error())
                     time.sleep(0.01)
                 self.wire.drop = self.wire.twice = self.wire.swap = 0.0
-                print("%-32s goes on; error at most %.0f mm" % (name, 1e3 * max(errors)))
+                self.print(name, GOES_ON, "error at most %.0f mm" % (1e3 * max(errors)))
                 self.assertLess(max(errors), 2 * TRACKS)
                 self.ended(GOES_ON, begun)
+
+    def test_topics_bring_nonsense(self):
+        for name, topic, make, ending in MESSAGES:
+            with self.subTest(name):
+                self.drive()
+                publisher = rospy.Publisher(topic, type(make()), queue_size=1, tcp_nodelay=True)
+                harness.wait_for(publisher.get_num_connections, 5, "a listener")
+                begun, start = time.monotonic(), time.time()
+                intruder = harness.Repeater(100, lambda: publisher.publish(make()))
+                time.sleep(2)
+                late = [t - start for t in self.wire.thrust_between(start, time.time())]
+                foreign = [p for p in self.wire.packets if p.time > start and p.left == p.right == 1]
+                intruder.stop()
+                publisher.unregister()
+                if ending == GOES_ON:
+                    self.print(name, ending, "%d of its commands obeyed" % len(foreign))
+                    self.assertEqual(foreign, [])
+                else:
+                    worst = max(late, default=0.0)
+                    self.print(name, ending, "thrust until %3.0f ms after its first" % (1e3 * worst))
+                    self.assertLess(worst, LIMIT)
+                self.ended(ending, begun)
+
+    def test_the_craft_restarts(self):
+        """On the same address, then on another one: it meets no thrust before it is armed anew."""
+        for name, how in (("craft restarts", "silence"), ("craft comes back elsewhere", "move")):
+            with self.subTest(name):
+                self.drive()
+                begun = time.monotonic()
+                self.wire.silent = True
+                time.sleep(3)
+                if how == "move":
+                    self.wire.move()
+                self.wire.silent = False
+                back = time.time()
+                harness.wait_for(
+                    lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop"
+                )
+                time.sleep(0.5)
+                thrust = self.wire.thrust_between(back, time.time())
+                self.print(name, FAULTS, "%d packets with thrust when it is back" % len(thrust))
+                self.assertEqual(thrust, [])
+                self.ended(FAULTS, begun)
+        self.drive()  # and is driven again where it is now
+
+    def test_started_while_disarmed(self):
+        self.stop()
+        self.arm(False)
+        harness.wait_for(lambda: self.sender.message.state == SenderStatus.DISARMED, 5, "disarming")
+        begun = time.time()
+        self.start()
+        time.sleep(1)
+        thrust = self.wire.thrust_between(begun, time.time())
+        self.print("start while disarmed", "waits", "%d packets with thrust" % len(thrust))
+        self.assertEqual(thrust, [])
+        self.assertEqual(self.status.message.state, ControllerStatus.WAITING)
+        self.stop()
 
 
 if __name__ == "__main__":

@@ -21,13 +21,18 @@ class WireProxy:
         self._random = random.Random(seed)
         self._to_craft = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._to_craft.bind(("127.0.0.1", port))
-        self._to_sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._to_sender.bind(("127.0.0.1", 0))
+        self.silent = False  # nothing comes from the craft
+        self.move()
         self._sender, self._craft = ("127.0.0.1", sender_port), None
         self._held = None
         self._alive = True
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def move(self):
+        """From now on the craft speaks from another port."""
+        self._to_sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_sender.bind(("127.0.0.1", 0))
 
     def _run(self):
         while self._alive:
@@ -35,7 +40,8 @@ class WireProxy:
                 data, source = ready.recvfrom(4096)
                 if ready is self._to_craft:
                     self._craft = source
-                    self._to_sender.sendto(data, self._sender)
+                    if not self.silent:
+                        self._to_sender.sendto(data, self._sender)
                 else:
                     lift, _, right, left = [(v - 1000) / 1000 for v in decode_motors(data)]
                     self.packets.append(Packet(time.time(), left, right, lift))

@@ -207,6 +207,51 @@ TEST_F(GroundLinkTest, RefusesCommandsThatAreNotFinite) {
   EXPECT_EQ(link().reason(), "commands are stale: a command of /a is not finite");
 }
 
+TEST_F(GroundLinkTest, RefusesThrustWithoutLiftUnlessToldOtherwise) {
+  armed();
+  feed(0.1, kDrive);
+  const std::size_t before = packets_.size();
+  const std::uint64_t refused = link().counters().refused;
+  for (int i = 0; i < 10; ++i) {
+    command({0.5, 0.25, 0});
+    wait(0.01);
+  }
+  EXPECT_EQ(link().counters().refused, refused + 10);
+  for (std::size_t i = before; i < packets_.size(); ++i) EXPECT_EQ(packets_[i].command.lift, 1);
+  wait(0.2);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(lastIs(kZero));
+  EXPECT_NE(link().reason().find("thrust without lift"), std::string::npos) << link().reason();
+
+  GroundLinkParams params;
+  params.require_lift = false;
+  make({}, params);
+  armed();
+  command({0.5, 0.25, 0});
+  EXPECT_TRUE(lastIs({0.5, 0.25, 0}));
+}
+
+TEST_F(GroundLinkTest, ACraftThatFallsSilentIsAFault) {
+  armed();
+  feed(1.9, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+  feed(0.2, kDrive);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_NE(link().reason().find("silent"), std::string::npos) << link().reason();
+  link().disarm(now_, "by hand");
+  feed(0.1, kZero);
+  EXPECT_NE(arm().find("silent"), std::string::npos);
+  telemetry(kCraft);
+  EXPECT_EQ(arm(), "");
+
+  make();  // one that has never said anything but hello
+  garbage(kCraft);
+  feed(0.1, kZero);
+  ASSERT_EQ(arm(), "");
+  feed(3, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
 TEST_F(GroundLinkTest, StaleCommandsAreAFault) {
   armed();
   command(kDrive);
@@ -306,6 +351,7 @@ TEST_F(GroundLinkTest, FaultIsLatchedAndLeftByHandOnly) {
   EXPECT_EQ(link().current(), State::kDisarmed);
   feed(0.1, kZero);
   EXPECT_EQ(link().current(), State::kDisarmed);
+  telemetry(kCraft);
   EXPECT_EQ(arm(), "");
 }
 
@@ -525,12 +571,18 @@ TEST_F(GroundLinkTest, ARestartedCraftComesBackOnAnotherPort) {
   }
 }
 
-TEST_F(GroundLinkTest, ARestartWhileArmedIsNotFollowed) {
+TEST_F(GroundLinkTest, ARestartWhileArmedIsAFaultAndFollowedOnlyThen) {
   armed();
-  feed(3, kDrive);
+  feed(1.5, kDrive);
   telemetry(kReborn);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().current(), State::kArmed);
+  feed(1, kDrive);
+  EXPECT_EQ(link().current(), State::kFault);
+  telemetry(kReborn);
+  EXPECT_EQ(link().peer(), kReborn);
+  feed(0.5, kDrive);
+  EXPECT_TRUE(lastIs(kZero));
 }
 
 TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {

@@ -15,6 +15,8 @@ bool finite(const MotorCommand& c) {
   return std::isfinite(c.left) && std::isfinite(c.right) && std::isfinite(c.lift);
 }
 
+bool thrustAlone(const MotorCommand& c) { return (c.left > 0 || c.right > 0) && !(c.lift > 0); }
+
 bool zero(const MotorCommand& c) { return c.left == 0 && c.right == 0 && c.lift == 0; }
 
 std::string because(const std::string& what, const std::string& why) {
@@ -74,8 +76,7 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   const bool better = !peer_locked_ && telemetry;
   // A craft that was restarted speaks from another port of its address. Only one that used to send
   // telemetry can be known to have gone silent.
-  const bool back = peer_speaks_ && telemetry && from.host == peer_.host &&
-                    now - peer_heard_ > params_.peer_timeout;
+  const bool back = silent(now) && telemetry && from.host == peer_.host;
   if (!unknown && !better && !back) return false;
   peer_ = from;
   ++revision_;
@@ -107,6 +108,8 @@ void GroundLink::command(double now, double age, const std::string& source,
                       ", with which the craft is armed",
                   false);
   if (!finite(command)) return refuse("a command of " + source + " is not finite", true);
+  if (armed && params_.require_lift && thrustAlone(command))
+    return refuse("a command of " + source + " is thrust without lift", true);
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
   if (source != command_source_ && command_until_ > now) {
@@ -144,6 +147,7 @@ std::string GroundLink::arm(double now) {
   if (state_ == State::kFault) return "in fault (" + reason_ + "): disarm first";
   if (peer_.port == 0) return "no craft has been heard of";
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
+  if (silent(now)) return "the craft has fallen silent";
   if (params_.require_state && state_until_ <= now) {
     return state_until_ == kNever ? "there is no state" : "the state is stale";
   }
@@ -191,8 +195,15 @@ void GroundLink::watch(double now) {
   } else if (!lost.empty() && now - lost_since_ >= params_.recovery_time) {
     return fault(now, lost);
   }
+  // It may have been restarted, and is not to be met by thrust when it is back.
+  if (silent(now)) return fault(now, "the craft has fallen silent");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
+}
+
+/// Of a craft that has never sent telemetry nothing is known.
+bool GroundLink::silent(double now) const {
+  return peer_speaks_ && now - peer_heard_ > params_.peer_timeout;
 }
 
 std::string GroundLink::stateProblem(double now) const {

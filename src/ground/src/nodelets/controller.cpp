@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
@@ -15,6 +16,10 @@ constexpr double kHandover = 0.2;        // after which a silent controller has 
 constexpr double kStatusPeriod = 0.5;    // [s]
 constexpr double kWatch = 0.005;         // between looks at the watchdog [s]
 constexpr double kSimulatedTick = 5e-4;  // between looks at a simulated clock [s]
+
+// How far from where it was going a craft may be found again: at once, and more with time.
+constexpr double kJump = 0.2, kJumpSpeed = 2.0;  // [m], [m/s]
+constexpr double kTurn = 0.6, kTurnRate = 10.0;  // [rad], [rad/s]
 
 double steadyNow() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -104,6 +109,11 @@ void Controller::onState(const ground_msgs::State::ConstPtr& message) {
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   measured_ = message;
   measured_at_ = steadyNow();
+  if (running() && message->valid && stateIsFinite()) {
+    const std::string jump = jumped(*message);
+    known_ = message;
+    if (!jump.empty()) enter(Status::STOPPED, jump);
+  }
   watch();
   if (!running() || lost_since_ != 0 || nextChange(0) != kByState) return;
   const double since = secondsBetween(last_update_, message->header.stamp);
@@ -150,6 +160,23 @@ bool Controller::stateIsFinite() const {
   for (int i = 0; i < 3; ++i)
     if (!std::isfinite(measured_->eta[i]) || !std::isfinite(measured_->nu[i])) return false;
   return true;
+}
+
+/// What is said of a state that the craft cannot have come to from the last one with which it was
+/// driven: it has been carried away, or the mocap sees something else; empty otherwise.
+std::string Controller::jumped(const ground_msgs::State& state) const {
+  if (!known_) return "";
+  const double dt = std::max(0.0, secondsBetween(known_->header.stamp, state.header.stamp));
+  const Vector2<double> over_floor =
+      bodyToWorld<double>(known_->eta[2], {known_->nu[0], known_->nu[1]});
+  const double way = std::hypot(state.eta[0] - known_->eta[0] - over_floor.x() * dt,
+                                state.eta[1] - known_->eta[1] - over_floor.y() * dt);
+  const double turn = std::abs(wrapAngle(state.eta[2] - known_->eta[2] - known_->nu[2] * dt));
+  if (way <= kJump + kJumpSpeed * dt && turn <= kTurn + kTurnRate * dt) return "";
+  char text[120];
+  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s", way,
+                turn, dt);
+  return text;
 }
 
 /// Takes the thrust away while the state is lost; whether it may still come back.
@@ -231,6 +258,7 @@ void Controller::run() {
 void Controller::begin(const ros::Time& stamp) {
   running_since_ = stamp;
   last_update_ = ros::Time();
+  known_ = measured_;
   try {
     activate(stamp);
   } catch (const std::exception& error) {

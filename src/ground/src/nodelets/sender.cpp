@@ -123,6 +123,7 @@ class Sender : public nodelet::Nodelet {
     p.recovery_time = c.recovery_time;
     p.keepalive_rate = c.keepalive_rate;
     p.require_state = c.require_state;
+    p.require_lift = c.require_lift;
     return p;
   }
 

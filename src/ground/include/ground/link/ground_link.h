@@ -17,9 +17,12 @@ struct GroundLinkParams {
   double state_timeout = 0.2;    ///< oldest state with which the craft may be driven [s]
   double recovery_time = 0.0;    ///< without a state that zero packets bridge before a fault [s]
   double keepalive_rate = 50.0;  ///< packets per second when nothing new comes [Hz]
-  double peer_timeout = 2.0;     ///< silence after which a craft may come back on another port [s]
-  double send_timeout = 0.2;     ///< longest that the system may refuse to send while armed [s]
-  bool require_state = true;     ///< whether a valid state is needed to drive
+  /// Silence of a craft that used to send telemetry after which it is taken for gone; it may come
+  /// back on another port [s].
+  double peer_timeout = 2.0;
+  double send_timeout = 0.2;  ///< longest that the system may refuse to send while armed [s]
+  bool require_state = true;  ///< whether a valid state is needed to drive
+  bool require_lift = true;   ///< whether thrust is refused while the lift is off
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
@@ -88,6 +91,7 @@ class GroundLink {
   void refuse(const std::string& why, bool of_controller);
   void watch(double now);
   std::string stateProblem(double now) const;
+  bool silent(double now) const;
   void enter(State state, const std::string& reason);
   void fault(double now, const std::string& reason);
   void transmit(double now);

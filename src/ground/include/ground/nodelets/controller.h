@@ -97,6 +97,7 @@ class Controller : public nodelet::Nodelet {
   void control(const ros::Time& stamp);
   std::string stateProblem() const;
   bool stateIsFinite() const;
+  std::string jumped(const ground_msgs::State& state) const;
   bool bridge(double now, const std::string& problem);
   void publish(double left, double right, double lift);
   void publishStatus();
@@ -109,6 +110,7 @@ class Controller : public nodelet::Nodelet {
   bool auto_start_ = false, require_armed_ = true;
   bool armed_ = false;
   ground_msgs::State::ConstPtr measured_;
+  ground_msgs::State::ConstPtr known_;  ///< the last one with which it was driven
   double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
   ros::Time lifting_since_, running_since_, last_update_;
   double started_at_ = 0;    ///< steady clock [s]
