@@ -213,18 +213,21 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging):
 
     out = tmp_path / "out"
     command = ["rosrun", "ground", "identify", "diagnose"] + [str(o) for o in options]
+
+    def finished():
+        return len([p for p in out.glob(".unfinished/*") if not p.name.startswith(".")])
+
     process = subprocess.Popen(command + ["-o", str(out)], start_new_session=True)
     try:
         deadline = time.monotonic() + 60
-        while len(list(out.glob(".unfinished/*"))) < 2:
+        while finished() < 2:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.002)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     assert not (out / "diagnosis.json").exists()
-    kept = len([p for p in out.glob(".unfinished/*") if not p.name.startswith(".")])
-    assert kept >= 2
+    assert finished() >= 2
     # what cannot be read is done again
     next(out.glob(".unfinished/*")).write_bytes(b"half a resu")
 

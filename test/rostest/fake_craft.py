@@ -62,6 +62,17 @@ def encode_state(angles, raw):
 STATE = encode_state((1.5, -2.25, 30.0), (1, 2, 300, 4, 5, 6, 7, 8, 9000))
 
 
+def receive(stamping):
+    """A datagram from a socket with SO_TIMESTAMPNS set, its sender and its arrival [s, time.time()]."""
+    data, ancillary, _, sender = stamping.recvmsg(4096, 256)
+    arrival = time.time()
+    for _, kind, content in ancillary:
+        if kind == SO_TIMESTAMPNS:
+            seconds, nanoseconds = struct.unpack("@ll", content[: struct.calcsize("@ll")])
+            arrival = seconds + 1e-9 * nanoseconds
+    return data, sender, arrival
+
+
 class FakeCraft:
     """Socket with a thread that collects packets."""
 
@@ -119,14 +130,9 @@ class FakeCraft:
 
     def _run(self):
         while True:
-            data, ancillary, _, sender = self._socket.recvmsg(2048, 256)
+            data, sender, arrival = receive(self._socket)
             if not self._alive:
                 return
-            arrival = time.time()
-            for _, kind, content in ancillary:
-                if kind == SO_TIMESTAMPNS:
-                    seconds, nanoseconds = struct.unpack("@ll", content[: struct.calcsize("@ll")])
-                    arrival = seconds + 1e-9 * nanoseconds
             with self._changed:
                 try:
                     lift, lift_right, right, left = ((v - 1000) / 1000 for v in decode_motors(data))

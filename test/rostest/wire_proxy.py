@@ -3,9 +3,8 @@ import random
 import select
 import socket
 import threading
-import time
 
-from fake_craft import Packet, decode_motors
+from fake_craft import SO_TIMESTAMPNS, Packet, decode_motors, receive
 
 
 class WireProxy:
@@ -32,19 +31,20 @@ class WireProxy:
     def move(self):
         """From now on the craft speaks from another port."""
         self._to_sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_sender.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._to_sender.bind(("127.0.0.1", 0))
 
     def _run(self):
         while self._alive:
             for ready in select.select([self._to_craft, self._to_sender], [], [], 0.1)[0]:
-                data, source = ready.recvfrom(4096)
+                data, source, arrival = receive(ready)
                 if ready is self._to_craft:
                     self._craft = source
                     if not self.silent:
                         self._to_sender.sendto(data, self._sender)
                 else:
                     lift, _, right, left = [(v - 1000) / 1000 for v in decode_motors(data)]
-                    self.packets.append(Packet(time.time(), left, right, lift))
+                    self.packets.append(Packet(arrival, left, right, lift))
                     self._spoil(data)
 
     def _spoil(self, data):

@@ -1,0 +1,206 @@
+"""Processes that die, starve or run out of disk while a craft tracks: seen on the wire."""
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "test" / "rostest"))
+from wire_proxy import WireProxy  # noqa: E402
+
+LIMIT = 0.3  # of thrust after what it is given for has ended [s]
+
+
+def free_port(kind):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def wait_for(condition, timeout, what):
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.05)
+    raise AssertionError("waited %d s in vain: %s" % (timeout, what))
+
+
+class Stack:
+    """Master and nodes, each a process, and the wire between sender and craft."""
+
+    def __init__(self, log):
+        self._log = open(str(log), "w")
+        self._children = []
+        port = free_port(socket.SOCK_STREAM)
+        self.env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % port)
+        sender, craft = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
+        self.wire = WireProxy(sender, craft)
+        self.run("roscore", "-p", str(port))
+        nodes = ROOT / "test" / "rostest" / "processes.launch"
+        self.run("roslaunch", "--wait", str(nodes), "port:=%d" % sender, "wire:=%d" % craft)
+
+    def run(self, *command):
+        process = subprocess.Popen(
+            command, env=self.env, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        self._children.append(process)
+        return process
+
+    def pid(self, node):
+        """Of the node, or the master, in this stack."""
+        pattern = "rosmaster --core" if node == "master" else "__name:=%s " % node
+        found = subprocess.run(["pgrep", "-f", pattern], stdout=subprocess.PIPE, check=True)
+        ours = []
+        for pid in found.stdout.split():
+            with contextlib.suppress(OSError), open("/proc/%d/environ" % int(pid), "rb") as environ:
+                if self.env["ROS_MASTER_URI"].encode() in environ.read():
+                    ours.append(int(pid))
+        assert len(ours) == 1, "%s: %s" % (node, ours)
+        return ours[0]
+
+    def kill(self, node, number=signal.SIGKILL):
+        """When it was sent [s, time.time()]."""
+        pid = self.pid(node)
+        os.kill(pid, number)
+        return time.time()
+
+    def drives(self, seconds):
+        """Whether most of the packets of the last so many seconds bring thrust."""
+        now = time.time()
+        packets = [p for p in list(self.wire.packets) if p.time > now - seconds]
+        return len(packets) > 30 * seconds and sum(
+            1 for p in packets if p.left or p.right
+        ) > 0.7 * len(packets)
+
+    def wait_until_it_drives(self):
+        wait_for(lambda: self.drives(2), 40, "a craft that is driven")
+
+    def thrust_after(self, start, seconds=1.5):
+        """How long after `start` thrust was sent [s]; 0: never."""
+        time.sleep(seconds)
+        return max([t - start for t in self.wire.thrust_between(start, time.time())], default=0.0)
+
+    def close(self):
+        for process in reversed(self._children):
+            process.send_signal(signal.SIGINT)
+        for process in self._children:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=20)
+        for process in self._children:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        self.wire.close()
+        self._log.close()
+
+
+@pytest.fixture
+def stack(tmp_path):
+    stack = Stack(tmp_path / "log")
+    try:
+        stack.wait_until_it_drives()
+        yield stack
+    finally:
+        stack.close()
+
+
+def say(name, ending, what):
+    print("fault: %-38s %-12s %s" % (name, ending, what))
+
+
+@pytest.mark.parametrize(
+    "node, name",
+    [
+        ("controller", "controller killed"),
+        ("mocap_state", "mocap_state killed"),
+        ("sender", "sender killed (or its manager)"),
+        ("simulator", "mocap and craft killed"),
+    ],
+)
+def test_a_killed_process_leaves_no_thrust(stack, node, name):
+    late = stack.thrust_after(stack.kill(node))
+    say(name, "stops", "thrust until %3.0f ms after it" % (1e3 * late))
+    assert late < LIMIT
+
+
+def test_without_a_master_it_drives_on_and_ends_with_zeros(stack):
+    stack.kill("master")
+    time.sleep(4)
+    assert stack.drives(2)
+    end = stack.kill("sender", signal.SIGINT)
+    late = stack.thrust_after(end)
+    last = stack.wire.packets[-1]
+    say("roscore gone", "goes on", "ended by Ctrl-C: thrust until %3.0f ms after" % (1e3 * late))
+    assert late < LIMIT
+    assert (last.left, last.right, last.lift) == (0, 0, 0)
+
+
+def test_a_clock_that_jumps_back_stops_it(stack):
+    stack.run("rostopic", "pub", "-r", "200", "/clock", "rosgraph_msgs/Clock", "{clock: {secs: 1}}")
+    wait_for(lambda: not stack.drives(0.5), 20, "a stop")
+    late = stack.thrust_after(time.time(), 2)
+    say("clock jumps back", "stops", "no thrust in the 2 s that follow")
+    assert late == 0
+
+
+def test_a_starved_computer_still_stops_it(stack):
+    """Four busy processes a core, and then the states stop coming."""
+    busy = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(4 * os.cpu_count())
+    ]
+    try:
+        time.sleep(2)
+        late = stack.thrust_after(stack.kill("mocap_state", signal.SIGSTOP), 2)
+        stack.kill("mocap_state", signal.SIGCONT)
+        again = stack.thrust_after(time.time(), 1)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    say("CPU starved, states stop", "stops", "thrust until %3.0f ms after it" % (1e3 * late))
+    assert late < LIMIT
+    assert again == 0
+
+
+def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
+    """What had been recorded before can be read; where there is no room it does not begin."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=210m", "tmpfs", str(folder)], stderr=subprocess.PIPE
+    )
+    if mounted.returncode != 0:
+        pytest.skip("a disk that is full takes the right to mount one: %s" % mounted.stderr.decode())
+    record = ["roslaunch", "ground", "record.launch", "bag_dir:=%s" % folder]
+    try:
+        stack.run(*record)
+        wait_for(lambda: any(b.stat().st_size > 2e5 for b in folder.glob("*.bag*")), 60, "a bag")
+        with contextlib.suppress(OSError), open(str(folder / "others"), "wb") as others:
+            while True:
+                others.write(b"0" * 4096)
+                others.flush()
+        time.sleep(4)
+        assert stack.drives(3)
+        (bag,) = folder.glob("*_0.bag*")
+        copy = tmp_path / ("copy.bag" + (".active" if bag.suffix == ".active" else ""))
+        copy.write_bytes(bag.read_bytes())
+        refused = subprocess.run(record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        assert b"make room" in refused.stdout
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+    if copy.suffix == ".active":
+        subprocess.run(["rosbag", "reindex", str(copy)], check=True, stdout=subprocess.DEVNULL)
+    shown = subprocess.run(
+        ["rosbag", "info", "-y", "-k", "duration", str(copy)], check=True, stdout=subprocess.PIPE
+    )
+    seconds = float(shown.stdout)
+    say("disk full while recording", "goes on", "%.1f s recorded before can be read" % seconds)
+    assert seconds > 1
