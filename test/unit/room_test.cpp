@@ -163,6 +163,27 @@ TEST(Room, RefusesNonsense) {
   EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
 }
 
+TEST(Room, ForgetsOldCommandsAndMovesOn) {
+  // The same commands twice: often enough to be forgotten, and held for as long in one piece.
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  model.addEffect(makeEffect("motor_lag"));
+  model.setValue("motor_lag.tau", 0.05);
+  model.addEffect(makeEffect("input_delay"));
+  model.setValue("input_delay.delay", 0.03);
+  Room often(model, {}, {}), seldom(model, {}, {});
+  constexpr int kTimes = 50000, kHeld = 250;
+  for (int i = 0; i < kTimes; ++i) {
+    const double left = (i / kHeld) % 2, right = (i / kHeld / 2) % 2;
+    often.command(left, right, 1);
+    if (i % (kHeld / 5) == 0) seldom.command(left, right, 1);
+    often.advance((i + 1) * 0.001);
+    seldom.advance((i + 1) * 0.001);
+  }
+  EXPECT_LT((often.state().eta - seldom.state().eta).norm(), 1e-6);
+  EXPECT_LT((often.state().nu - seldom.state().nu).norm(), 1e-6);
+  EXPECT_NO_THROW(often.setModel(model));
+}
+
 }  // namespace
 }  // namespace ground
 

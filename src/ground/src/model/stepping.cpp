@@ -15,6 +15,13 @@ void InputSequence::add(double time, double left, double right, double lift_valu
   lift.push_back(lift_value);
 }
 
+void InputSequence::drop(std::size_t count) {
+  const auto n = static_cast<std::ptrdiff_t>(count);
+  times.erase(times.begin(), times.begin() + n);
+  thrusters.erase(thrusters.begin(), thrusters.begin() + n);
+  lift.erase(lift.begin(), lift.begin() + n);
+}
+
 Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies,
                    double max_step)
     : inputs_(&inputs), time_(start), delay_(delay), max_step_(max_step), varies_(varies) {
@@ -36,6 +43,13 @@ std::vector<Stepping::Held> Stepping::before(double memory) const {
                     last && varies_ ? -1.0 : 0.0});
   }
   return held;
+}
+
+void Stepping::forget(std::size_t count) {
+  if (count >= std::min(held_, next_))
+    throw std::logic_error("a command that acts must not be forgotten");
+  held_ -= count;
+  next_ -= count;
 }
 
 bool Stepping::next(double time, Stretch& stretch) {

@@ -58,6 +58,20 @@ void Room::command(double left, double right, double lift) {
               std::clamp(lift, 0.0, 1.0));
   last_command_ = time_;
   expired_ = false;
+  forgetCommands();
+}
+
+/// An experiment may last for hours: commands that no actuator remembers go, many at once.
+void Room::forgetCommands() {
+  constexpr std::size_t kMany = 20000;
+  constexpr double kMemory = kActuatorMemory + 5;  // with the longest delay of inputs, and more [s]
+  if (inputs_.size() < kMany) return;
+  const auto recent =
+      std::lower_bound(inputs_.times.begin(), inputs_.times.end(), time_ - kMemory);
+  const auto old = static_cast<std::size_t>(recent - inputs_.times.begin());
+  if (old < 2) return;
+  inputs_.drop(old - 1);
+  moving_->simulation.forget(old - 1);
 }
 
 void Room::advance(double time) {

@@ -27,6 +27,9 @@ class Simulation {
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
   void advance(double time);
 
+  /// `count` commands have been dropped from the sequence, none of which still acts.
+  void forget(std::size_t count) { stepping_.forget(count); }
+
   double time() const { return stepping_.time(); }
   const RigidState<T>& state() const { return state_; }
   RigidState<T>& state() { return state_; }

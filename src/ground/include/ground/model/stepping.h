@@ -14,6 +14,8 @@ struct InputSequence {
   std::vector<double> lift;
 
   void add(double time, double left, double right, double lift);
+  /// Takes the first `count` commands away; simulations through it have to be told (forget).
+  void drop(std::size_t count);
   std::size_t size() const { return times.size(); }
 };
 
@@ -36,6 +38,9 @@ class Stepping {
   /// The next stretch on the way to `time` [s]; false when it is reached. Throws
   /// std::invalid_argument when that is before the current time.
   bool next(double time, Stretch& stretch);
+
+  /// `count` commands have been dropped from the sequence, none of which still acts.
+  void forget(std::size_t count);
 
   double time() const { return time_; }
   /// Held over the last stretch.

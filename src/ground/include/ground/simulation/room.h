@@ -84,6 +84,7 @@ class Room {
   };
 
   void capture();
+  void forgetCommands();
   bool lost(double time);
 
   Model model_;
