@@ -12,7 +12,7 @@ installed := build/.installed
 SEED ?= 1
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak install clean
+  bench-soak bench-table bench-faults install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -55,15 +55,30 @@ fuzz: $(installed)
 	    -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/fuzz/found_$${fuzzer}_ \
 	    build/fuzz/corpus/$$fuzzer test/fuzz/seeds/$$fuzzer || exit 1; \
 	done
+	@$(MAKE) --no-print-directory build
+	@[ -x build/atheris/bin/python ] || { /usr/bin/python3 -m venv --system-site-packages build/atheris && \
+	  build/atheris/bin/python -m pip install -q atheris; }
+	@$(in_workspace) for what in csv bag options; do \
+	  mkdir -p build/fuzz/corpus/$$what; seeds=$(CURDIR)/test/fuzz/seeds/$$what; \
+	  build/atheris/bin/python test/fuzz/python_inputs.py $$what -max_total_time=$(FUZZ_SECONDS) \
+	    -timeout=30 -rss_limit_mb=3000 -artifact_prefix=$(CURDIR)/build/fuzz/found_$${what}_ \
+	    $(CURDIR)/build/fuzz/corpus/$$what $$([ -d $$seeds ] && echo $$seeds) || exit 1; \
+	done
 
+# Times of everything, beside peers, as a table and as build/bench.json. OPTIONS="--only steps fit"
 bench: build
 	@cmake --build build --target benchmarks --parallel $(jobs)
-	@$(in_workspace) rosrun ground table_3_1 && echo && \
-	  test/bench/fit_speed.py --casadi "$$(test/bench/casadi_python build/casadi)" && echo && \
-	  for rate in 100 240; do \
-	    roslaunch ground latency.launch rate:=$$rate 2>&1 | grep 'pose to packet'; done && \
-	  for live in false true; do roslaunch ground live_comparison.launch live:=$$live 2>&1 | \
-	    grep -E 'live comparison|pose to'; done
+	@$(in_workspace) test/bench/bench.py --json build/bench.json \
+	  --peers "$$(test/bench/peer_python build/peers)" $(OPTIONS)
+
+# The thesis's table 3.1 over 200 draws of noise.
+bench-table: build
+	@cmake --build build --target benchmarks --parallel $(jobs)
+	@$(in_workspace) rosrun ground table_3_1
+
+# Every fault three times, and its worst case.
+bench-faults: build
+	@$(in_workspace) test/bench/faults.py
 
 # Effects hidden in the simulated craft, diagnosed; goes on where it was interrupted. OPTIONS="--help"
 bench-hidden: build

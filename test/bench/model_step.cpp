@@ -6,8 +6,8 @@
 #include <string>
 
 #include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
 #include "ground/model/lane_simulation.h"
+#include "ground/model/model_file.h"
 
 namespace ground {
 namespace {
@@ -82,8 +82,9 @@ void sideBySide(benchmark::State& state, const std::string& effects, bool pose) 
   const double samples[] = {0, kSteps * kStep};
   const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false);
   for (auto _ : state)
-    plan.run<T>(dynamics, {}, pose,
-                [](const LanePlan::Sample*, int, const Measurement<T>& m) { benchmark::DoNotOptimize(m); });
+    plan.run<T>(dynamics, {}, pose, [](const LanePlan::Sample*, int, const Measurement<T>& m) {
+      benchmark::DoNotOptimize(m);
+    });
   count(state, Lanes::kCount * kSteps);
 }
 
@@ -100,9 +101,9 @@ int main(int argc, char** argv) {
                        Case{"velocities and pose, three effects", "three", true}}) {
     const std::string name = c.name;
     const auto add = [&](const char* what, auto function) {
-      benchmark::RegisterBenchmark(
-          (name + what).c_str(),
-          [c, function](benchmark::State& state) { function(state, c.effects, c.pose); });
+      benchmark::RegisterBenchmark((name + what).c_str(), [c, function](benchmark::State& state) {
+        function(state, c.effects, c.pose);
+      });
     };
     add(": state", ground::step<double>);
     add(": five sensitivities", ground::step<ground::Jet>);

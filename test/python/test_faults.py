@@ -48,7 +48,11 @@ class Stack:
 
     def run(self, *command):
         process = subprocess.Popen(
-            command, env=self.env, stdout=self._log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            env=self.env,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
         self._children.append(process)
         return process
@@ -178,7 +182,9 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         ["mount", "-t", "tmpfs", "-o", "size=210m", "tmpfs", str(folder)], stderr=subprocess.PIPE
     )
     if mounted.returncode != 0:
-        pytest.skip("a disk that is full takes the right to mount one: %s" % mounted.stderr.decode())
+        pytest.skip(
+            "a disk that is full takes the right to mount one: %s" % mounted.stderr.decode()
+        )
     record = ["roslaunch", "ground", "record.launch", "bag_dir:=%s" % folder]
     try:
         stack.run(*record)
@@ -192,7 +198,9 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         (bag,) = folder.glob("*_0.bag*")
         copy = tmp_path / ("copy.bag" + (".active" if bag.suffix == ".active" else ""))
         copy.write_bytes(bag.read_bytes())
-        refused = subprocess.run(record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        refused = subprocess.run(
+            record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
         assert b"make room" in refused.stdout
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=True)

@@ -1,5 +1,6 @@
 """The identification tool as its users run it: command line, real files, bad input."""
 import json
+import re
 import subprocess
 
 import numpy as np
@@ -405,6 +406,7 @@ def test_bad_usage_is_status_2(arguments):
         (lambda t: t.replace("field.point.z", "z", 1), ["line 1", "no column field.point.z"]),
         (lambda t: t.replace(",0.0,", ",,", 1), ["line 2", "not a number"]),
         (lambda t: t.replace(",0.0,", ",nan,", 1), ["line 2", "not finite"]),
+        (lambda t: re.sub(r"\d{15,}", "9" * 20, t, count=1), ["line 2", "not a time"]),
         (lambda t: t[: t.index("\n") + 1], ["only 0 rows"]),
     ],
 )

@@ -116,7 +116,10 @@ MOCAP = [
 ]
 ROUND = 2 * math.pi * 1.5 / 0.5  # of the reference [s]
 # how long the craft tracks before the fault [s]
-LATER = {"axes swapped, an eighth of a round on": ROUND / 8, "axes swapped, a quarter of a round on": ROUND / 4}
+LATER = {
+    "axes swapped, an eighth of a round on": ROUND / 8,
+    "axes swapped, a quarter of a round on": ROUND / 4,
+}
 # fault, what is published on which topic for 2 s, how it ends
 MESSAGES = [
     ("second controller, nameless", "controls", lambda: thrust(1.0, ""), GOES_ON),
@@ -258,7 +261,9 @@ class FaultsTest(unittest.TestCase):
                 intruder = harness.Repeater(100, lambda: publisher.publish(make()))
                 time.sleep(2)
                 late = [t - start for t in self.wire.thrust_between(start, time.time())]
-                foreign = [p for p in self.wire.packets if p.time > start and p.left == p.right == 1]
+                foreign = [
+                    p for p in self.wire.packets if p.time > start and p.left == p.right == 1
+                ]
                 intruder.stop()
                 publisher.unregister()
                 if ending == GOES_ON:
@@ -266,7 +271,9 @@ class FaultsTest(unittest.TestCase):
                     self.assertEqual(foreign, [])
                 else:
                     worst = max(late, default=0.0)
-                    self.print(name, ending, "thrust until %3.0f ms after its first" % (1e3 * worst))
+                    self.print(
+                        name, ending, "thrust until %3.0f ms after its first" % (1e3 * worst)
+                    )
                     self.assertLess(worst, LIMIT)
                 self.ended(ending, begun)
 

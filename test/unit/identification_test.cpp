@@ -216,19 +216,18 @@ TEST(Residuals, OfAllWindowsAreThoseOfEachAlone) {
       initial.push_back(0.1 * Eigen::VectorXd::LinSpaced(all.initialSize(), -1, 1 + 0.1 * w));
     for (const bool derivatives : {false, true}) {
       std::vector<int> seen(windows.size(), 0);
-      all.residuals(model, model.coordinates(), free, initial, derivatives, 1,
-                    [&](const WindowResiduals& found) {
-                      ++seen[found.window];
-                      const WindowResiduals alone =
-                          all.residuals(model, model.coordinates(), free, found.window,
-                                        initial[found.window], derivatives);
-                      ASSERT_TRUE(found.finite && alone.finite);
-                      EXPECT_LT((found.residuals - alone.residuals).norm(),
-                                1e-12 * alone.residuals.norm());
-                      ASSERT_EQ(found.derivatives.cols(), alone.derivatives.cols());
-                      EXPECT_LE((found.derivatives - alone.derivatives).norm(),
-                                1e-12 * alone.derivatives.norm());
-                    });
+      all.residuals(
+          model, model.coordinates(), free, initial, derivatives, 1,
+          [&](const WindowResiduals& found) {
+            ++seen[found.window];
+            const WindowResiduals alone = all.residuals(
+                model, model.coordinates(), free, found.window, initial[found.window], derivatives);
+            ASSERT_TRUE(found.finite && alone.finite);
+            EXPECT_LT((found.residuals - alone.residuals).norm(), 1e-12 * alone.residuals.norm());
+            ASSERT_EQ(found.derivatives.cols(), alone.derivatives.cols());
+            EXPECT_LE((found.derivatives - alone.derivatives).norm(),
+                      1e-12 * alone.derivatives.norm());
+          });
       EXPECT_EQ(seen, std::vector<int>(windows.size(), 1));
     }
   }

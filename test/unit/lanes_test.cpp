@@ -175,12 +175,10 @@ TEST(Lanes, TurnRowsIntoColumns) {
 TEST(Lanes, DecideEachForItself) {
   Lanes x;
   for (int i = 0; i < Lanes::kCount; ++i) x[i] = i - 3.5;
-  const Lanes size = choose(
-      x < Lanes(0.0), [&] { return -x; }, [&] { return x; });
+  const Lanes size = choose(x < Lanes(0.0), [&] { return -x; }, [&] { return x; });
   for (int i = 0; i < Lanes::kCount; ++i) EXPECT_EQ(size[i], std::abs(i - 3.5));
   int asked = 0;
-  choose(
-      x < Lanes(9.0), [&] { return ++asked, x; }, [&] { return asked += 100, x; });
+  choose(x < Lanes(9.0), [&] { return ++asked, x; }, [&] { return asked += 100, x; });
   EXPECT_EQ(asked, 1);  // what no lane needs is not worked out
 }
 

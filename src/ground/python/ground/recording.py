@@ -13,6 +13,7 @@ from ground import _core, files
 from ground.errors import IdentifyError
 
 CSV_RECEIVED = "%time"
+LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
 CSV_STAMP = "field.header.stamp"
 JUMP_BACK = 0.5  # no message is late by more [s]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
@@ -233,10 +234,14 @@ def read_csv(path):
                     raise IdentifyError(
                         "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
                     )
-                if stamp <= 0 or not all(map(math.isfinite, point)):
+                if not all(0 < t < LATEST for t in (stamp, receipt)):
                     raise IdentifyError(
-                        "%s, line %d: a value is not finite or not positive as a stamp"
+                        "%s, line %d: a stamp is not a time between 1970 and 2106 in nanoseconds"
                         % (path, reader.line_num)
+                    )
+                if not all(map(math.isfinite, point)):
+                    raise IdentifyError(
+                        "%s, line %d: a value is not finite" % (path, reader.line_num)
                     )
                 if stamps and stamp < stamps[-1]:
                     raise IdentifyError(
@@ -246,7 +251,7 @@ def read_csv(path):
                 stamps.append(stamp)
                 received.append(receipt)
                 points.append(point)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
     if len(stamps) < 2:
         raise IdentifyError("%s: only %d rows" % (path, len(stamps)))

@@ -23,8 +23,8 @@ struct Robust {
     const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
-  /// Of all residuals: the squares of the derivatives, the derivatives times the residuals after the
-  /// loss, and the sum of the squares of these.
+  /// Of all residuals: the squares of the derivatives, the derivatives times the residuals after
+  /// the loss, and the sum of the squares of these.
   double weigh(const Eigen::VectorXd& residuals, Eigen::VectorXd& weight,
                Eigen::VectorXd& product) const {
     if (std::isinf(delta)) {

@@ -136,8 +136,8 @@ Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, con
                          const Robust& robust, const Solution& at, int threads) {
   const auto n = static_cast<Eigen::Index>(free.index.size());
   std::vector<Eigen::VectorXd> slopes(problem.windows().size(), Eigen::VectorXd::Zero(n));
-  problem.residuals(model, free.coordinates(at.scaled.data()), free.index, at.initial, true, threads,
-                    [&](const WindowResiduals& found) {
+  problem.residuals(model, free.coordinates(at.scaled.data()), free.index, at.initial, true,
+                    threads, [&](const WindowResiduals& found) {
                       if (!found.finite) return;
                       Eigen::VectorXd score = found.residuals;
                       for (double& x : score) x = robust.score(x);
@@ -243,7 +243,8 @@ double costOf(const SimulationError& problem, const Model& model, const Free& fr
   std::vector<double> costs(problem.windows().size());
   problem.residuals(model, free.coordinates(scaled.data()), {}, measuredInitials(problem), false, 0,
                     [&](const WindowResiduals& found) {
-                      costs[found.window] = found.finite ? found.residuals.squaredNorm() / 2 : kInfinity;
+                      costs[found.window] =
+                          found.finite ? found.residuals.squaredNorm() / 2 : kInfinity;
                     });
   for (std::size_t w = 0; w < costs.size(); ++w)
     if (std::isinf(costs[w])) throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
@@ -379,9 +380,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.model.setValues(values);
   result.objective = objective(result.model, best.initial);
 
-  const Uncertainty u =
-      uncertainty(*this, model, free, coordinates, best.initial, {best.delta}, options.block,
-                  options.threads);
+  const Uncertainty u = uncertainty(*this, model, free, coordinates, best.initial, {best.delta},
+                                    options.block, options.threads);
   const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   result.correlation = Eigen::MatrixXd::Identity(n, n);
   for (int i = 0; i < n; ++i)

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "descent.h"
 #include "parallel.h"
 #include "whitening.h"
-#include "descent.h"
 
 namespace ground {
 namespace {

@@ -6,9 +6,9 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "descent.h"
 #include "parallel.h"
 #include "whitening.h"
-#include "descent.h"
 #include "window_plans.h"
 
 namespace ground {
@@ -166,8 +166,8 @@ SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<W
   if (windows_.empty())
     throw std::invalid_argument("the runs are too short: there is no window to simulate");
   for (const Window& w : windows_) {
-    if (w.run < 0 || w.run >= static_cast<int>(runs().size()) || w.first < 0 ||
-        w.last <= w.first || w.last >= static_cast<int>(runs()[w.run].times.size()))
+    if (w.run < 0 || w.run >= static_cast<int>(runs().size()) || w.first < 0 || w.last <= w.first ||
+        w.last >= static_cast<int>(runs()[w.run].times.size()))
       throw std::invalid_argument("a window lies outside its run");
   }
   if (target_ != Target::kPoses) return;

@@ -1,11 +1,11 @@
 #include "uncertainty.h"
 
-#include "window_costs.h"
-
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+
+#include "window_costs.h"
 
 namespace ground {
 namespace {

@@ -125,8 +125,7 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
         const Eigen::LDLT<Eigen::MatrixXd> decomposed(A);
         const Eigen::MatrixXd upper = decomposed.matrixU();
         const Eigen::PermutationMatrix<Eigen::Dynamic> order(decomposed.transpositionsP());
-        window.factor =
-            decomposed.vectorD().cwiseMax(0).cwiseSqrt().asDiagonal() * upper * order;
+        window.factor = decomposed.vectorD().cwiseMax(0).cwiseSqrt().asDiagonal() * upper * order;
       });
   has_derivatives_ = derivatives;
 }

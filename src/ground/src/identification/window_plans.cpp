@@ -22,8 +22,8 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
     std::vector<Lane> lanes;
     for (const int w : members) {
       const RunData& run = runs[windows[w].run];
-      lanes.push_back({&run.inputs, &run.times[windows[w].first],
-                       windows[w].last - windows[w].first + 1});
+      lanes.push_back(
+          {&run.inputs, &run.times[windows[w].first], windows[w].last - windows[w].first + 1});
     }
     groups->push_back({members, LanePlan(lanes, delay, varies)});
   }

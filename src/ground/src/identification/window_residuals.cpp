@@ -4,10 +4,10 @@
 #include <cstring>
 #include <stdexcept>
 
+#include "descent.h"
 #include "ground/identification/simulation_error.h"
 #include "parallel.h"
 #include "whitening.h"
-#include "descent.h"
 #include "window_plans.h"
 
 namespace ground {
@@ -36,7 +36,8 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& mea
 template <typename T>
 RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measured,
                            const std::array<T, kMostInitial>& initial, int size) {
-  if (size == 3) return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
+  if (size == 3)
+    return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
   return {{initial[0], initial[1], initial[2]}, {initial[3], initial[4], initial[5]}};
 }
 
@@ -46,7 +47,8 @@ struct Variables {
   std::vector<T> coordinates;
   std::array<T, kMostInitial> initial;
 
-  explicit Variables(const std::vector<double>& values) : coordinates(values.begin(), values.end()) {
+  explicit Variables(const std::vector<double>& values)
+      : coordinates(values.begin(), values.end()) {
     initial.fill(T(0.0));
   }
   /// Takes derivatives by the columns [begin, end): free parameters, then the initial state.
@@ -122,8 +124,8 @@ void simulateOne(const Dynamics<T>& dynamics, const Measured& measured, const Va
 /// The same of as many windows as a plan has lanes.
 template <typename T>
 void simulateLanes(const Dynamics<T>& dynamics, const LanePlan& plan,
-                   const std::vector<Measured>& measured, const Variables<T>& point, int initial_size,
-                   int begin, int end, GroupResiduals& results) {
+                   const std::vector<Measured>& measured, const Variables<T>& point,
+                   int initial_size, int begin, int end, GroupResiduals& results) {
   Vector3<T> start(T(0.0), T(0.0), T(0.0));
   for (std::size_t lane = 0; lane < measured.size(); ++lane)
     for (int c = 0; c < 3; ++c)
@@ -157,8 +159,7 @@ void simulateLanes(const Dynamics<T>& dynamics, const LanePlan& plan,
 class SimulationError::Evaluation {
  public:
   Evaluation(const SimulationError& error, const Model& model,
-             const std::vector<double>& coordinates, const std::vector<int>& free,
-             bool derivatives)
+             const std::vector<double>& coordinates, const std::vector<int>& free, bool derivatives)
       : error_(error),
         model_(model),
         coordinates_(coordinates),
@@ -208,8 +209,8 @@ class SimulationError::Evaluation {
   Measured at(int window) const {
     const Window& w = error_.windows_[window];
     const bool poses = error_.target_ == Target::kPoses;
-    const Vector3<double> weight = poses ? Vector3<double>(1, 1, 1)
-                                         : Vector3<double>(error_.sigma(w.run).cwiseInverse());
+    const Vector3<double> weight =
+        poses ? Vector3<double>(1, 1, 1) : Vector3<double>(error_.sigma(w.run).cwiseInverse());
     return {&error_.runs()[w.run], &w, &error_.data_->measured[w.run], poses, weight};
   }
 
@@ -291,9 +292,9 @@ WindowSimulation SimulationError::simulateFrom(const Model& model,
     std::array<double, kMostInitial> from{};
     std::copy(initial[w].begin(), initial[w].end(), from.begin());
     const Vector3<double> start = run.eta.row(window.first);
-    Simulation<double> simulation(
-        dynamics, run.inputs, stateAtStart(dynamics, start, from, initialSize()),
-        run.times[window.first]);
+    Simulation<double> simulation(dynamics, run.inputs,
+                                  stateAtStart(dynamics, start, from, initialSize()),
+                                  run.times[window.first]);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[window.first + i]);
       const Measurement<double> seen = simulation.measure();

@@ -93,8 +93,7 @@ void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
     return;
   }
   const Vector2<T> held = {T(step.command(0)), T(step.command(1))};
-  const StepInputs<T> acting =
-      dynamics_.actuate(held, step.lift, T(h), actuators_.data());
+  const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), actuators_.data());
   pose_ ? dynamics_.template step<true>(time_, state_, acting, h)
         : dynamics_.template step<false>(time_, state_, acting, h);
 }

@@ -18,12 +18,12 @@ GROUND_VECTOR_FUNCTION double pow(double, double) noexcept;
 namespace ground {
 namespace lanes {
 
-#define GROUND_ELEMENTWISE(function)                                     \
-  void function(const Lanes& a, Lanes& result) {                         \
-    const double* from = reinterpret_cast<const double*>(&a);            \
-    double out[Lanes::kCount];                                           \
+#define GROUND_ELEMENTWISE(function)                                      \
+  void function(const Lanes& a, Lanes& result) {                          \
+    const double* from = reinterpret_cast<const double*>(&a);             \
+    double out[Lanes::kCount];                                            \
     for (int i = 0; i < Lanes::kCount; ++i) out[i] = ::function(from[i]); \
-    for (int i = 0; i < Lanes::kCount; ++i) result[i] = out[i];          \
+    for (int i = 0; i < Lanes::kCount; ++i) result[i] = out[i];           \
   }
 GROUND_ELEMENTWISE(sin)
 GROUND_ELEMENTWISE(cos)

@@ -47,8 +47,7 @@ void Simulation<T>::step(int steps, const H& h) {
   const Vector2<T> held = stepping_.thrusters().template cast<T>();
   for (int i = 0; i < steps; ++i)
     dynamics_.template step<kPose>(
-        time_, state_,
-        dynamics_.actuate(held, stepping_.lift(), T(h), actuator_states_.data()), h);
+        time_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), actuator_states_.data()), h);
 }
 
 template <typename T>

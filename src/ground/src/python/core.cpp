@@ -164,8 +164,8 @@ py::dict toDict(const FitResult& result) {
 }  // namespace ground
 
 PYBIND11_MODULE(_core, module) {
-  // Evaluations borrow and return the same few megabytes over and over: kept, they cost a tenth of a
-  // fit less than fetched from the system each time.
+  // Evaluations borrow and return the same few megabytes over and over: kept, they cost a tenth of
+  // a fit less than fetched from the system each time.
   mallopt(M_MMAP_THRESHOLD, 64 << 20);
   mallopt(M_TRIM_THRESHOLD, 256 << 20);
 

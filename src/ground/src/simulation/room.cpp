@@ -66,8 +66,7 @@ void Room::forgetCommands() {
   constexpr std::size_t kMany = 20000;
   constexpr double kMemory = kActuatorMemory + 5;  // with the longest delay of inputs, and more [s]
   if (inputs_.size() < kMany) return;
-  const auto recent =
-      std::lower_bound(inputs_.times.begin(), inputs_.times.end(), time_ - kMemory);
+  const auto recent = std::lower_bound(inputs_.times.begin(), inputs_.times.end(), time_ - kMemory);
   const auto old = static_cast<std::size_t>(recent - inputs_.times.begin());
   if (old < 2) return;
   inputs_.drop(old - 1);

@@ -45,9 +45,7 @@ struct Directions<double, 8> {
     return Eigen::Map<const Eigen::Matrix<double, 8, 1>>(reinterpret_cast<const double*>(&x))
         .template head<count>();
   }
-  GROUND_INLINE static Directions of(const Vec8& x) {
-    return {x};
-  }
+  GROUND_INLINE static Directions of(const Vec8& x) { return {x}; }
   friend GROUND_INLINE Directions operator+(const Directions& a, const Directions& b) {
     return of(a.x + b.x);
   }
@@ -115,14 +113,14 @@ struct Dual {
   }
   friend GROUND_INLINE Dual operator/(const V& s, const Dual& x) { return Dual(s) / x; }
 
-#define GROUND_WITH_NUMBER(op)                                                             \
-  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>                    \
-  friend GROUND_INLINE Dual operator op(const Dual& x, S s) {                              \
-    return x op V(static_cast<double>(s));                                                 \
-  }                                                                                        \
-  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>                    \
-  friend GROUND_INLINE Dual operator op(S s, const Dual& x) {                              \
-    return V(static_cast<double>(s)) op x;                                                 \
+#define GROUND_WITH_NUMBER(op)                                          \
+  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>> \
+  friend GROUND_INLINE Dual operator op(const Dual& x, S s) {           \
+    return x op V(static_cast<double>(s));                              \
+  }                                                                     \
+  template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>> \
+  friend GROUND_INLINE Dual operator op(S s, const Dual& x) {           \
+    return V(static_cast<double>(s)) op x;                              \
   }
   GROUND_WITH_NUMBER(+)
   GROUND_WITH_NUMBER(-)
@@ -182,7 +180,8 @@ Dual<V, N> pow(const Dual<V, N>& base, const Dual<V, N>& exponent) {
   using std::log;
   using std::pow;
   const V value = pow(base.a, exponent.a);
-  const V by_base = exponent.a * pow(base.a, exponent.a - V(1.0)), by_exponent = value * log(base.a);
+  const V by_base = exponent.a * pow(base.a, exponent.a - V(1.0)),
+          by_exponent = value * log(base.a);
   return {value, by_base * base.v + by_exponent * exponent.v};
 }
 

@@ -29,7 +29,7 @@ class Dynamics {
 
   const Body<T>& body() const { return body_; }
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
-  const T& inputDelay() const { return delay_; }  ///< [s]
+  const T& inputDelay() const { return delay_; }    ///< [s]
   /// A time [s] with derivatives of which the derivative by the delay is known.
   T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
     return seconds + by_delay * (delay_ - valueOf(delay_));
@@ -55,8 +55,8 @@ class Dynamics {
             int count = 1) const;
   /// The same with a command that is held and, there being no actuators, acts as it is.
   template <bool kPose = true, typename H = T>
-  void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command,
-            const ValueOf<T>& lift, const H& h, int count = 1) const;
+  void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command, const ValueOf<T>& lift,
+            const H& h, int count = 1) const;
   /// What the mocap sees of a state.
   Measurement<T> measure(const RigidState<T>& state) const;
 
@@ -96,7 +96,7 @@ class Dynamics {
   T delay_{};
   int state_count_ = 0, directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
-  bool couples_ = false;  ///< the mass matrix is not diag(m, m, I_z)
+  bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
   bool has_hooks_ = false;  ///< there are effects to ask at every instant
 };
 

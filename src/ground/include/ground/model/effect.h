@@ -111,8 +111,8 @@ class Effect : public EffectHooks<double>,
     kInertia = 1u << 4,
     kWrench = 1u << 5,
     kMeasure = 1u << 6,
-    kPose =
-        1u << 7  ///< motion depends on where the craft is or heads: always so, unless it says no
+    kPose = 1u
+        << 7  ///< motion depends on where the craft is or heads: always so, unless it says no
   };
   virtual const EffectInfo& info() const = 0;
   /// Which hooks do anything, and whether they look at the pose (a set of Hook).

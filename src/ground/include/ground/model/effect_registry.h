@@ -19,16 +19,16 @@ bool registerEffect(EffectPtr effect);
 namespace detail {
 
 /// Calls the hooks that struct E has; E has templates of the same names as EffectHooks.
-#define GROUND_FORWARD_HOOK(Hook)                                          \
-  template <class E, class... Args>                                        \
-  auto call_##Hook(int, Args&&... args)                                    \
-      ->decltype(E::Hook(std::forward<Args>(args)...), std::true_type()) { \
-    E::Hook(std::forward<Args>(args)...);                                  \
-    return {};                                                             \
-  }                                                                        \
-  template <class E, class... Args>                                        \
-  std::false_type call_##Hook(long, Args&&...) {                           \
-    return {};                                                             \
+#define GROUND_FORWARD_HOOK(Hook)                                           \
+  template <class E, class... Args>                                         \
+  auto call_##Hook(int, Args&&... args)                                     \
+      -> decltype(E::Hook(std::forward<Args>(args)...), std::true_type()) { \
+    E::Hook(std::forward<Args>(args)...);                                   \
+    return {};                                                              \
+  }                                                                         \
+  template <class E, class... Args>                                         \
+  std::false_type call_##Hook(long, Args&&...) {                            \
+    return {};                                                              \
   }
 GROUND_FORWARD_HOOK(delay)
 GROUND_FORWARD_HOOK(actuate)
@@ -68,8 +68,9 @@ class HooksOf : public Base {
 };
 
 template <class E>
-class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Lanes, HooksOf<E, LanesJet, Effect>>>>,
-                         public std::enable_shared_from_this<EffectFrom<E>> {
+class EffectFrom final
+    : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Lanes, HooksOf<E, LanesJet, Effect>>>>,
+      public std::enable_shared_from_this<EffectFrom<E>> {
  public:
   const EffectInfo& info() const override {
     static const EffectInfo info = E::info();

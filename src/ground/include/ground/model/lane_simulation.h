@@ -9,8 +9,9 @@ namespace ground {
 /// One of the simulations that run side by side.
 struct Lane {
   const InputSequence* inputs;
-  const double* samples;  ///< ascending instants to measure at [s]; the simulation starts at the first
-  int count;              ///< of samples, at least one
+  const double*
+      samples;  ///< ascending instants to measure at [s]; the simulation starts at the first
+  int count;    ///< of samples, at least one
 };
 
 /// The steps of up to eight simulations, known beforehand: each takes its own (see Stepping), none
@@ -31,9 +32,9 @@ class LanePlan {
   LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
            double max_step = kDefaultStep);
 
-  /// Runs all lanes from `state`, the actuators settled, and calls visit(samples, count, measurement)
-  /// whenever some lanes, one sample each, are to be measured. Without `pose` only velocities are
-  /// integrated.
+  /// Runs all lanes from `state`, the actuators settled, and calls visit(samples, count,
+  /// measurement) whenever some lanes, one sample each, are to be measured. Without `pose` only
+  /// velocities are integrated.
   template <typename T, class Visit>
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Visit& visit) const;
 

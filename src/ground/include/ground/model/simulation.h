@@ -39,7 +39,6 @@ class Simulation {
   Vector2<T> actuated() const;
   Measurement<T> measure() const { return dynamics_.measure(state_); }
 
-
  private:
   template <bool kPose, typename H>
   void step(int steps, const H& h);

@@ -62,9 +62,9 @@ class Stepping {
   const InputSequence* inputs_;
   double time_, delay_, max_step_;
   bool varies_;
-  bool moves_ = false;     ///< the current time does with the delay
-  std::size_t next_ = 0;   ///< first command that has not taken effect
-  std::size_t held_ = 0;   ///< the same during the last stretch
+  bool moves_ = false;    ///< the current time does with the delay
+  std::size_t next_ = 0;  ///< first command that has not taken effect
+  std::size_t held_ = 0;  ///< the same during the last stretch
 };
 
 }  // namespace ground

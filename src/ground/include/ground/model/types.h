@@ -14,7 +14,7 @@ static_assert(EIGEN_DEFAULT_ALIGN_BYTES == 16,
 
 /// The scalar types that the model is instantiated for. Those with derivatives carry eight; more
 /// are taken in several passes.
-using Jet = Dual<double, 8>;       ///< one simulation with derivatives
+using Jet = Dual<double, 8>;      ///< one simulation with derivatives
 using LanesJet = Dual<Lanes, 8>;  ///< eight simulations with derivatives
 // and double and Lanes: one simulation, and eight, without
 

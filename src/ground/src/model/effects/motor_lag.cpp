@@ -30,7 +30,8 @@ struct MotorLag {
   }
 
  private:
-  /// What is left of the initial difference: at the three nodes of the parabola, and after the step.
+  /// What is left of the initial difference: at the three nodes of the parabola, and after the
+  /// step.
   template <typename T>
   struct Remains {
     T start{0.0}, middle{0.0}, end{0.0}, after{0.0};
@@ -52,8 +53,8 @@ struct MotorLag {
     };
     const auto general = [&] {
       const T e = tau / h;
-      const T end = choose(
-          valueOf(e) < kShort, [] { return T(0.0); }, [&] { return T(exp(-1.0 / e)); });
+      const T end =
+          choose(valueOf(e) < kShort, [] { return T(0.0); }, [&] { return T(exp(-1.0 / e)); });
       const T m0 = e * (1.0 - end), m1 = e * (m0 - end), m2 = e * (2.0 * m1 - end);
       const T c0 = m0, c1 = 3.0 * (2.0 * m1 - m0), c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0);
       return Remains<T>{c0 - c1 + c2, c0 - 0.5 * c2, c0 + c1 + c2, end};

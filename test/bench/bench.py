@@ -1,0 +1,222 @@
+#!/usr/bin/python3
+"""All that is timed, as one table, and as JSON with the machine that it was measured on.
+
+Each row is a median with its least and largest value; "goal" is what it has to hold. Peers do the same
+work in the same run, in an environment of their own.
+"""
+import argparse
+import datetime
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+
+import numpy as np
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+# of a step of the velocities: operations by hand count in src/model/stages.h
+FLOPS = {"velocities: state": 88, "velocities: five sensitivities": 88 + 5 * 122}
+GOALS = {
+    "velocities: state": 20,
+    "velocities: five sensitivities": 45,
+    "velocities: five sensitivities, eight runs": 15,
+}
+LATENCY = re.compile(
+    r"pose to packet at ([0-9.]+) Hz, \d+ poses: median ([0-9.]+) ms, 99% ([0-9.]+) ms, 99.9% "
+    r"([0-9.]+) ms, most ([0-9.]+) ms"
+)
+SHARE = re.compile(r"live comparison (\w+).*takes ([0-9.]+)% of a core")
+
+
+class Table:
+    """Rows of the table; prints each as it comes."""
+
+    def __init__(self):
+        self.rows = []
+        print("%-58s %10s %22s %9s  %s" % ("", "median", "least to largest", "goal", ""))
+
+    def add(self, name, values, unit, goal=None, note=""):
+        values = np.atleast_1d(np.asarray(values, float))
+        row = {"name": name, "unit": unit, "median": float(np.median(values))}
+        row.update(least=float(values.min()), largest=float(values.max()), goal=goal, note=note)
+        self.rows.append(row)
+        spread = "%.4g - %.4g" % (row["least"], row["largest"]) if len(values) > 1 else ""
+        print(
+            "%-58s %7.4g %-3s %21s %9s  %s"
+            % (name, row["median"], unit, spread, "" if goal is None else "<= %g" % goal, note),
+            flush=True,
+        )
+        return row["median"]
+
+
+def run(*command, check=True):
+    return subprocess.run(
+        command, check=check, stdout=subprocess.PIPE, universal_newlines=True
+    ).stdout
+
+
+def binary(name):
+    return os.path.join(os.environ["CMAKE_PREFIX_PATH"].split(":")[0], "lib", "ground", name)
+
+
+def google(name, *options):
+    """Benchmarks of a program: name, and its repetitions."""
+    found = json.loads(
+        run(binary(name), "--benchmark_format=json", "--benchmark_repetitions=7", *options)
+    )
+    cases = {}
+    for b in found["benchmarks"]:
+        if b.get("run_type") == "iteration":
+            cases.setdefault(b["run_name"], []).append(b)
+    return cases
+
+
+def peak():
+    """Of this core, in operations a second."""
+    return float(run(binary("peak")).split()[0])
+
+
+def steps(table):
+    most = peak()
+    table.add("multiply-adds of a core, the most", most / 1e9, "Gflop/s")
+    for name, repetitions in google("model_step").items():
+        ns = [1e9 * b["per step"] for b in repetitions]
+        note = ""
+        plain = name.replace(", eight runs", "")
+        if plain in FLOPS:
+            share = FLOPS[plain] / (np.median(ns) * 1e-9) / most
+            note = "%d operations, %.0f%% of the most" % (FLOPS[plain], 100 * share)
+        table.add("step, " + name, ns, "ns", GOALS.get(name), note)
+
+
+def fit(table, peers):
+    command = [os.path.join(HERE, "fit_speed.py"), "--json"]
+    times = json.loads(run(*command, *(["--casadi", peers] if peers else [])))
+    ours = np.median(times["ground"])
+    for name, seconds in times.items():
+        ratio = np.median(seconds) / ours
+        table.add("fit, " + name, 1e3 * np.array(seconds), "ms", 6 if name == "ground" else None,
+                  "" if name == "ground" else "%.1f times ground" % ratio)  # fmt: skip
+
+
+def diagnoses(table, peers):
+    command = [os.path.join(HERE, "which_effect.py"), "--json"]
+    rows = json.loads(run(*command, *(["--peers", peers] if peers else [])))
+    right = sum(r["told"] for r in rows)
+    table.add("diagnosis, four runs of 8 s, one thread", [r["seconds"] for r in rows], "s", 5,
+              "right in %d of %d" % (right, len(rows)))  # fmt: skip
+    if peers:
+        right = sum(r["pysindy"] == r["hidden"] for r in rows)
+        table.add("diagnosis, PySINDy", [r["pysindy_seconds"] for r in rows], "s", None,
+                  "right in %d of %d" % (right, len(rows)))  # fmt: skip
+
+
+def simulation(table):
+    """Simulated time over time."""
+    import time
+
+    from ground import _core
+
+    model = _core.load_model(os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml"))
+    rows = np.column_stack([np.arange(10000) / 10, *[np.arange(10000) % 2] * 2, np.ones(10000)])
+    times, factors = np.arange(100001) / 100, []
+    for _ in range(7):
+        begin = time.perf_counter()
+        _core.simulate(model, rows, times, np.zeros(3), np.zeros(3))
+        factors.append(1000 / (time.perf_counter() - begin) / 1e3)
+    table.add("simulate, thousands of times real time", factors, "")
+
+
+def controllers(table):
+    ours = {}
+    for name, repetitions in google("controllers").items():
+        ours[name] = table.add(
+            "iteration, " + name, [b["real_time"] / 1e3 for b in repetitions], "us"
+        )
+    cases = run(binary("controllers"), "--cases")
+    peer = subprocess.run(
+        [sys.executable, os.path.join(HERE, "peer_tracking.py")], input=cases, check=True,
+        stdout=subprocess.PIPE, universal_newlines=True,
+    ).stdout.split("\n")  # fmt: skip
+    if float(peer[1]) > 1e-9:
+        sys.exit("bench: the thesis's controller in Python decides otherwise: by %s" % peer[1])
+    times = 1e6 * np.array(peer[0].split(), float)
+    ratio = np.median(times) / ours["TrajectoryTracking (backstepping)"]
+    table.add("iteration, the thesis's controller in Python", times, "us", None,
+              "%.0f times ground's" % ratio)  # fmt: skip
+
+
+def latency(table):
+    for rate in (100, 240, 1000):
+        out = run("roslaunch", "ground", "latency.launch", "rate:=%d" % rate, check=False)
+        found = LATENCY.search(out)
+        if not found:
+            sys.exit("bench: no latency at %d Hz:\n%s" % (rate, out[-2000:]))
+        _, median, most99, most999, most = (float(x) for x in found.groups())
+        table.add("pose to packet at %d Hz, median" % rate, median, "ms")
+        table.add("pose to packet at %d Hz, 99%%" % rate, most99, "ms", 1 if rate == 240 else None,
+                  "99.9%%: %g ms, most %g ms" % (most999, most))  # fmt: skip
+
+
+def live(table):
+    for on in ("false", "true"):
+        out = run("roslaunch", "ground", "live_comparison.launch", "live:=" + on, check=False)
+        found = SHARE.search(out)
+        if not found:
+            sys.exit("bench: no live comparison:\n" + out[-2000:])
+        table.add("ground station at 100 Hz, live comparison " + found.group(1),
+                  float(found.group(2)), "%")  # fmt: skip
+
+
+def growth(table):
+    names = {"bags": "%(bags)d bags of 10 s", "effects": "%(effects)d effects free",
+             "window": "windows of %(window)g s"}  # fmt: skip
+    for line in run(os.path.join(HERE, "growth.py")).splitlines():
+        case = json.loads(line)
+        table.add("fit, " + names[case["what"]] % case, case["seconds"], "s", None,
+                  "%.0f MB more memory" % case["MB"])  # fmt: skip
+
+
+def machine():
+    with open("/proc/cpuinfo") as info:
+        names = [line.split(":")[1].strip() for line in info if line.startswith("model name")]
+    return {
+        "processor": names[0] if names else platform.processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "date": datetime.datetime.now().isoformat(timespec="seconds"),
+        "load": os.getloadavg()[0],
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter that has CasADi and PySINDy")
+    parser.add_argument("--json", metavar="FILE", required=True)
+    parser.add_argument("--only", nargs="+", help="parts: " + " ".join(PARTS))
+    arguments = parser.parse_args()
+    on = machine()
+    print("%(processor)s, %(cores)d cores, %(system)s; load %(load).2f" % on)
+    table = Table()
+    for name, part in PARTS.items():
+        if arguments.only and name not in arguments.only:
+            continue
+        part(table, arguments.peers) if name in ("fit", "diagnoses") else part(table)
+    with open(arguments.json, "w") as file:
+        json.dump({"machine": on, "rows": table.rows}, file, indent=1)
+    missed = [r["name"] for r in table.rows if r["goal"] and r["median"] > r["goal"]]
+    for name in missed:
+        print("goal missed: " + name)
+    return 1 if missed else 0
+
+
+PARTS = {
+    "steps": steps, "fit": fit, "diagnoses": diagnoses, "simulation": simulation,
+    "controllers": controllers, "latency": latency, "live": live, "growth": growth,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(main())

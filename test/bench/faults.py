@@ -1,0 +1,54 @@
+#!/usr/bin/python3
+"""Injects every fault several times and prints one table: how each ends, and its worst case.
+
+Runs test/rostest/faults.test and test/python/test_faults.py; fails when any fault ends otherwise than
+its row says, once.
+"""
+import argparse
+import os
+import re
+import subprocess
+import sys
+
+ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
+ROW = re.compile(r"fault: (.{38}) (.{12}) (.*)")
+NUMBER = re.compile(r"[0-9.]+")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=3)
+    rounds = parser.parse_args().rounds
+    package = os.path.join(ROOT, "src", "ground")
+    commands = [
+        ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
+        + [os.path.join(ROOT, "test", "rostest", "faults.test")],
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
+        + [os.path.join(ROOT, "test", "python", "test_faults.py")],
+    ]
+    table, failed = {}, 0
+    for number in range(rounds):
+        for command in commands:
+            result = subprocess.run(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
+            )
+            for name, ending, what in ROW.findall(result.stdout):
+                table.setdefault((name.strip(), ending.strip()), []).append(what.strip())
+            if result.returncode != 0:
+                failed += 1
+                print("round %d failed:\n%s" % (number + 1, result.stdout[-4000:]), file=sys.stderr)
+    print("| fault | ends | worst of %d |" % rounds)
+    print("|---|---|---|")
+    for (name, ending), whats in table.items():
+        most = "most" if "recorded" not in whats[0] else "least"
+        worst = (max if most == "most" else min)(
+            whats, key=lambda w: float((NUMBER.findall(w) or ["0"])[0])
+        )
+        missing = "" if len(whats) == rounds else " (%d of %d)" % (len(whats), rounds)
+        print("| %s | %s%s | %s |" % (name, ending, missing, worst))
+    print("%d of %d programs failed" % (failed, rounds * len(commands)))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+#!/usr/bin/python3
+"""Nonsense for what the identification tool reads: exports (csv), bags (bag), options (options).
+
+Whatever is wrong has to be said as an IdentifyError, or as bad usage; anything else is a crash. First
+argument: what; the rest is libFuzzer's.
+"""
+import contextlib
+import io
+import os
+import sys
+import tempfile
+
+import atheris
+
+with atheris.instrument_imports(include=["ground"]):
+    from ground import cli, quality, recording
+    from ground.errors import IdentifyError
+
+FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
+ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
+OPTIONS = [
+    "--json", "--axes", "--from", "--to", "--all", "--progress", "--holdout", "--only", "--exclude",
+    "--effects", "--budget", "--force", "motor_lag", "1", "0.5", "-3", "1e400", "nan", "x, y, z",
+]  # fmt: skip
+
+
+def path(name, data):
+    full = os.path.join(FOLDER.name, name)
+    with open(full, "wb") as file:
+        file.write(data)
+    return full
+
+
+def csv(data):
+    """Two exports, one after the other."""
+    controls, _, poses = data.partition(b"\0")
+    bag = os.path.join(FOLDER.name, "run.bag")
+    with contextlib.suppress(IdentifyError):
+        recording.import_csv(path("c.csv", controls), path("p.csv", poses), bag, force=True)
+        quality.Run(recording.read_bag(bag))
+
+
+def bag(data):
+    with contextlib.suppress(IdentifyError):
+        quality.Run(recording.read_bag(path("any.bag", data)))
+
+
+def short_bag():
+    """One that can be read, and is too short for a diagnosis."""
+    name = os.path.join(FOLDER.name, "short.bag")
+    if not os.path.exists(name):
+        with open(ROOT + "/test/fuzz/seeds/csv/exports", "rb") as file:
+            controls, _, poses = file.read().partition(b"\0")
+        recording.import_csv(path("c.csv", controls), path("p.csv", poses), name)
+    return name
+
+
+def options(data):
+    provider = atheris.FuzzedDataProvider(data)
+    words = [
+        "diagnose",
+        short_bag(),
+        "--model",
+        ROOT + "/cfg/hovercraft/tiny_whoover.yaml",
+        "-o",
+        "out",
+    ]
+    while provider.remaining_bytes() > 0 and len(words) < 12:
+        if provider.ConsumeBool():
+            words.append(provider.PickValueInList(OPTIONS))
+        else:
+            # no command line can bring a zero
+            words.append(provider.ConsumeUnicodeNoSurrogates(12).replace("\0", ""))
+    if "-h" in words or any(w.startswith("--h") for w in words):
+        return
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.suppress(SystemExit):
+            if cli.main(words) not in (0, 1):
+                raise AssertionError("an exit status that nobody knows: %s" % words)
+
+
+def main():
+    targets = {"csv": csv, "bag": bag, "options": options}
+    if len(sys.argv) < 2 or sys.argv[1] not in targets:
+        sys.exit("python_inputs: name one of %s" % ", ".join(targets))
+    target = targets[sys.argv.pop(1)]
+    atheris.Setup(sys.argv, lambda data: target(data) and None)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    os.chdir(FOLDER.name)
+    main()

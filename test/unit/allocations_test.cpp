@@ -1,0 +1,91 @@
+// The controllers' loops do not allocate: no iteration waits for memory.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <new>
+
+#include "ground/control/prbs.h"
+#include "ground/control/predictive_control.h"
+#include "ground/control/reference_trajectory.h"
+#include "ground/control/tracking_law.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+
+namespace {
+std::atomic<long> allocations{0};
+
+void* allocate(std::size_t size, std::size_t alignment) {
+  ++allocations;
+  void* memory = nullptr;
+  if (posix_memalign(&memory, alignment, size) != 0) throw std::bad_alloc();
+  return memory;
+}
+}  // namespace
+
+void* operator new(std::size_t size) { return allocate(size, 16); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return allocate(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+
+namespace ground {
+namespace {
+
+/// Allocations of `count` iterations on a circle, once it has been going for a while.
+long allocationsOf(TrackingController& controller, const Model& model, int count) {
+  ReferenceParams params;
+  params.kind = "circle";
+  params.size = 1.5;
+  params.rate_of_turn = 0.4;
+  const ReferencePtr reference = makeReference(params);
+  const Dynamics<double> dynamics(model);
+  Observation seen;
+  seen.reference = reference.get();
+  std::vector<double> actuators(static_cast<std::size_t>(dynamics.stateCount()), 0.0);
+  double t = 0;
+  long before = 0;
+  for (int i = -100; i < count; ++i) {
+    seen.stamp = seen.now = t;
+    if (i == 0) before = allocations;
+    const Vector2<double> inputs = controller.decide(seen);
+    controller.commanded(t, inputs, 1);
+    EXPECT_TRUE(inputs.allFinite());
+    dynamics.step<true>(t, seen.state, dynamics.actuate(inputs, 1, 0.02, actuators.data()), 0.02);
+  }
+  return allocations - before;
+}
+
+TEST(Allocations, AreSeenHere) {
+  const long before = allocations;
+  delete new int;
+  EXPECT_EQ(allocations, before + 1);
+}
+
+TEST(Allocations, NoneOfTheTrackingLaw) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  BacksteppingControl controller(model.body, {});
+  EXPECT_EQ(allocationsOf(controller, model, 200), 0);
+}
+
+TEST(Allocations, NoneOfThePredictiveControllerWithEffects) {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  for (const char* effect : {"motor_lag", "input_delay", "quadratic_drag", "marker_offset"})
+    model.addEffect(makeEffect(effect));
+  model.setValue("motor_lag.tau", 0.05);
+  model.setValue("input_delay.delay", 0.01);
+  PredictiveControl controller(model, {});
+  EXPECT_EQ(allocationsOf(controller, model, 200), 0);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
