@@ -65,9 +65,9 @@ fuzz: $(installed)
 	    $(CURDIR)/build/fuzz/corpus/$$what $$([ -d $$seeds ] && echo $$seeds) || exit 1; \
 	done
 
-# Times of everything, beside peers, as a table and as build/bench.json. OPTIONS="--only steps fit"
-bench: build
-	@cmake --build build --target benchmarks --parallel $(jobs)
+# The thesis's table 3.1, then times of everything, beside peers, as a table and as build/bench.json.
+# OPTIONS="--only steps fit"
+bench: bench-table
 	@$(in_workspace) test/bench/bench.py --json build/bench.json \
 	  --peers "$$(test/bench/peer_python build/peers)" $(OPTIONS)
 

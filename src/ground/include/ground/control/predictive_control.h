@@ -45,8 +45,6 @@ class PredictiveControl : public TrackingController {
   Vector2<double> decide(const Observation& observation) override;
 
   /// Of the last decision.
-  const DisturbanceObserver::Estimate& estimate() const { return start_; }
-  const TrajectoryOptimizer& plan() const { return *plan_; }
   int improvements() const { return improvements_; }
 
  private:

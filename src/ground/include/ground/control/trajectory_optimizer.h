@@ -40,7 +40,6 @@ class TrajectoryOptimizer {
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs left, right, in the model's units; to be followed by rollOut().
   std::vector<Vector2<double>>& inputs() { return inputs_; }
-  const std::vector<Vector2<double>>& inputs() const { return inputs_; }
   /// Follows the plan; its cost [m^2 s].
   double rollOut();
   /// One iteration; whether the cost fell.

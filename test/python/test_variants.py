@@ -1,0 +1,63 @@
+"""The core for each kind of processor: chosen when it is loaded, and all compute the same."""
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from conftest import MODEL, ROOT
+
+WIDE = ["-AVX512F", "-AVX512CD", "-AVX512VL", "-AVX512DQ", "-AVX512BW"]
+# what a processor lacks, and where its core then lies
+KINDS = [("plain", WIDE + ["-AVX2"]), ("x86-64-v3", WIDE), ("x86-64-v4", [])]
+PROGRAM = """
+import json, sys
+import numpy as np
+from ground import _core
+
+model = _core.load_model(sys.argv[1])
+for effect, values in {"motor_lag": {"tau": 0.04}, "quadratic_drag": {"cx": 0.002, "cy": 0.002, "cr": 1e-6},
+                       "wind": {"wx": 0.1, "wy": -0.2}}.items():
+    model.add_effect(effect)
+    for name, value in values.items():
+        model.set_value(effect + "." + name, value)
+bits = np.array(_core.make_prbs(9, 3), float)[:60]
+rows = np.column_stack([np.arange(60) / 15, bits, np.ones(60)])
+times = np.arange(401) / 100
+motion = _core.simulate(model, rows, times, np.zeros(3), np.zeros(3))
+noise = 0.05 * np.random.RandomState(1).randn(len(times), 3)
+run = _core.RunData("run", times, motion["eta"], motion["nu"] + noise * motion["nu"].std(axis=0), rows)
+windows = _core.cut_windows(run, 0, 0, 1e9, 0.5)
+fit = _core.SimulationError([run], windows).fit(model, ["I_z", "k", "Y_v", "motor_lag.tau", "wind.wx"])
+with open("/proc/self/maps") as maps:
+    core = [line.split()[-1] for line in maps if "libground_model" in line][0]
+print(json.dumps({"core": core, "end": list(motion["eta"][-1]) + list(motion["nu"][-1]),
+                  "fit": [p["value"] for p in fit["parameters"]]}))
+"""
+
+
+def results(lacks):
+    """Of the program on a processor that seems to lack something."""
+    tunables = "glibc.cpu.hwcaps=" + ",".join(lacks) if lacks else ""
+    out = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(MODEL)],
+        check=True,
+        stdout=subprocess.PIPE,
+        env=dict(os.environ, GLIBC_TUNABLES=tunables),
+        cwd=str(ROOT),
+    ).stdout
+    return json.loads(out)
+
+
+def test_all_kinds_compute_the_same():
+    found = {kind: results(lacks) for kind, lacks in KINDS}
+    cores = {kind: f["core"] for kind, f in found.items()}
+    assert "glibc-hwcaps" not in cores["plain"]
+    if len(set(cores.values())) == 1:
+        pytest.skip("this processor, or the C library, knows one kind of core only")
+    for kind, core in cores.items():
+        print(kind, core)
+        assert "glibc-hwcaps" not in core or os.path.exists(core)
+    for kind in cores:
+        assert found[kind]["end"] == pytest.approx(found["plain"]["end"], rel=1e-11, abs=1e-11)
+        assert found[kind]["fit"] == pytest.approx(found["plain"]["fit"], rel=1e-6)
