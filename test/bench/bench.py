@@ -101,6 +101,25 @@ def fit(table, peers):
                   "" if name == "ground" else "%.1f times ground" % ratio)  # fmt: skip
 
 
+def screening(table):
+    """Score tests of all effects of the library on four runs of 8 s."""
+    import time
+
+    import hidden_cases as cases
+
+    from ground import _core, candidates, diagnosis
+
+    truth = cases.truth(["quadratic_drag"], 1.0, 1)
+    runs, model = cases.runs(truth, "varied", 1.0, 1), _core.load_model(cases.MODEL)
+    every, times = candidates.library(model), []
+    whole = diagnosis.Diagnosis(runs, model, every, threads=1)
+    for _ in range(5):
+        begin = time.perf_counter()
+        whole._screen(every)
+        times.append(1e3 * (time.perf_counter() - begin))
+    table.add("screening, %d effects, one thread" % len(every), times, "ms")
+
+
 def diagnoses(table, peers):
     command = [os.path.join(HERE, "which_effect.py"), "--json"]
     rows = json.loads(run(*command, *(["--peers", peers] if peers else [])))
@@ -214,7 +233,7 @@ def main():
 
 
 PARTS = {
-    "steps": steps, "fit": fit, "diagnoses": diagnoses, "simulation": simulation,
+    "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "simulation": simulation,
     "controllers": controllers, "latency": latency, "live": live, "growth": growth,
 }  # fmt: skip
 

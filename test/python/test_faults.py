@@ -76,12 +76,12 @@ class Stack:
         return time.time()
 
     def drives(self, seconds):
-        """Whether most of the packets of the last so many seconds bring thrust."""
+        """Whether packets came all through the last so many seconds, many of them with thrust."""
         now = time.time()
         packets = [p for p in list(self.wire.packets) if p.time > now - seconds]
         return len(packets) > 30 * seconds and sum(
             1 for p in packets if p.left or p.right
-        ) > 0.7 * len(packets)
+        ) > 0.2 * len(packets)
 
     def wait_until_it_drives(self):
         wait_for(lambda: self.drives(2), 40, "a craft that is driven")
@@ -148,7 +148,7 @@ def test_without_a_master_it_drives_on_and_ends_with_zeros(stack):
 
 def test_a_clock_that_jumps_back_stops_it(stack):
     stack.run("rostopic", "pub", "-r", "200", "/clock", "rosgraph_msgs/Clock", "{clock: {secs: 1}}")
-    wait_for(lambda: not stack.drives(0.5), 20, "a stop")
+    wait_for(lambda: not stack.drives(1), 20, "a stop")
     late = stack.thrust_after(time.time(), 2)
     say("clock jumps back", "stops", "no thrust in the 2 s that follow")
     assert late == 0

@@ -21,7 +21,7 @@ PORT, CLOCK, DURATION = 33441, 15.0, 4.0
 class WireTest(unittest.TestCase):
     def setUp(self):
         self.craft = FakeCraft(PORT)
-        self.craft.send()
+        self.talk = harness.Repeater(5, self.craft.send)
         self.mocap = harness.Mocap()
         self.status = harness.Latest("controller/status", ControllerStatus)
         self.sender = harness.sender_status()
@@ -31,6 +31,7 @@ class WireTest(unittest.TestCase):
 
     def tearDown(self):
         self.mocap.stop()
+        self.talk.stop()
         self.craft.close()
 
     def expect(self, state, timeout):

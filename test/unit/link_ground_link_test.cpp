@@ -244,6 +244,13 @@ TEST_F(GroundLinkTest, ACraftThatFallsSilentIsAFault) {
   telemetry(kCraft);
   EXPECT_EQ(arm(), "");
 
+  GroundLinkParams params;
+  params.craft_timeout = 0;
+  make({}, params);
+  armed();
+  feed(10, kDrive);
+  EXPECT_EQ(link().current(), State::kArmed);
+
   make();  // one that has never said anything but hello
   garbage(kCraft);
   feed(0.1, kZero);

@@ -38,6 +38,8 @@ std::string GroundLinkParams::validate() const {
     return "recovery_time must not be negative";
   if (!positive(keepalive_rate)) return "keepalive_rate must be positive";
   if (!positive(peer_timeout)) return "peer_timeout must be positive";
+  if (!std::isfinite(craft_timeout) || craft_timeout < 0)
+    return "craft_timeout must not be negative";
   if (!positive(send_timeout)) return "send_timeout must be positive";
   return "";
 }
@@ -76,7 +78,8 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   const bool better = !peer_locked_ && telemetry;
   // A craft that was restarted speaks from another port of its address. Only one that used to send
   // telemetry can be known to have gone silent.
-  const bool back = silent(now) && telemetry && from.host == peer_.host;
+  const bool back = peer_speaks_ && telemetry && from.host == peer_.host &&
+                    now - peer_heard_ > params_.peer_timeout;
   if (!unknown && !better && !back) return false;
   peer_ = from;
   ++revision_;
@@ -147,7 +150,7 @@ std::string GroundLink::arm(double now) {
   if (state_ == State::kFault) return "in fault (" + reason_ + "): disarm first";
   if (peer_.port == 0) return "no craft has been heard of";
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
-  if (silent(now)) return "the craft has fallen silent";
+  if (silent(now)) return "the craft has fallen silent (craft_timeout)";
   if (params_.require_state && state_until_ <= now) {
     return state_until_ == kNever ? "there is no state" : "the state is stale";
   }
@@ -196,14 +199,14 @@ void GroundLink::watch(double now) {
     return fault(now, lost);
   }
   // It may have been restarted, and is not to be met by thrust when it is back.
-  if (silent(now)) return fault(now, "the craft has fallen silent");
+  if (silent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
 }
 
 /// Of a craft that has never sent telemetry nothing is known.
 bool GroundLink::silent(double now) const {
-  return peer_speaks_ && now - peer_heard_ > params_.peer_timeout;
+  return peer_speaks_ && params_.craft_timeout > 0 && now - peer_heard_ > params_.craft_timeout;
 }
 
 std::string GroundLink::stateProblem(double now) const {

@@ -124,6 +124,7 @@ class Sender : public nodelet::Nodelet {
     p.keepalive_rate = c.keepalive_rate;
     p.require_state = c.require_state;
     p.require_lift = c.require_lift;
+    p.craft_timeout = c.craft_timeout;
     return p;
   }
 

@@ -17,9 +17,10 @@ struct GroundLinkParams {
   double state_timeout = 0.2;    ///< oldest state with which the craft may be driven [s]
   double recovery_time = 0.0;    ///< without a state that zero packets bridge before a fault [s]
   double keepalive_rate = 50.0;  ///< packets per second when nothing new comes [Hz]
-  /// Silence of a craft that used to send telemetry after which it is taken for gone; it may come
-  /// back on another port [s].
+  /// Silence of a craft that used to send telemetry after which it may come back on another port
+  /// [s].
   double peer_timeout = 2.0;
+  double craft_timeout = 2.0;  ///< such silence before a fault, 0 for none [s]
   double send_timeout = 0.2;  ///< longest that the system may refuse to send while armed [s]
   bool require_state = true;  ///< whether a valid state is needed to drive
   bool require_lift = true;   ///< whether thrust is refused while the lift is off
