@@ -52,8 +52,10 @@ class Table:
 
 
 def run(*command, check=True):
+    """What a command prints; what it says besides is shown where its failure matters."""
+    quiet = None if check else subprocess.DEVNULL
     return subprocess.run(
-        command, check=check, stdout=subprocess.PIPE, universal_newlines=True
+        command, check=check, stdout=subprocess.PIPE, stderr=quiet, universal_newlines=True
     ).stdout
 
 

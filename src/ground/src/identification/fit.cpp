@@ -25,7 +25,7 @@ constexpr int kPatience =
 /// Relative change of the cost at which a descent ends: rough to come near, coarse where another
 /// one follows. An exact fit has no use for the fine one, its cost falls until nothing is left of
 /// it.
-constexpr double kRough = 1e-2, kCoarse = 1e-5, kFine = 1e-8;
+constexpr double kRough = 5e-2, kCoarse = 1e-5, kFine = 1e-8;
 /// From near by the last step is the smallest, and fits that are compared need not agree further.
 constexpr double kNear = 1e-6;
 /// Cost of a sample that initial states may leave to the fit that follows.
