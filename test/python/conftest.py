@@ -1,6 +1,8 @@
 """What the tests of the identification tool share."""
 import pathlib
+import socket
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -73,3 +75,20 @@ def write_bag(path, start=1000.0, change=None, **options):
                 received = max(received + genpy.Duration(0, 1), message.header.stamp)
                 bag.write(topic, message, received)
     return path
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def wait_for(condition, timeout, what):
+    """The first true value of condition(); fails after `timeout` seconds."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.05)
+    raise AssertionError("waited %d s in vain: %s" % (timeout, what))

@@ -8,28 +8,12 @@ import sys
 import time
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
 from wire_proxy import WireProxy  # noqa: E402
 
 LIMIT = 0.3  # of thrust after what it is given for has ended [s]
-
-
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def wait_for(condition, timeout, what):
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.05)
-    raise AssertionError("waited %d s in vain: %s" % (timeout, what))
 
 
 class Stack:

@@ -7,18 +7,11 @@ import shutil
 import signal
 import socket
 import subprocess
-import time
 
 import pytest
-from conftest import ROOT, identify
+from conftest import ROOT, free_port, identify, wait_for
 
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
-
-
-def free_port(kind=socket.SOCK_STREAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextlib.contextmanager
@@ -43,16 +36,6 @@ def roslaunch(log, *arguments, **environment):
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-def wait_for(condition, timeout, what):
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.1)
-    raise AssertionError("waited %d s in vain: %s" % (timeout, what))
 
 
 def test_the_experiments_are_there():

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "ground/estimation/jump.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -17,12 +18,15 @@ constexpr double kStatusPeriod = 0.5;    // [s]
 constexpr double kWatch = 0.005;         // between looks at the watchdog [s]
 constexpr double kSimulatedTick = 5e-4;  // between looks at a simulated clock [s]
 
-// How far from where it was going a craft may be found again: at once, and more with time.
-constexpr double kJump = 0.2, kJumpSpeed = 2.0;  // [m], [m/s]
-constexpr double kTurn = 0.6, kTurnRate = 10.0;  // [rad], [rad/s]
-
 double steadyNow() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+RigidState<double> rigidState(const ground_msgs::State& message) {
+  RigidState<double> state;
+  std::copy(message.eta.begin(), message.eta.end(), state.eta.data());
+  std::copy(message.nu.begin(), message.nu.end(), state.nu.data());
+  return state;
 }
 
 const char* nameOf(std::uint8_t state) {
@@ -167,15 +171,11 @@ bool Controller::stateIsFinite() const {
 std::string Controller::jumped(const ground_msgs::State& state) const {
   if (!known_) return "";
   const double dt = std::max(0.0, secondsBetween(known_->header.stamp, state.header.stamp));
-  const Vector2<double> over_floor =
-      bodyToWorld<double>(known_->eta[2], {known_->nu[0], known_->nu[1]});
-  const double way = std::hypot(state.eta[0] - known_->eta[0] - over_floor.x() * dt,
-                                state.eta[1] - known_->eta[1] - over_floor.y() * dt);
-  const double turn = std::abs(wrapAngle(state.eta[2] - known_->eta[2] - known_->nu[2] * dt));
-  if (way <= kJump + kJumpSpeed * dt && turn <= kTurn + kTurnRate * dt) return "";
+  const Jump jump(rigidState(*known_), rigidState(state), dt);
+  if (!jump.impossible()) return "";
   char text[120];
-  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s", way,
-                turn, dt);
+  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s",
+                jump.way, jump.turn, jump.dt);
   return text;
 }
 
@@ -271,12 +271,9 @@ void Controller::begin(const ros::Time& stamp) {
 }
 
 void Controller::control(const ros::Time& stamp) {
-  RigidState<double> state;
-  std::copy(measured_->eta.begin(), measured_->eta.end(), state.eta.data());
-  std::copy(measured_->nu.begin(), measured_->nu.end(), state.nu.data());
   // The state may be older than the start by the mocap's latency.
   const double elapsed = std::max(0.0, secondsBetween(running_since_, stamp));
-  const Vector2<double> inputs = update(elapsed, stamp, state);
+  const Vector2<double> inputs = update(elapsed, stamp, rigidState(*measured_));
   last_update_ = stamp;
   if (!inputs.allFinite()) {
     enter(Status::STOPPED, "the command is not finite");
