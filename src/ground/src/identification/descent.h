@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
+#include "normal_equations.h"
 
 namespace ground {
 
@@ -23,29 +24,36 @@ struct Robust {
     const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
-  /// Of all residuals: the squares of the derivatives, the derivatives times the residuals after
-  /// the loss, and the sum of the squares of these.
-  double weigh(const Eigen::VectorXd& residuals, Eigen::VectorXd& weight,
-               Eigen::VectorXd& product) const {
-    if (std::isinf(delta)) {
-      weight.setOnes();
-      product = residuals;
-      return residuals.squaredNorm();
-    }
+  /// As Weigh: the square of the derivative, half the derivative of the square, the square. Loops
+  /// without branches are made of vectors.
+  void weigh(const double* residuals, int count, double* weight, double* product,
+             double* loss) const {
     const double over = 1 / (delta * delta);
-    double sum = 0;
-    for (Eigen::Index i = 0; i < residuals.size(); ++i) {
-      // f^2 and the derivative over f, see derivative(); loops without branches are made of vectors
-      const double square = residuals(i) * residuals(i), root = std::sqrt(1 + square * over);
-      const double f2 = 2 / (1 + root), slope = 1 - (root - 1) / (2 * root);
-      weight(i) = f2 * slope * slope;
-      product(i) = f2 * slope * residuals(i);
+    if (!weight) {
+      for (int i = 0; i < count; ++i) {
+        const double square = residuals[i] * residuals[i];
+        loss[i] = 2 * square / (1 + std::sqrt(1 + square * over));
+      }
+      return;
     }
-    for (Eigen::Index i = 0; i < residuals.size(); ++i) {
-      const double r = residuals(i);
-      sum += 2 * r * r / (1 + std::sqrt(1 + r * r * over));
+    if (std::isinf(delta)) {
+      for (int i = 0; i < count; ++i) {
+        weight[i] = 1;
+        product[i] = residuals[i];
+        loss[i] = residuals[i] * residuals[i];
+      }
+      return;
     }
-    return sum;
+    for (int i = 0; i < count; ++i) {
+      const double r = residuals[i], root = std::sqrt(1 + r * r * over), inverse = 1 / root;
+      weight[i] = 0.5 * (1 + root) * inverse * inverse;
+      product[i] = r * inverse;
+      loss[i] = 2 * r * r / (1 + root);
+    }
+  }
+  Weigh weighing() const {
+    return [robust = *this](const double* residuals, int count, double* weight, double* product,
+                            double* loss) { robust.weigh(residuals, count, weight, product, loss); };
   }
   /// Half the derivative of the loss by the residual.
   double score(double r) const {

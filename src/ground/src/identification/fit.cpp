@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "descent.h"
+#include "linearisation.h"
 #include "parallel.h"
 #include "uncertainty.h"
 #include "window_costs.h"
@@ -50,10 +51,10 @@ class AtBound : public ceres::IterationCallback {
 
 /// One solve; `scaled` and `initial` are start and result. From near it ends at
 /// the first bound that is met (`until_bound`).
-ceres::Solver::Summary solve(const SimulationError& problem, const Model& model, const Free& free,
-                             const Robust& robust, double tolerance, int iterations, int threads,
-                             bool until_bound, std::vector<double>& scaled, Initials& initial) {
-  WindowCosts costs(problem, model, free, robust, threads, scaled, initial);
+ceres::Solver::Summary solve(Linearisation& windows, const Free& free, const Robust& robust,
+                             double tolerance, int iterations, bool until_bound,
+                             std::vector<double>& scaled, Initials& initial) {
+  WindowCosts costs(windows, free, robust, scaled, initial);
   ceres::Solver::Options options;
 #if CERES_VERSION_MAJOR >= 2
   ceres::Problem::Options problem_options;
@@ -132,17 +133,16 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
 }
 
 /// Derivatives of the cost by the scaled free parameters.
-Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, const Free& free,
-                         const Robust& robust, const Solution& at, int threads) {
+Eigen::VectorXd gradient(Linearisation& windows, const Free& free, const Robust& robust,
+                         const Solution& at) {
   const auto n = static_cast<Eigen::Index>(free.index.size());
-  std::vector<Eigen::VectorXd> slopes(problem.windows().size(), Eigen::VectorXd::Zero(n));
-  problem.residuals(model, free.coordinates(at.scaled.data()), free.index, at.initial, true,
-                    threads, [&](const WindowResiduals& found) {
-                      if (!found.finite) return;
-                      Eigen::VectorXd score = found.residuals;
-                      for (double& x : score) x = robust.score(x);
-                      slopes[found.window] = found.derivatives.leftCols(n).transpose() * score;
-                    });
+  std::vector<Eigen::VectorXd> slopes(at.initial.size(), Eigen::VectorXd::Zero(n));
+  windows.normalEquations({free.coordinates(at.scaled.data()), free.index, at.initial},
+                          robust.weighing(), [](int) { return 1; },
+                          [&](int window, int, const NormalEquations& equations) {
+                            const Eigen::VectorXd slope = equations.b.head(n);
+                            if (slope.allFinite()) slopes[window] = slope;
+                          });
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
   for (const Eigen::VectorXd& slope : slopes) sum += slope;
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
@@ -151,9 +151,8 @@ Eigen::VectorXd gradient(const SimulationError& problem, const Model& model, con
 /// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
 /// other parameters still have to go; so those that have come to a bound are held there while the
 /// others go on, and are let go when the cost falls inwards (active set).
-void descend(const SimulationError& problem, const Model& model, const Free& free,
-             const Robust& robust, double tolerance, const FitOptions& options,
-             Solution& solution) {
+void descend(Linearisation& windows, const Free& free, const Robust& robust, double tolerance,
+             const FitOptions& options, Solution& solution) {
   const std::size_t n = free.index.size();
   std::vector<bool> held(n, false);
   std::vector<int> let_go(n, 0);
@@ -165,7 +164,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
   for (std::size_t i = 0; i < n; ++i) held[i] = options.near && onBound(i);
   if (std::count(held.begin(), held.end(), true) > 0) {
     solution.cost = 0;
-    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution, options.threads);
+    const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) held[i] = held[i] && !fallsInwards(slope, i);
   }
   while (true) {
@@ -180,8 +179,8 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
       moving.upper.push_back(free.upper[i]);
       scaled.push_back(solution.scaled[i]);
     }
-    const auto summary = solve(problem, model, moving, robust, tolerance, options.max_iterations,
-                               options.threads, options.near, scaled, solution.initial);
+    const auto summary = solve(windows, moving, robust, tolerance, options.max_iterations,
+                               options.near, scaled, solution.initial);
     solution.cost = summary.final_cost;
     solution.iterations += static_cast<int>(summary.iterations.size());
     solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
@@ -197,7 +196,7 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
     }
     if (changed) continue;
     if (std::count(held.begin(), held.end(), true) == 0) return;
-    const Eigen::VectorXd slope = gradient(problem, model, free, robust, solution, options.threads);
+    const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) {
       if (!held[i] || let_go[i] == kPatience || !fallsInwards(slope, i)) continue;
       held[i] = false;
@@ -209,9 +208,9 @@ void descend(const SimulationError& problem, const Model& model, const Free& fre
 }
 
 /// Descends from `scaled` by one loss after the other.
-Solution descend(const SimulationError& problem, const Model& model, const Free& free,
-                 const std::vector<double>& losses, const FitOptions& options,
-                 std::vector<double> scaled, Initials initial, double coarse = kCoarse) {
+Solution descend(Linearisation& windows, const Free& free, const std::vector<double>& losses,
+                 const FitOptions& options, std::vector<double> scaled, Initials initial,
+                 double coarse = kCoarse) {
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
@@ -219,14 +218,14 @@ Solution descend(const SimulationError& problem, const Model& model, const Free&
     solution.delta = delta;
     const bool last = delta == losses.back() && std::isfinite(delta);
     const double fine = options.near ? kNear : kFine;
-    descend(problem, model, free, {delta}, last ? fine : coarse, options, solution);
+    descend(windows, free, {delta}, last ? fine : coarse, options, solution);
     if (!solution.usable) break;
   }
   return solution;
 }
 
 /// Windows cut into pieces of at most `length` seconds.
-std::vector<Window> pieces(const SimulationError& problem, double length) {
+std::vector<Window> piecesOf(const SimulationError& problem, double length) {
   std::vector<Window> all;
   for (const Window& w : problem.windows()) {
     const RunData& run = problem.runs()[w.run];
@@ -236,33 +235,31 @@ std::vector<Window> pieces(const SimulationError& problem, double length) {
   return all.empty() ? problem.windows() : all;
 }
 
-/// Half the sum of squares with the measured initial states. Throws std::runtime_error when a
-/// window's simulation is not finite; the solver would say it on stderr, in its words.
-double costOf(const SimulationError& problem, const Model& model, const Free& free,
-              const std::vector<double>& scaled) {
-  std::vector<double> costs(problem.windows().size());
-  problem.residuals(model, free.coordinates(scaled.data()), {}, measuredInitials(problem), false, 0,
-                    [&](const WindowResiduals& found) {
-                      costs[found.window] =
-                          found.finite ? found.residuals.squaredNorm() / 2 : kInfinity;
-                    });
-  for (std::size_t w = 0; w < costs.size(); ++w)
-    if (std::isinf(costs[w])) throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
-  return std::accumulate(costs.begin(), costs.end(), 0.0);
+/// The sum of squares with the measured initial states. Throws std::runtime_error when a window's
+/// simulation is not finite; the solver would say it on stderr, in its words.
+double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled,
+                 bool derivatives) {
+  const Initials initial = measuredInitials(windows.problem());
+  const std::vector<double> losses =
+      windows.losses({free.coordinates(scaled.data()), free.index, initial}, Robust().weighing(),
+                     derivatives);
+  for (std::size_t w = 0; w < losses.size(); ++w)
+    if (!std::isfinite(losses[w]))
+      throw std::runtime_error(notFinite(windows.problem(), static_cast<int>(w)));
+  return std::accumulate(losses.begin(), losses.end(), 0.0);
 }
 
 /// Values nearer to the data than the given ones, where there are any: those that fit short pieces
 /// of the windows. Over a short time a simulation depends little on what came before, and the cost
 /// has hardly any minimum but one. Throws std::runtime_error when the given ones cannot be
 /// simulated.
-std::vector<double> approach(const SimulationError& whole, const SimulationError& brief,
-                             const Model& model, const Free& free, const FitOptions& options,
-                             const std::vector<double>& from) {
-  const double far = costOf(whole, model, free, from);
-  const Solution near =
-      descend(brief, model, free, {kInfinity}, options, from, measuredInitials(brief), kRough);
+std::vector<double> approach(Linearisation& whole, Linearisation& brief, const Free& free,
+                             const FitOptions& options, const std::vector<double>& from) {
+  const double far = squaresOf(whole, free, from, false);
+  const Solution near = descend(brief, free, {kInfinity}, options, from,
+                                measuredInitials(brief.problem()), kRough);
   try {
-    if (near.usable && costOf(whole, model, free, near.scaled) < far) return near.scaled;
+    if (near.usable && squaresOf(whole, free, near.scaled, true) < far) return near.scaled;
   } catch (const std::runtime_error&) {
     // what suits short windows need not suit long ones
   }
@@ -321,17 +318,22 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   const std::vector<double> losses = options.near && robust && options.width > 0
                                          ? std::vector<double>{options.width}
                                          : lossesOf(options.objective);
-  std::unique_ptr<const SimulationError> brief;
-  if (!options.near) brief.reset(new SimulationError(data_, pieces(*this, kBrief), target_));
+  Linearisation windows(*this, model, options.threads);
+  std::unique_ptr<const SimulationError> pieces;
+  std::unique_ptr<Linearisation> brief;
+  if (!options.near) {
+    pieces.reset(new SimulationError(data_, piecesOf(*this, kBrief), target_));
+    brief = std::make_unique<Linearisation>(*pieces, model, options.threads);
+  }
   for (const std::vector<double>& from : startsOf(free, options.starts)) {
     Solution found;
     try {
       const std::vector<double> near =
-          brief ? approach(*this, *brief, model, free, options, from) : from;
+          brief ? approach(windows, *brief, free, options, from) : from;
       const Initials initial = options.initial.empty()
                                    ? initialsFor(*this, model, free, near, options)
                                    : options.initial;
-      found = descend(*this, model, free, losses, options, near, initial);
+      found = descend(windows, free, losses, options, near, initial);
       if (!found.usable) throw std::runtime_error(found.message);
     } catch (const std::runtime_error& error) {
       if (!costs.empty()) continue;
@@ -346,15 +348,14 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
     return c <= best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
   }));
   if (robust && std::isinf(best.delta)) {
-    const std::vector<double> sizes = residualSizes(
-        *this, model, free.coordinates(best.scaled.data()), best.initial, options.threads);
-    const double delta = options.width > 0 ? options.width
-                         : sizes.empty()   ? kInfinity
-                                           : 2 * deviationOf(sizes);
+    const double delta =
+        options.width > 0
+            ? options.width
+            : 2 * deviationOf(windows.residuals(
+                      {free.coordinates(best.scaled.data()), free.index, best.initial}));
     // An exact fit has no outliers.
-    if (delta > 1e-9 && std::isfinite(delta)) {
-      const Solution robust =
-          descend(*this, model, free, {delta}, options, best.scaled, best.initial);
+    if (delta > 1e-9) {
+      const Solution robust = descend(windows, free, {delta}, options, best.scaled, best.initial);
       if (robust.usable) {
         const int before = best.iterations;
         best = robust;
@@ -380,8 +381,8 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.model.setValues(values);
   result.objective = objective(result.model, best.initial);
 
-  const Uncertainty u = uncertainty(*this, model, free, coordinates, best.initial, {best.delta},
-                                    options.block, options.threads);
+  const Uncertainty u =
+      uncertainty(windows, free, coordinates, best.initial, {best.delta}, options.block);
   const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   result.correlation = Eigen::MatrixXd::Identity(n, n);
   for (int i = 0; i < n; ++i)

@@ -139,14 +139,14 @@ std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, co
         if (span.run != run) continue;
         Eigen::MatrixX3d error =
             simulation.eta[w] - data.poses.middleRows(span.first, simulation.eta[w].rows());
-        Eigen::VectorXd rows = Eigen::Map<Eigen::VectorXd>(
-            Eigen::Matrix<double, 3, Eigen::Dynamic>(error.transpose()).data(), error.size());
-        const Whitening whitening(data.times, span.first, span.last, unit, disturbance);
-        whitening.apply(rows);
-        for (Eigen::Index i = 0; i < error.rows(); ++i)
+        const Whitening<double> whitening =
+            driftingErrors(data.times, span.first, span.last, unit, disturbance);
+        Innovations<double, double> innovations(whitening);
+        for (int i = 0; i < error.rows(); ++i)
           for (const int c : channels) {
-            z.push_back(rows(3 * i + c));
-            sum += std::log(whitening.deviations()[i](c));
+            innovations.apply(i, c, error(i, c));
+            z.push_back(error(i, c));
+            sum -= std::log(whitening.over_deviation[i][c]);
           }
       }
       scale = scaleOf(z);

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "descent.h"
+#include "linearisation.h"
 #include "parallel.h"
 #include "whitening.h"
 #include "window_plans.h"
@@ -170,10 +171,13 @@ SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<W
         w.last >= static_cast<int>(runs()[w.run].times.size()))
       throw std::invalid_argument("a window lies outside its run");
   }
-  if (target_ != Target::kPoses) return;
-  for (const Window& w : windows_)
-    whitening_.emplace_back(runs()[w.run].times, w.first, w.last, runs()[w.run].noise,
-                            runs()[w.run].disturbance);
+  for (const Window& w : windows_) {
+    const RunData& run = runs()[w.run];
+    whitening_.push_back(
+        target_ == Target::kPoses
+            ? driftingErrors(run.times, w.first, w.last, run.noise, run.disturbance)
+            : independentErrors(static_cast<std::size_t>(w.last - w.first + 1), sigma(w.run)));
+  }
 }
 
 SimulationError::~SimulationError() = default;
@@ -192,9 +196,10 @@ WindowSimulation SimulationError::simulate(const Model& model,
 
 double SimulationError::logDeviations() const {
   double sum = 0;
-  for (const Whitening& whitening : whitening_)
-    for (const Vector3<double>& deviation : whitening.deviations())
-      sum += deviation.array().log().sum();
+  if (target_ == Target::kPoses)
+    for (const Whitening<double>& whitening : whitening_)
+      for (const std::array<double, 3>& over : whitening.over_deviation)
+        for (const double x : over) sum -= std::log(x);
   return sum;
 }
 
@@ -214,16 +219,17 @@ double SimulationError::objective(const WindowSimulation& simulation) const {
 double SimulationError::objective(const Model& model,
                                   const std::vector<Eigen::VectorXd>& initial) const {
   if (target_ != Target::kVelocities) return objective(simulateFrom(model, initial));
-  std::vector<double> sums(windows_.size(), kInfinity);
-  double samples = 0;
-  residuals(model, model.coordinates(), {}, initial, false, 1, [&](const WindowResiduals& found) {
-    if (found.finite) sums[found.window] = found.residuals.lpNorm<1>();
-    samples += static_cast<double>(found.residuals.size()) / 3;
-  });
+  const auto sizes = [](const double* residuals, int count, double*, double*, double* loss) {
+    for (int i = 0; i < count; ++i) loss[i] = std::abs(residuals[i]);
+  };
+  const std::vector<double> sums =
+      Linearisation(*this, model, 1).losses({model.coordinates(), {}, initial}, sizes);
   double sum = 0;
+  int samples = 0;
   for (std::size_t w = 0; w < windows_.size(); ++w) {
-    if (std::isinf(sums[w])) throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+    if (!std::isfinite(sums[w])) throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
     sum += sums[w];
+    samples += windows_[w].last - windows_[w].first + 1;
   }
   return sum / samples;
 }

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "window_costs.h"
-
 namespace ground {
 namespace {
 
@@ -16,7 +14,6 @@ struct Normal {
   Eigen::VectorXd b;
 
   explicit Normal(int n) : A(Eigen::MatrixXd::Zero(n, n)), b(Eigen::VectorXd::Zero(n)) {}
-  Normal(NormalEquations equations) : A(std::move(equations.A)), b(std::move(equations.b)) {}
   Normal& operator+=(const Normal& other) {
     A += other.A;
     b += other.b;
@@ -41,69 +38,61 @@ struct Normal {
 
 }  // namespace
 
-double deviationOf(std::vector<double> sizes) {
-  const auto middle = sizes.begin() + sizes.size() / 2;
-  std::nth_element(sizes.begin(), middle, sizes.end());
+double deviationOf(std::vector<double> residuals) {
+  if (residuals.empty()) return 0;
+  for (double& r : residuals) r = std::abs(r);
+  const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
+  std::nth_element(residuals.begin(), middle, residuals.end());
   return 1.4826 * *middle;
 }
 
-std::vector<double> residualSizes(const SimulationError& problem, const Model& model,
-                                  const std::vector<double>& coordinates, const Initials& initial,
-                                  int threads) {
-  std::vector<Eigen::VectorXd> windows(problem.windows().size());
-  problem.residuals(model, coordinates, {}, initial, false, threads,
-                    [&](const WindowResiduals& found) {
-                      if (found.finite) windows[found.window] = found.residuals.cwiseAbs();
-                    });
-  std::vector<double> sizes;
-  for (const Eigen::VectorXd& window : windows)
-    sizes.insert(sizes.end(), window.begin(), window.end());
-  return sizes;
-}
-
-Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
+Uncertainty uncertainty(Linearisation& windows, const Free& free,
                         const std::vector<double>& coordinates, const Initials& initial,
-                        const Robust& robust, double block, int threads) {
+                        const Robust& robust, double block) {
+  const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size());
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
   const auto durationOf = [&problem](const Window& w) {
     const std::vector<double>& times = problem.runs()[w.run].times;
     return times[w.last] - times[w.first];
   };
-  const std::vector<double> sizes = residualSizes(problem, model, coordinates, initial, threads);
-  const double width = std::max(robust.delta, sizes.empty() ? 0 : 0.3 * deviationOf(sizes));
+  const Linearisation::Point point{coordinates, free.index, initial};
+  const double width = std::max(robust.delta, 0.3 * deviationOf(windows.residuals(point)));
   double total = 0;
   for (const Window& window : problem.windows()) total += durationOf(window);
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
   block = std::min(block, total / (4 * n));
 
   const int k = problem.initialSize();
+  const auto parts = [&](int window) {
+    const Window& span = problem.windows()[window];
+    const auto count = static_cast<int>(std::lround(durationOf(span) / block));
+    return std::min(span.last - span.first + 1, std::max(1, count));
+  };
   std::vector<std::vector<Normal>> blocks(problem.windows().size());
-  problem.residuals(
-      model, coordinates, free.index, initial, true, threads, [&](const WindowResiduals& found) {
-        if (!found.finite) return;
-        const Window& span = problem.windows()[found.window];
-        const int samples = span.last - span.first + 1;
-        const int count =
-            std::min(samples, std::max(1, static_cast<int>(std::lround(durationOf(span) / block))));
-        Eigen::VectorXd curvature(3 * samples), score(3 * samples);
-        for (Eigen::Index i = 0; i < score.size(); ++i) {
-          curvature(i) = robust.curvature(found.residuals(i), width);
-          score(i) = robust.score(found.residuals(i));
-        }
-        for (int b = 0; b < count; ++b) {
-          Normal part = normalEquations(found.derivatives, n + k, curvature, score,
-                                        3 * (samples * b / count), 3 * (samples * (b + 1) / count));
-          part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
-          part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
-          part.b.head(n) = scale.cwiseProduct(part.b.head(n));
-          blocks[found.window].push_back(std::move(part));
-        }
+  for (std::size_t w = 0; w < blocks.size(); ++w)
+    blocks[w].assign(parts(static_cast<int>(w)), Normal(n + k));
+  const auto weigh = [&](const double* residuals, int count, double* weight, double* product,
+                         double* loss) {
+    for (int i = 0; i < count; ++i) {
+      weight[i] = robust.curvature(residuals[i], width);
+      product[i] = robust.score(residuals[i]);
+      loss[i] = 0;
+    }
+  };
+  windows.normalEquations(
+      point, weigh, parts, [&](int window, int number, const NormalEquations& equations) {
+        Normal& part = blocks[window][number];
+        part.A = equations.A;
+        part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
+        part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
+        part.b = equations.b;
+        part.b.head(n) = scale.cwiseProduct(part.b.head(n));
+        if (!std::isfinite(part.A.sum() + part.b.sum())) part = Normal(n + k);
       });
   Normal whole(n);
   std::vector<Normal> changes;  // of the whole when a block is left out
   for (const std::vector<Normal>& parts : blocks) {
-    if (parts.empty()) continue;
     Normal window(n + k);
     for (const Normal& part : parts) window += part;
     const Normal reduced = window.reduced(k);

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "descent.h"
+#include "linearisation.h"
 
 namespace ground {
 
@@ -18,16 +19,11 @@ struct Uncertainty {
 /// once, and one Newton step says where the estimate, the initial velocities with it, would go.
 /// Unlike the sum of squared scores it is not fooled by residuals that the fit has made small
 /// (MacKinnon and White 1985, HC3).
-Uncertainty uncertainty(const SimulationError& problem, const Model& model, const Free& free,
+Uncertainty uncertainty(Linearisation& windows, const Free& free,
                         const std::vector<double>& coordinates, const Initials& initial,
-                        const Robust& robust, double block, int threads);
+                        const Robust& robust, double block);
 
-/// Absolute residuals of all windows that can be simulated.
-std::vector<double> residualSizes(const SimulationError& problem, const Model& model,
-                                  const std::vector<double>& coordinates, const Initials& initial,
-                                  int threads);
-
-/// Standard deviation that the median of absolute residuals stands for.
-double deviationOf(std::vector<double> sizes);
+/// Standard deviation that the median of the residuals' sizes stands for; 0 without any.
+double deviationOf(std::vector<double> residuals);
 
 }  // namespace ground

@@ -2,66 +2,42 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
-#include <cstring>
-
-#include "parallel.h"
 
 namespace ground {
+namespace {
 
-NormalEquations normalEquations(const Derivatives& rows, int columns, const Eigen::VectorXd& weight,
-                                const Eigen::VectorXd& residual, Eigen::Index first,
-                                Eigen::Index last) {
-  NormalEquations result{Eigen::MatrixXd(columns, columns), Eigen::VectorXd(columns)};
-  const int blocks = static_cast<int>(rows.cols()) / 8;
-  for (int q = 0; q < blocks; ++q) {
-    for (int p = 0; p <= q; ++p) {
-      Vec8 sum[8] = {}, slope = {};
-      for (Eigen::Index i = first; i < last; ++i) {
-        const double* left = &rows(i, 8 * p);
-        Vec8 right;
-        std::memcpy(&right, &rows(i, 8 * q), sizeof right);
-        if (p == q) slope += residual(i) * right;
-        right *= weight(i);
-        for (int k = 0; k < 8; ++k) sum[k] += left[k] * right;
-      }
-      for (int j = 0; j < 8 && 8 * q + j < columns; ++j) {
-        for (int k = 0; k < 8 && 8 * p + k < columns; ++k)
-          result.A(8 * p + k, 8 * q + j) = result.A(8 * q + j, 8 * p + k) = sum[k][j];
-        if (p == q) result.b(8 * q + j) = slope[j];
-      }
-    }
-  }
-  return result;
-}
+using RowMajor = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
 
-/// A window's share, as the last evaluation left it.
-class WindowCosts::Cost : public ceres::CostFunction {
+}  // namespace
+
+/// A window's own rows, as the last evaluation left them.
+class WindowCosts::OwnCost : public ceres::CostFunction {
  public:
-  Cost(const WindowCosts& all, std::size_t window, int free, int initial)
-      : all_(all), window_(window) {
-    set_num_residuals(free + initial + 1);
-    if (free > 0) mutable_parameter_block_sizes()->push_back(free);
+  OwnCost(const WindowCosts& all, std::size_t window) : all_(all), window_(window) {
+    const int initial = all.all_.problem().initialSize();
+    set_num_residuals(initial);
     mutable_parameter_block_sizes()->push_back(initial);
+    if (!all.scaled_.empty())
+      mutable_parameter_block_sizes()->push_back(static_cast<int>(all.scaled_.size()));
   }
 
   bool Evaluate(double const* const*, double* residuals, double** jacobians) const override {
-    const Compressed& window = all_.windows_[window_];
-    if (!window.finite) return false;
+    const Share& share = all_.windows_[window_];
     const int rows = num_residuals();
     Eigen::Map<Eigen::VectorXd> r(residuals, rows);
     if (!all_.has_derivatives_) {
       r.setZero();
-      r(rows - 1) = window.size;
-      return true;
+      r(0) = std::sqrt(all_.losses_[window_]);
+      return std::isfinite(r(0));
     }
-    r = window.factor.rightCols<1>();
+    if (!share.finite) return false;
+    r = share.own.rightCols<1>();
     if (!jacobians) return true;
     int column = 0;
     for (std::size_t block = 0; block < parameter_block_sizes().size(); ++block) {
       const int count = parameter_block_sizes()[block];
       if (jacobians[block])
-        Eigen::Map<Derivatives>(jacobians[block], rows, count) =
-            window.factor.middleCols(column, count);
+        RowMajor(jacobians[block], rows, count) = share.own.middleCols(column, count);
       column += count;
     }
     return true;
@@ -72,62 +48,101 @@ class WindowCosts::Cost : public ceres::CostFunction {
   std::size_t window_;
 };
 
-WindowCosts::WindowCosts(const SimulationError& problem, const Model& model, const Free& free,
-                         const Robust& robust, int threads, std::vector<double>& scaled,
-                         Initials& initial)
-    : problem_(problem),
-      model_(model),
+/// The rows that all windows share. Without free parameters they are a constant, which some window
+/// has to take along.
+class WindowCosts::SharedCost : public ceres::CostFunction {
+ public:
+  explicit SharedCost(const WindowCosts& all) : all_(all) {
+    const int free = static_cast<int>(all.scaled_.size());
+    set_num_residuals(free + 1);
+    mutable_parameter_block_sizes()->push_back(free > 0 ? free : all.all_.problem().initialSize());
+  }
+
+  bool Evaluate(double const* const*, double* residuals, double** jacobians) const override {
+    const int rows = num_residuals(), columns = parameter_block_sizes()[0];
+    Eigen::Map<Eigen::VectorXd> r(residuals, rows);
+    r.setZero();
+    if (jacobians && jacobians[0]) RowMajor(jacobians[0], rows, columns).setZero();
+    if (!all_.has_derivatives_) return true;
+    r = all_.shared_.rightCols<1>();
+    if (jacobians && jacobians[0] && rows > 1)
+      RowMajor(jacobians[0], rows, columns) = all_.shared_.leftCols(columns);
+    return true;
+  }
+
+ private:
+  const WindowCosts& all_;
+};
+
+WindowCosts::WindowCosts(Linearisation& windows, const Free& free, const Robust& robust,
+                         std::vector<double>& scaled, Initials& initial)
+    : all_(windows),
       free_(free),
       robust_(robust),
-      threads_(threads),
       scaled_(scaled),
       initial_(initial),
-      windows_(problem.windows().size()) {}
+      windows_(initial.size()) {}
 
 void WindowCosts::addTo(ceres::Problem& solver) {
   for (std::size_t w = 0; w < windows_.size(); ++w) {
     std::vector<double*> blocks = {initial_[w].data()};
-    if (!scaled_.empty()) blocks.insert(blocks.begin(), scaled_.data());
-    solver.AddResidualBlock(
-        new Cost(*this, w, static_cast<int>(scaled_.size()), problem_.initialSize()), nullptr,
-        blocks);
+    if (!scaled_.empty()) blocks.push_back(scaled_.data());
+    solver.AddResidualBlock(new OwnCost(*this, w), nullptr, blocks);
   }
+  solver.AddResidualBlock(new SharedCost(*this), nullptr,
+                          scaled_.empty() ? initial_[0].data() : scaled_.data());
 }
 
 void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
   if (!moved && (has_derivatives_ || !derivatives)) return;
-  const int free = static_cast<int>(free_.index.size()), columns = free + problem_.initialSize();
-  problem_.residuals(
-      model_, free_.coordinates(scaled_.data()), free_.index, initial_, derivatives, threads_,
-      [&](const WindowResiduals& found) {
-        Compressed& window = windows_[found.window];
-        window.finite = found.finite;
-        if (!found.finite) return;
-        if (!derivatives) {
-          double sum = 0;
-          for (const double r : found.residuals) sum += robust_(r) * robust_(r);
-          window.size = std::sqrt(sum);
-          return;
-        }
-        const Eigen::Index rows = found.residuals.size();
-        Eigen::VectorXd weight(rows), residual(rows);
-        const double size = robust_.weigh(found.residuals, weight, residual);
-        const NormalEquations normal =
-            normalEquations(found.derivatives, columns, weight, residual, 0, rows);
-        Eigen::VectorXd scale = Eigen::VectorXd::Ones(columns);
-        for (int i = 0; i < free; ++i) scale(i) = free_.scale[i];
-        Eigen::MatrixXd A(columns + 1, columns + 1);
-        A.topLeftCorner(columns, columns) = scale.asDiagonal() * normal.A * scale.asDiagonal();
-        A.col(columns).head(columns) = scale.cwiseProduct(normal.b);
-        A.row(columns).head(columns) = A.col(columns).head(columns).transpose();
-        A(columns, columns) = size;
-        // Of what the derivatives do not tell apart rounding may leave less than nothing.
-        const Eigen::LDLT<Eigen::MatrixXd> decomposed(A);
-        const Eigen::MatrixXd upper = decomposed.matrixU();
-        const Eigen::PermutationMatrix<Eigen::Dynamic> order(decomposed.transpositionsP());
-        window.factor = decomposed.vectorD().cwiseMax(0).cwiseSqrt().asDiagonal() * upper * order;
-      });
   has_derivatives_ = derivatives;
+  const Linearisation::Point point{free_.coordinates(scaled_.data()), free_.index, initial_};
+  const Weigh weigh = robust_.weighing();
+  if (!derivatives) {
+    losses_ = all_.losses(point, weigh);
+    return;
+  }
+  all_.normalEquations(point, weigh, [](int) { return 1; },
+                       [&](int window, int, const NormalEquations& equations) {
+                         eliminate(equations, windows_[window]);
+                       });
+  const auto columns = static_cast<Eigen::Index>(free_.index.size()) + 1;
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns);
+  for (const Share& share : windows_)
+    if (share.finite) sum += share.shared;
+  // Of what the derivatives do not tell apart rounding may leave less than nothing.
+  const Eigen::LDLT<Eigen::MatrixXd> decomposed(sum);
+  const Eigen::MatrixXd upper = decomposed.matrixU();
+  const Eigen::PermutationMatrix<Eigen::Dynamic> order(decomposed.transpositionsP());
+  shared_ = decomposed.vectorD().cwiseMax(0).cwiseSqrt().asDiagonal() * upper * order;
+}
+
+/// Takes the rows of the initial state out of [J r]'[J r].
+void WindowCosts::eliminate(const NormalEquations& equations, Share& share) const {
+  const auto n = static_cast<Eigen::Index>(free_.index.size());
+  const Eigen::Index k = equations.b.size() - n, columns = k + n + 1;
+  share.finite = std::isfinite(equations.A.trace() + equations.b.sum() + equations.loss);
+  if (!share.finite) return;
+  const Eigen::Map<const Eigen::VectorXd> scale(free_.scale.data(), n);
+  Eigen::MatrixXd A(columns, columns);
+  A.topLeftCorner(k, k) = equations.A.bottomRightCorner(k, k);
+  A.block(0, k, k, n) = equations.A.bottomLeftCorner(k, n) * scale.asDiagonal();
+  A.block(0, k + n, k, 1) = equations.b.tail(k);
+  A.block(k, k, n, n) = scale.asDiagonal() * equations.A.topLeftCorner(n, n) * scale.asDiagonal();
+  A.block(k, k + n, n, 1) = scale.cwiseProduct(equations.b.head(n));
+  A(columns - 1, columns - 1) = equations.loss;
+  share.own.setZero(k, columns);
+  for (Eigen::Index i = 0; i < k; ++i) {
+    const Eigen::Index rest = columns - i;
+    const double left = A(i, i);
+    // What is not told apart from those before it leaves rounding, no more.
+    if (!(left > 1e-14 * equations.A(n + i, n + i))) continue;
+    share.own.row(i).tail(rest) = A.row(i).tail(rest) / std::sqrt(left);
+    for (Eigen::Index j = i + 1; j < columns; ++j)
+      A.row(j).tail(columns - j) -= share.own(i, j) * share.own.row(i).tail(columns - j);
+  }
+  share.shared = A.bottomRightCorner(n + 1, n + 1);
+  share.shared.triangularView<Eigen::StrictlyLower>() = share.shared.transpose();
 }
 
 }  // namespace ground

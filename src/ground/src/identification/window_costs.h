@@ -6,50 +6,46 @@
 #include <vector>
 
 #include "descent.h"
+#include "linearisation.h"
 
 namespace ground {
 
 /// The costs of all windows at one point, evaluated together whenever the solver moves. A window's
-/// residuals r (after the loss) and derivatives J, hundreds of rows, are passed on as the few rows
-/// of the Cholesky factor of [J r]'[J r]: the sum of squares and the normal equations are the same.
+/// residuals r (after the loss) and derivatives J, hundreds of rows, are passed on as a few rows of
+/// the Cholesky factor of [J r]'[J r]: the sum of squares and the normal equations are the same.
+/// Those that the window's initial state takes part in are the window's own; the others are added
+/// up and shared by all.
 class WindowCosts : public ceres::EvaluationCallback {
  public:
   /// Variables are `scaled` (unless there are none) and the windows' initial states; all has to
   /// outlive it.
-  WindowCosts(const SimulationError& problem, const Model& model, const Free& free,
-              const Robust& robust, int threads, std::vector<double>& scaled, Initials& initial);
+  WindowCosts(Linearisation& windows, const Free& free, const Robust& robust,
+              std::vector<double>& scaled, Initials& initial);
 
   void addTo(ceres::Problem& solver);
 
   void PrepareForEvaluation(bool derivatives, bool moved) override;
 
  private:
-  class Cost;
-  struct Compressed {
+  class OwnCost;
+  class SharedCost;
+  /// Columns are the initial state, the free parameters, the residual.
+  struct Share {
     bool finite = false;
-    double size = 0;         ///< norm of the residuals
-    Eigen::MatrixXd factor;  ///< upper triangle; the residuals are its last column
+    Eigen::MatrixXd own;     ///< rows of the Cholesky factor, as many as the initial state has
+    Eigen::MatrixXd shared;  ///< what is left of [J r]'[J r] in the other columns
   };
+  void eliminate(const NormalEquations& equations, Share& share) const;
 
-  const SimulationError& problem_;
-  const Model& model_;
+  Linearisation& all_;
   const Free& free_;
   const Robust robust_;
-  const int threads_;
   std::vector<double>& scaled_;
   Initials& initial_;
-  std::vector<Compressed> windows_;
+  std::vector<double> losses_;  ///< without derivatives there is no more
+  std::vector<Share> windows_;
+  Eigen::MatrixXd shared_;  ///< Cholesky factor
   bool has_derivatives_ = false;
 };
-
-/// J'WJ and J'r.
-struct NormalEquations {
-  Eigen::MatrixXd A;
-  Eigen::VectorXd b;
-};
-/// Of the rows [first, last) and the first `columns` columns of J, W being a diagonal.
-NormalEquations normalEquations(const Derivatives& rows, int columns, const Eigen::VectorXd& weight,
-                                const Eigen::VectorXd& residual, Eigen::Index first,
-                                Eigen::Index last);
 
 }  // namespace ground

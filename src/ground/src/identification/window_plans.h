@@ -7,11 +7,9 @@
 
 #include "ground/identification/simulation_error.h"
 #include "ground/model/lane_simulation.h"
+#include "whitening.h"
 
 namespace ground {
-
-/// Residuals of the windows of a group, kept from one evaluation to the next: they are large.
-using GroupResiduals = std::vector<WindowResiduals>;
 
 /// Groups of windows, of about the same length each, and the steps of their simulations. They stay
 /// the same from one evaluation to the next unless the delay of the inputs changes.
@@ -20,20 +18,27 @@ class WindowPlans {
   struct Group {
     std::vector<int> windows;  ///< one a lane
     LanePlan plan;
+    /// Of each visit of the plan; nothing, to be divided by infinity, in lanes that are not
+    /// measured then.
+    std::vector<std::array<Lanes, 3>> measured;
+    Whitening<Lanes> whitening;
+
+    /// Whether the lanes are filled enough to be faster than one simulation after the other.
+    bool together() const { return windows.size() >= kFewestLanes; }
+
+   private:
+    static constexpr std::size_t kFewestLanes = 4;
   };
   using Groups = std::shared_ptr<const std::vector<Group>>;
 
-  /// Whether the delay `varies` as in Stepping.
-  Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows, double delay,
-             bool varies);
-
-  /// Memory for a thread's results, to be given back.
-  std::unique_ptr<GroupResiduals> borrow();
-  void giveBack(std::unique_ptr<GroupResiduals> results);
+  /// Of windows of `runs`, `measured` being what each run is held against, and the whitening that
+  /// of each window. Whether the delay `varies` as in Stepping.
+  Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
+             const std::vector<Rows3>& measured, const std::vector<Whitening<double>>& whitening,
+             double delay, bool varies);
 
  private:
   std::mutex mutex_;
-  std::vector<std::unique_ptr<GroupResiduals>> spare_;
   Groups groups_;
   double delay_ = 0;
   bool varies_ = false;

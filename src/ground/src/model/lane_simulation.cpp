@@ -9,7 +9,7 @@ namespace {
 /// Step `number` of a plan, which grows to it.
 LanePlan::Step& at(std::vector<LanePlan::Step>& steps, std::size_t number) {
   if (number >= steps.size())
-    steps.resize(number + 1, {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, 0});
+    steps.resize(number + 1, {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, false});
   return steps[number];
 }
 
@@ -56,10 +56,11 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
           held.by_delay, lanes[i].inputs->thrusters[held.command],
           lanes[i].inputs->lift[held.command]);
     }
-  after.resize(steps_.size() + 1);
   for (std::size_t k = 0; k < after.size(); ++k) {
+    if (after[k].empty()) continue;
+    if (k > 0) steps_[k - 1].measured = true;
     samples_.insert(samples_.end(), after[k].begin(), after[k].end());
-    (k == 0 ? first_samples_ : steps_[k - 1].samples) = static_cast<int>(samples_.size());
+    behind_.push_back(static_cast<int>(samples_.size()));
   }
 }
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -107,7 +106,9 @@ struct WindowResiduals {
   Derivatives derivatives;    ///< empty where not asked for
 };
 
-class Whitening;
+class Evaluation;
+template <typename V>
+struct Whitening;
 class WindowPlans;
 
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
@@ -152,12 +153,6 @@ class SimulationError {
   WindowResiduals residuals(const Model& model, const std::vector<double>& coordinates,
                             const std::vector<int>& free, int window,
                             const Eigen::VectorXd& initial, bool derivatives) const;
-  /// The same for all windows, several of them at once and on several threads (0: all cores): calls
-  /// visit(residuals) for each, in any order, from any of the threads.
-  void residuals(const Model& model, const std::vector<double>& coordinates,
-                 const std::vector<int>& free, const std::vector<Eigen::VectorXd>& initial,
-                 bool derivatives, int threads,
-                 const std::function<void(const WindowResiduals&)>& visit) const;
 
   /// Sum of the logarithms of what the pose errors are divided by; 0 for other targets.
   double logDeviations() const;
@@ -166,7 +161,7 @@ class SimulationError {
                                 const std::vector<Eigen::VectorXd>& initial) const;
 
  private:
-  class Evaluation;
+  friend class Evaluation;
 
   /// What windows of all lengths are cut from.
   struct Data {
@@ -180,7 +175,7 @@ class SimulationError {
   std::shared_ptr<const Data> data_;
   std::vector<Window> windows_;
   Target target_;
-  std::vector<Whitening> whitening_;  // of each window when poses are the target
+  std::vector<Whitening<double>> whitening_;  // of each window
   std::unique_ptr<WindowPlans> plans_;
 };
 

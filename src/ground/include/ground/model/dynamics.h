@@ -59,6 +59,8 @@ class Dynamics {
             const H& h, int count = 1) const;
   /// What the mocap sees of a state.
   Measurement<T> measure(const RigidState<T>& state) const;
+  /// Whether that is other than the state.
+  bool distorts() const { return !measure_.empty(); }
 
  private:
   struct Active {

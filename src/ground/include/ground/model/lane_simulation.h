@@ -18,7 +18,7 @@ struct Lane {
 /// waits for the others. Holds for one delay of the inputs.
 class LanePlan {
  public:
-  /// Of the instant after a step, or of the start.
+  /// An instant's measurement of one lane.
   struct Sample {
     int lane, index;
   };
@@ -26,23 +26,27 @@ class LanePlan {
     Lanes h, by_delay;       ///< length and its derivative by the delay; nothing in lanes that wait
     Vector2<Lanes> command;  ///< held
     Lanes lift;
-    int samples;  ///< index behind the last of the samples after this step
+    bool measured;  ///< some lanes are, after this step
   };
 
   LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
            double max_step = kDefaultStep);
 
-  /// Runs all lanes from `state`, the actuators settled, and calls visit(samples, count,
-  /// measurement) whenever some lanes, one sample each, are to be measured. Without `pose` only
-  /// velocities are integrated.
-  template <typename T, class Visit>
-  void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Visit& visit) const;
+  /// Instants at which some lanes, one sample each, are measured; the first is the start.
+  int visits() const { return static_cast<int>(behind_.size()); }
+  const Sample* begin(int visit) const { return visit == 0 ? samples_.data() : end(visit - 1); }
+  const Sample* end(int visit) const { return samples_.data() + behind_[visit]; }
+
+  /// Runs all lanes from `state`, the actuators settled, and calls take(visit, eta, nu) with what
+  /// the mocap sees then. Without `pose` only velocities are integrated.
+  template <typename T, class Take>
+  void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Take& take) const;
 
  private:
   Lanes start_;
   std::vector<Step> settling_, steps_;
   std::vector<Sample> samples_;
-  int first_samples_ = 0;  ///< those of the start
+  std::vector<int> behind_;  ///< a visit's samples
   bool varies_ = false;
 };
 
@@ -53,7 +57,12 @@ class LaneRun {
   LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, const Lanes& start, bool pose);
   void settle(const LanePlan::Step& step);
   void take(const LanePlan::Step& step, bool varies);
-  Measurement<T> measure() const { return dynamics_.measure(state_); }
+  template <class Take>
+  void measure(int visit, const Take& take) const {
+    if (!dynamics_.distorts()) return take(visit, state_.eta, state_.nu);
+    const Measurement<T> seen = dynamics_.measure(state_);
+    take(visit, seen.eta, seen.nu);
+  }
 
  private:
   template <typename H>
@@ -69,22 +78,17 @@ class LaneRun {
 extern template class LaneRun<Lanes>;
 extern template class LaneRun<LanesJet>;
 
-template <typename T, class Visit>
+template <typename T, class Take>
 void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
-                   const Visit& visit) const {
+                   const Take& take) const {
   LaneRun<T> run(dynamics, state, start_, pose);
   if (dynamics.hasActuators())
     for (const Step& step : settling_) run.settle(step);
-  int sample = 0;
-  const auto show = [&](int end) {
-    if (sample < end)
-      visit(&samples_[static_cast<std::size_t>(sample)], end - sample, run.measure());
-    sample = end;
-  };
-  show(first_samples_);
+  int visit = 0;
+  run.measure(visit++, take);
   for (const Step& step : steps_) {
     run.take(step, varies_);
-    show(step.samples);
+    if (step.measured) run.measure(visit++, take);
   }
 }
 

@@ -1,0 +1,65 @@
+// Residuals of all windows, simulated once for all that is asked of them at a point.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "descent.h"
+#include "normal_equations.h"
+#include "window_plans.h"
+
+namespace ground {
+
+/// Residuals of all windows and their derivatives. Those at the last point where derivatives were
+/// asked for are kept, unless they are very many: the loss on them may change, and what an estimate
+/// is worth is asked for where the descent to it ended. One fit at a time.
+class Linearisation {
+ public:
+  /// Over so many threads (0: all cores). Problem and model have to outlive it.
+  Linearisation(const SimulationError& problem, const Model& model, int threads);
+  ~Linearisation();
+
+  struct Point {
+    std::vector<double> coordinates;  ///< of the model
+    const std::vector<int>& free;     ///< parameters to take derivatives by
+    const Initials& initial;          ///< states of the windows
+  };
+
+  /// Loss of each window; not finite where a simulation is not. With `derivatives` these are taken
+  /// and kept, for they will be asked for next.
+  std::vector<double> losses(const Point& point, const Weigh& weigh, bool derivatives = false);
+
+  /// Residuals of all windows that can be simulated.
+  std::vector<double> residuals(const Point& point);
+
+  /// Calls take(window, part, equations) for each window and part, in any order, from any of the
+  /// threads. Columns are the free parameters, then the window's initial state. A window is parted
+  /// into as many stretches of time as parts(window) says. Equations are not finite where the
+  /// simulation is not.
+  void normalEquations(const Point& point, const Weigh& weigh,
+                       const std::function<int(int window)>& parts,
+                       const std::function<void(int, int, const NormalEquations&)>& take);
+
+  const SimulationError& problem() const { return problem_; }
+  const Model& model() const { return model_; }
+  int threads() const { return threads_; }
+
+ private:
+  struct Rows;
+
+  template <class Use>
+  void evaluate(const Point& point, bool derivatives, const Use& use);
+
+  const SimulationError& problem_;
+  const Model& model_;
+  const int threads_;
+  std::vector<std::unique_ptr<Rows>> kept_;  ///< of the groups of windows, or empty
+  std::vector<double> coordinates_;          ///< what they were taken at
+  std::vector<int> free_;
+  Initials initial_;
+  std::vector<std::unique_ptr<Rows>> spare_;
+  std::mutex mutex_;  ///< of spare_
+};
+
+}  // namespace ground

@@ -1,0 +1,38 @@
+// Simulations of windows against their measurements, one by one and side by side.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "ground/identification/simulation_error.h"
+#include "normal_equations.h"
+#include "window_plans.h"
+
+namespace ground {
+
+/// All windows at one point: coordinates of the model and, window by window, initial states. With
+/// `derivatives` those by the parameters of the indices `free` and by the initial state are taken.
+/// All has to outlive it.
+class Evaluation {
+ public:
+  Evaluation(const SimulationError& error, const Model& model,
+             const std::vector<double>& coordinates, const std::vector<int>& free,
+             bool derivatives);
+
+  WindowPlans::Groups groups() const;
+  void one(int window, const Eigen::VectorXd& initial, WindowResiduals& result) const;
+  void together(const WindowPlans::Group& group, const std::vector<Eigen::VectorXd>& initial,
+                LaneRows& result) const;
+
+ private:
+  template <typename V, typename D, class Simulate>
+  void inPasses(const Simulate& simulate) const;
+
+  const SimulationError& error_;
+  const Model& model_;
+  const std::vector<double>& coordinates_;
+  const std::vector<int>& free_;
+  int columns_;
+};
+
+}  // namespace ground
