@@ -80,10 +80,10 @@ void sideBySide(benchmark::State& state, const std::string& effects, bool pose) 
   dynamics.useDirections(5);
   const InputSequence inputs = makeInputs();
   const double samples[] = {0, kSteps * kStep};
-  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false);
+  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false, 0);
   for (auto _ : state)
-    plan.run<T>(dynamics, {}, pose, [](const LanePlan::Sample*, int, const Measurement<T>& m) {
-      benchmark::DoNotOptimize(m);
+    plan.run<T>(dynamics, {}, pose, [](int, const Vector3<T>&, const Vector3<T>& nu) {
+      benchmark::DoNotOptimize(nu);
     });
   count(state, Lanes::kCount * kSteps);
 }

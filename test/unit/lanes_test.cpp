@@ -90,7 +90,8 @@ void compare(const Model& model, int count, bool pose) {
     else
       return !delay.isConstant();
   };
-  const LanePlan plan(lanes, valueOf(alone.inputDelay()), varies(alone.inputDelay()));
+  const LanePlan plan(lanes, valueOf(alone.inputDelay()), varies(alone.inputDelay()),
+                      kActuatorMemory);
 
   RigidState<Many> start;
   for (int i = 0; i < count; ++i)
@@ -113,14 +114,15 @@ void compare(const Model& model, int count, bool pose) {
     }
   }
   std::vector<int> next(runs.size(), 0);
-  const auto check = [&](const LanePlan::Sample& sample, const Measurement<Many>& m) {
+  const auto check = [&](const LanePlan::Sample& sample, const Vector3<Many>& eta,
+                         const Vector3<Many>& nu) {
     const auto lane = static_cast<std::size_t>(sample.lane);
     ASSERT_EQ(sample.index, next[lane]++);
     const Measurement<One>& expected = seen[lane][static_cast<std::size_t>(sample.index)];
     for (int c = 0; c < 6; ++c) {
       if (c < 3 && !pose) continue;
       const One& a = c < 3 ? expected.eta(c) : expected.nu(c - 3);
-      const Many& b = c < 3 ? m.eta(c) : m.nu(c - 3);
+      const Many& b = c < 3 ? eta(c) : nu(c - 3);
       const double value = valueOf(b)[sample.lane];
       ASSERT_NEAR(value, valueOf(a), scaleOf(value, valueOf(a))) << "lane " << lane << ", " << c;
       if constexpr (!std::is_same_v<One, double>)
@@ -132,8 +134,9 @@ void compare(const Model& model, int count, bool pose) {
     }
   };
   plan.run<Many>(dynamics, start, pose,
-                 [&](const LanePlan::Sample* samples, int number, const Measurement<Many>& m) {
-                   for (int i = 0; i < number; ++i) check(samples[i], m);
+                 [&](int visit, const Vector3<Many>& eta, const Vector3<Many>& nu) {
+                   for (auto sample = plan.begin(visit); sample != plan.end(visit); ++sample)
+                     check(*sample, eta, nu);
                  });
   for (std::size_t i = 0; i < runs.size(); ++i)
     EXPECT_EQ(next[i], static_cast<int>(runs[i].samples.size()));

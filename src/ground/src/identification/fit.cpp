@@ -18,7 +18,8 @@
 namespace ground {
 namespace {
 
-constexpr double kBrief = 0.3;  // windows so short are fitted first [s]
+constexpr double kBrief = 0.3;        // windows so short are fitted first [s]
+constexpr std::size_t kEnough = 64;   // of them to come near, spread over the data
 
 constexpr int kPatience =
     5;  // times that a parameter is let go from its bound: no going in circles
@@ -224,15 +225,19 @@ Solution descend(Linearisation& windows, const Free& free, const std::vector<dou
   return solution;
 }
 
-/// Windows cut into pieces of at most `length` seconds.
-std::vector<Window> piecesOf(const SimulationError& problem, double length) {
+/// Windows cut into pieces of at most `length` seconds; of many, so many spread over all.
+std::vector<Window> piecesOf(const SimulationError& problem, double length, std::size_t most) {
   std::vector<Window> all;
   for (const Window& w : problem.windows()) {
     const RunData& run = problem.runs()[w.run];
     const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], length);
     all.insert(all.end(), found.begin(), found.end());
   }
-  return all.empty() ? problem.windows() : all;
+  if (all.empty()) return problem.windows();
+  const std::size_t count = std::min(all.size(), most);
+  for (std::size_t i = 0; i < count; ++i) all[i] = all[i * all.size() / count];
+  all.resize(count);
+  return all;
 }
 
 /// The sum of squares with the measured initial states. Throws std::runtime_error when a window's
@@ -322,7 +327,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   std::unique_ptr<const SimulationError> pieces;
   std::unique_ptr<Linearisation> brief;
   if (!options.near) {
-    pieces.reset(new SimulationError(data_, piecesOf(*this, kBrief), target_));
+    pieces.reset(new SimulationError(data_, piecesOf(*this, kBrief, kEnough), target_));
     brief = std::make_unique<Linearisation>(*pieces, model, options.threads);
   }
   for (const std::vector<double>& from : startsOf(free, options.starts)) {

@@ -1,5 +1,6 @@
 #include "linearisation.h"
 
+#include <chrono>
 #include <cmath>
 
 #include "parallel.h"
@@ -9,6 +10,8 @@ namespace ground {
 namespace {
 
 constexpr double kMostKept = 64e6;  // bytes of derivatives
+/// Work that is worth starting threads for [s].
+constexpr double kLittle = 300e-6;
 
 /// First row of a part of a window of so many samples.
 int firstRow(int samples, int part, int parts) {
@@ -48,7 +51,9 @@ void Linearisation::evaluate(const Point& point, bool derivatives, const Use& us
       rows->fresh = false;
     }
   }
-  inParallel(groups->size(), threads_, [&](std::size_t g) {
+  const auto begin = std::chrono::steady_clock::now();
+  const int threads = work_[derivatives] < kLittle ? 1 : threadCount(threads_);
+  inParallel(groups->size(), threads, [&](std::size_t g) {
     const WindowPlans::Group& group = (*groups)[g];
     const bool keep = !kept_.empty() && (derivatives || (same && kept_[g]->fresh));
     std::unique_ptr<Rows> borrowed;
@@ -74,6 +79,8 @@ void Linearisation::evaluate(const Point& point, bool derivatives, const Use& us
     const std::lock_guard<std::mutex> lock(mutex_);
     spare_.push_back(std::move(borrowed));
   });
+  const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
+  work_[derivatives] = taken.count() * std::min<double>(threads, static_cast<double>(groups->size()));
 }
 
 std::vector<double> Linearisation::losses(const Point& point, const Weigh& weigh,

@@ -60,6 +60,8 @@ class Linearisation {
   Initials initial_;
   std::vector<std::unique_ptr<Rows>> spare_;
   std::mutex mutex_;  ///< of spare_
+  /// Work of the last evaluation, without and with derivatives [s].
+  double work_[2] = {kInfinity, kInfinity};
 };
 
 }  // namespace ground

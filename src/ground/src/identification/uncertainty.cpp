@@ -72,11 +72,13 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free,
   std::vector<std::vector<Normal>> blocks(problem.windows().size());
   for (std::size_t w = 0; w < blocks.size(); ++w)
     blocks[w].assign(parts(static_cast<int>(w)), Normal(n + k));
-  const auto weigh = [&](const double* residuals, int count, double* weight, double* product,
-                         double* loss) {
+  const auto weigh = [robust, width](const double* residuals, int count, double* weight,
+                                     double* product, double* loss) {
+    const Robust by = robust;  // nothing that is written to
+    const double over = width;
     for (int i = 0; i < count; ++i) {
-      weight[i] = robust.curvature(residuals[i], width);
-      product[i] = robust.score(residuals[i]);
+      weight[i] = by.curvature(residuals[i], over);
+      product[i] = by.score(residuals[i]);
       loss[i] = 0;
     }
   };

@@ -83,9 +83,11 @@ WindowPlans::Groups Evaluation::groups() const {
   // Whether the delay varies must not differ from pass to pass.
   Variables<Jet> point(coordinates_);
   for (const int parameter : free_) point.coordinates[parameter].v[0] = 1.0;
-  const Jet delay = Dynamics<Jet>(model_, point.coordinates).inputDelay();
+  const Dynamics<Jet> dynamics(model_, point.coordinates);
+  const Jet& delay = dynamics.inputDelay();
   return error_.plans_->get(error_.runs(), error_.windows_, error_.data_->measured,
-                            error_.whitening_, delay.a, !delay.isConstant());
+                            error_.whitening_, delay.a, !delay.isConstant(),
+                            dynamics.hasActuators() ? kActuatorMemory : 0);
 }
 
 /// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without.

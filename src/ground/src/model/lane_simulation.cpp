@@ -6,12 +6,30 @@
 namespace ground {
 namespace {
 
-/// Step `number` of a plan, which grows to it.
-LanePlan::Step& at(std::vector<LanePlan::Step>& steps, std::size_t number) {
-  if (number >= steps.size())
-    steps.resize(number + 1, {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, false});
-  return steps[number];
+/// What a lane does, one after the other.
+struct Part {
+  Stretch stretch;
+  Vector2<double> thrusters;
+  double lift;
+  int sample;  ///< measured at the end, or negative
+};
+
+std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
+  std::vector<Part> parts;
+  parts.reserve(2 * static_cast<std::size_t>(lane.count));
+  for (int sample = 1; sample < lane.count; ++sample) {
+    const std::size_t before = parts.size();
+    Stretch stretch;
+    while (stepping.next(lane.samples[sample], stretch))
+      parts.push_back({stretch, stepping.thrusters(), stepping.lift(), -1});
+    // Two samples of one instant are two visits.
+    if (parts.size() == before) parts.push_back({{1, 0, 0}, stepping.thrusters(), stepping.lift(), -1});
+    parts.back().sample = sample;
+  }
+  return parts;
 }
+
+LanePlan::Step nothing() { return {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, 1, false}; }
 
 void set(LanePlan::Step& step, int lane, double h, double by_delay,
          const Vector2<double>& thrusters, double lift) {
@@ -23,44 +41,65 @@ void set(LanePlan::Step& step, int lane, double h, double by_delay,
 
 }  // namespace
 
-LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, double max_step)
+LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, double memory,
+                   double max_step)
     : varies_(varies) {
   if (lanes.empty() || lanes.size() > Lanes::kCount)
     throw std::invalid_argument("a plan has one to eight lanes");
-  std::vector<std::vector<Sample>> after;  // each step
+  const int count = static_cast<int>(lanes.size());
+  std::vector<std::vector<Part>> parts;
   std::vector<std::vector<Stepping::Held>> before;
-  std::size_t longest = 0;
-  for (std::size_t i = 0; i < lanes.size(); ++i) {
-    const int lane = static_cast<int>(i);
-    const InputSequence& inputs = *lanes[i].inputs;
-    start_[lane] = lanes[i].samples[0];
-    Stepping stepping(inputs, lanes[i].samples[0], delay, varies, max_step);
-    before.push_back(stepping.before(kActuatorMemory));
+  std::size_t longest = 0, most = 0;
+  for (const Lane& lane : lanes) {
+    const Stepping stepping(*lane.inputs, lane.samples[0], delay, varies, max_step);
+    before.push_back(stepping.before(memory));
+    parts.push_back(partsOf(lane, stepping));
     longest = std::max(longest, before.back().size());
-    std::size_t taken = 0;
-    for (int sample = 0; sample < lanes[i].count; ++sample) {
-      Stretch stretch;
-      while (stepping.next(lanes[i].samples[sample], stretch))
-        for (int s = 0; s < stretch.steps; ++s)
-          set(at(steps_, taken++), lane, stretch.h, stretch.by_delay, stepping.thrusters(),
-              stepping.lift());
-      if (after.size() <= taken) after.resize(taken + 1);
-      after[taken].push_back({lane, sample});
-    }
+    most = std::max(most, parts.back().size());
   }
   // Actuators settle until the start; lanes with fewer commands have been off before.
-  for (std::size_t i = 0; i < lanes.size(); ++i)
-    for (std::size_t k = 0; k < before[i].size(); ++k) {
-      const Stepping::Held& held = before[i][k];
-      set(at(settling_, longest - before[i].size() + k), static_cast<int>(i), held.duration,
-          held.by_delay, lanes[i].inputs->thrusters[held.command],
-          lanes[i].inputs->lift[held.command]);
+  settling_.assign(longest, nothing());
+  for (int lane = 0; lane < count; ++lane) {
+    const std::vector<Stepping::Held>& all = before[lane];
+    for (std::size_t k = 0; k < all.size(); ++k)
+      set(settling_[longest - all.size() + k], lane, all[k].duration, all[k].by_delay,
+          lanes[lane].inputs->thrusters[all[k].command], lanes[lane].inputs->lift[all[k].command]);
+  }
+  std::size_t at[Lanes::kCount] = {};  // part of each lane
+  int left[Lanes::kCount] = {};        // steps of it
+  Step step = nothing();
+  steps_.reserve(most);
+  const auto begin = [&](int lane) {
+    if (at[lane] == parts[lane].size()) {
+      step.h[lane] = step.by_delay[lane] = 0;
+      return;
     }
-  for (std::size_t k = 0; k < after.size(); ++k) {
-    if (after[k].empty()) continue;
-    if (k > 0) steps_[k - 1].measured = true;
-    samples_.insert(samples_.end(), after[k].begin(), after[k].end());
-    behind_.push_back(static_cast<int>(samples_.size()));
+    const Part& part = parts[lane][at[lane]];
+    left[lane] = part.stretch.steps;
+    set(step, lane, part.stretch.h, part.stretch.by_delay, part.thrusters, part.lift);
+  };
+  for (int lane = 0; lane < count; ++lane) {
+    start_[lane] = lanes[lane].samples[0];
+    samples_.push_back({lane, 0});
+    begin(lane);
+  }
+  behind_.push_back(count);
+  while (true) {
+    step.count = 0;
+    for (int lane = 0; lane < count; ++lane)
+      if (left[lane] > 0 && (step.count == 0 || left[lane] < step.count)) step.count = left[lane];
+    if (step.count == 0) break;
+    steps_.push_back(step);
+    for (int lane = 0; lane < count; ++lane) {
+      if (left[lane] == 0 || (left[lane] -= step.count) > 0) continue;
+      const int sample = parts[lane][at[lane]++].sample;
+      if (sample >= 0) {
+        samples_.push_back({lane, sample});
+        steps_.back().measured = true;
+      }
+      begin(lane);
+    }
+    if (steps_.back().measured) behind_.push_back(static_cast<int>(samples_.size()));
   }
 }
 
@@ -89,14 +128,16 @@ template <typename T>
 template <typename H>
 void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
   if (!dynamics_.hasActuators()) {
-    pose_ ? dynamics_.template hold<true>(time_, state_, step.command, step.lift, h)
-          : dynamics_.template hold<false>(time_, state_, step.command, step.lift, h);
+    pose_ ? dynamics_.template hold<true>(time_, state_, step.command, step.lift, h, step.count)
+          : dynamics_.template hold<false>(time_, state_, step.command, step.lift, h, step.count);
     return;
   }
   const Vector2<T> held = {T(step.command(0)), T(step.command(1))};
-  const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), actuators_.data());
-  pose_ ? dynamics_.template step<true>(time_, state_, acting, h)
-        : dynamics_.template step<false>(time_, state_, acting, h);
+  for (int i = 0; i < step.count; ++i) {
+    const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), actuators_.data());
+    pose_ ? dynamics_.template step<true>(time_, state_, acting, h)
+          : dynamics_.template step<false>(time_, state_, acting, h);
+  }
 }
 
 template class LaneRun<Lanes>;

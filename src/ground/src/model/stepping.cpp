@@ -72,7 +72,7 @@ bool Stepping::reach(double time, bool moves, Stretch& stretch) {
   // A duration of zero still has a derivative when the instant moves with the delay.
   if (duration < 0 || (duration == 0 && by_delay == 0)) return false;
   const int steps = std::max(1, static_cast<int>(std::ceil(duration / max_step_ - 1e-9)));
-  stretch = {steps, duration / steps, by_delay / steps};
+  stretch = {steps, duration / steps, by_delay == 0 ? 0 : by_delay / steps};
   time_ = time;
   moves_ = moves;
   return true;

@@ -26,10 +26,12 @@ class LanePlan {
     Lanes h, by_delay;       ///< length and its derivative by the delay; nothing in lanes that wait
     Vector2<Lanes> command;  ///< held
     Lanes lift;
-    bool measured;  ///< some lanes are, after this step
+    int count;      ///< of steps alike
+    bool measured;  ///< some lanes are, after the last of these
   };
 
-  LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
+  /// Actuators settle to the commands of the last `memory` seconds before the start.
+  LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, double memory,
            double max_step = kDefaultStep);
 
   /// Instants at which some lanes, one sample each, are measured; the first is the start.
