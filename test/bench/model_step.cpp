@@ -82,9 +82,8 @@ void sideBySide(benchmark::State& state, const std::string& effects, bool pose) 
   const double samples[] = {0, kSteps * kStep};
   const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false, 0);
   for (auto _ : state)
-    plan.run<T>(dynamics, {}, pose, [](int, const Vector3<T>&, const Vector3<T>& nu) {
-      benchmark::DoNotOptimize(nu);
-    });
+    plan.run<T>(dynamics, {}, pose,
+                [](int, const Vector3<T>&, const Vector3<T>& nu) { benchmark::DoNotOptimize(nu); });
   count(state, Lanes::kCount * kSteps);
 }
 

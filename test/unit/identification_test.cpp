@@ -199,40 +199,6 @@ TEST(Fit, DerivativesAgreeWithFiniteDifferences) {
   }
 }
 
-TEST(Residuals, OfAllWindowsAreThoseOfEachAlone) {
-  Model model = truth();
-  for (const char* effect : {"input_delay", "motor_lag", "marker_offset"})
-    model.addEffect(makeEffect(effect));
-  model.setValue("input_delay.delay", 0.013);
-  model.setValue("motor_lag.tau", 0.04);
-  const RunData a = record(model, 5, 0.1, 1), b = record(model, 7, 0.1, 2);
-  std::vector<Window> windows = cutWindows(a, 0, 0, 1e9, 0.7);
-  for (const Window& w : cutWindows(b, 1, 0.3, 1e9, 1.1)) windows.push_back(w);
-  const std::vector<int> free = {2, 3, 4, 5, 6, 7, 8, 9};
-  for (const Target target : {Target::kVelocities, Target::kPoses}) {
-    const SimulationError all({a, b}, windows, target);
-    std::vector<Eigen::VectorXd> initial;
-    for (std::size_t w = 0; w < windows.size(); ++w)
-      initial.push_back(0.1 * Eigen::VectorXd::LinSpaced(all.initialSize(), -1, 1 + 0.1 * w));
-    for (const bool derivatives : {false, true}) {
-      std::vector<int> seen(windows.size(), 0);
-      all.residuals(
-          model, model.coordinates(), free, initial, derivatives, 1,
-          [&](const WindowResiduals& found) {
-            ++seen[found.window];
-            const WindowResiduals alone = all.residuals(
-                model, model.coordinates(), free, found.window, initial[found.window], derivatives);
-            ASSERT_TRUE(found.finite && alone.finite);
-            EXPECT_LT((found.residuals - alone.residuals).norm(), 1e-12 * alone.residuals.norm());
-            ASSERT_EQ(found.derivatives.cols(), alone.derivatives.cols());
-            EXPECT_LE((found.derivatives - alone.derivatives).norm(),
-                      1e-12 * alone.derivatives.norm());
-          });
-      EXPECT_EQ(seen, std::vector<int>(windows.size(), 1));
-    }
-  }
-}
-
 TEST(Fit, RefusesWhatCannotBeToldApart) {
   const SimulationError p = problem(record(truth(), 4, 0, 1));
   FitOptions o = options();

@@ -34,10 +34,9 @@ TEST(Whitening, IsTheInverseOfTheCholeskyFactor) {
   const int n = 60;
   const std::vector<double> times = unevenTimes(n);
   const Vector3<double> noise(3e-4, 4e-4, 5e-3), disturbance(0.01, 0.03, 0.4);
-  const Whitening whitening(times, 0, n - 1, noise, disturbance);
-  const int columns = 16;  // derivatives come in eights
-  Derivatives rows = Derivatives::Random(3 * n, columns);
-  Eigen::VectorXd errors = rows.col(3);
+  const Whitening<double> whitening = driftingErrors(times, 0, n - 1, noise, disturbance);
+  const int columns = Lanes::kCount;
+  const Eigen::MatrixXd rows = Eigen::MatrixXd::Random(3 * n, columns);
   Eigen::MatrixXd expected = rows;
   for (int c = 0; c < 3; ++c) {
     const Eigen::MatrixXd L = covariance(times, noise(c), disturbance(c)).llt().matrixL();
@@ -47,22 +46,36 @@ TEST(Whitening, IsTheInverseOfTheCholeskyFactor) {
       channel = L.triangularView<Eigen::Lower>().solve(channel);
       for (int i = 0; i < n; ++i) expected(3 * i + c, column) = channel(i);
     }
-    for (int i = 0; i < n; ++i) EXPECT_NEAR(whitening.deviations()[i](c), L(i, i), 1e-9 * L(i, i));
+    for (int i = 0; i < n; ++i) EXPECT_NEAR(whitening.over_deviation[i][c] * L(i, i), 1, 1e-9);
   }
-  whitening.apply(rows);
-  EXPECT_LT((rows - expected).norm(), 1e-8 * expected.norm());
-  whitening.apply(errors);
-  EXPECT_LT((errors - expected.col(3)).norm(), 1e-8 * expected.col(3).norm());
+  Innovations<double, double> one(whitening);
+  Innovations<double, Lanes> several(whitening);
+  Eigen::MatrixXd found = rows;
+  Eigen::VectorXd alone = rows.col(3);
+  for (int i = 0; i < n; ++i)
+    for (int c = 0; c < 3; ++c) {
+      one.apply(i, c, alone(3 * i + c));
+      Lanes row;
+      for (int column = 0; column < columns; ++column) row[column] = rows(3 * i + c, column);
+      several.apply(i, c, row);
+      for (int column = 0; column < columns; ++column) found(3 * i + c, column) = row[column];
+    }
+  EXPECT_LT((found - expected).norm(), 1e-8 * expected.norm());
+  EXPECT_LT((alone - expected.col(3)).norm(), 1e-8 * expected.col(3).norm());
 }
 
 TEST(Whitening, DividesByTheNoiseWithoutDisturbance) {
   const std::vector<double> times = unevenTimes(5);
   const Vector3<double> noise(1, 2, 4);
-  const Whitening whitening(times, 1, 3, noise, Vector3<double>::Zero());
-  Eigen::VectorXd rows = Eigen::VectorXd::Ones(9);
-  whitening.apply(rows);
+  const Whitening<double> whitening = driftingErrors(times, 1, 3, noise, Vector3<double>::Zero());
+  ASSERT_EQ(whitening.over_deviation.size(), 3u);
+  Innovations<double, double> innovations(whitening);
   for (int i = 0; i < 3; ++i)
-    for (int c = 0; c < 3; ++c) EXPECT_DOUBLE_EQ(rows(3 * i + c), 1 / noise(c));
+    for (int c = 0; c < 3; ++c) {
+      double error = 1;
+      innovations.apply(i, c, error);
+      EXPECT_DOUBLE_EQ(error, 1 / noise(c));
+    }
 }
 
 }  // namespace

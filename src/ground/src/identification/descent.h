@@ -52,8 +52,9 @@ struct Robust {
     }
   }
   Weigh weighing() const {
-    return [robust = *this](const double* residuals, int count, double* weight, double* product,
-                            double* loss) { robust.weigh(residuals, count, weight, product, loss); };
+    return
+        [robust = *this](const double* residuals, int count, double* weight, double* product,
+                         double* loss) { robust.weigh(residuals, count, weight, product, loss); };
   }
   /// Half the derivative of the loss by the residual.
   double score(double r) const {

@@ -18,8 +18,8 @@
 namespace ground {
 namespace {
 
-constexpr double kBrief = 0.3;        // windows so short are fitted first [s]
-constexpr std::size_t kEnough = 64;   // of them to come near, spread over the data
+constexpr double kBrief = 0.3;       // windows so short are fitted first [s]
+constexpr std::size_t kEnough = 64;  // of them to come near, spread over the data
 
 constexpr int kPatience =
     5;  // times that a parameter is let go from its bound: no going in circles
@@ -138,12 +138,13 @@ Eigen::VectorXd gradient(Linearisation& windows, const Free& free, const Robust&
                          const Solution& at) {
   const auto n = static_cast<Eigen::Index>(free.index.size());
   std::vector<Eigen::VectorXd> slopes(at.initial.size(), Eigen::VectorXd::Zero(n));
-  windows.normalEquations({free.coordinates(at.scaled.data()), free.index, at.initial},
-                          robust.weighing(), [](int) { return 1; },
-                          [&](int window, int, const NormalEquations& equations) {
-                            const Eigen::VectorXd slope = equations.b.head(n);
-                            if (slope.allFinite()) slopes[window] = slope;
-                          });
+  windows.normalEquations(
+      {free.coordinates(at.scaled.data()), free.index, at.initial}, robust.weighing(),
+      [](int) { return 1; },
+      [&](int window, int, const NormalEquations& equations) {
+        const Eigen::VectorXd slope = equations.b.head(n);
+        if (slope.allFinite()) slopes[window] = slope;
+      });
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
   for (const Eigen::VectorXd& slope : slopes) sum += slope;
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
@@ -245,9 +246,8 @@ std::vector<Window> piecesOf(const SimulationError& problem, double length, std:
 double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled,
                  bool derivatives) {
   const Initials initial = measuredInitials(windows.problem());
-  const std::vector<double> losses =
-      windows.losses({free.coordinates(scaled.data()), free.index, initial}, Robust().weighing(),
-                     derivatives);
+  const std::vector<double> losses = windows.losses(
+      {free.coordinates(scaled.data()), free.index, initial}, Robust().weighing(), derivatives);
   for (std::size_t w = 0; w < losses.size(); ++w)
     if (!std::isfinite(losses[w]))
       throw std::runtime_error(notFinite(windows.problem(), static_cast<int>(w)));
@@ -261,8 +261,8 @@ double squaresOf(Linearisation& windows, const Free& free, const std::vector<dou
 std::vector<double> approach(Linearisation& whole, Linearisation& brief, const Free& free,
                              const FitOptions& options, const std::vector<double>& from) {
   const double far = squaresOf(whole, free, from, false);
-  const Solution near = descend(brief, free, {kInfinity}, options, from,
-                                measuredInitials(brief.problem()), kRough);
+  const Solution near =
+      descend(brief, free, {kInfinity}, options, from, measuredInitials(brief.problem()), kRough);
   try {
     if (near.usable && squaresOf(whole, free, near.scaled, true) < far) return near.scaled;
   } catch (const std::runtime_error&) {
@@ -354,10 +354,9 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   }));
   if (robust && std::isinf(best.delta)) {
     const double delta =
-        options.width > 0
-            ? options.width
-            : 2 * deviationOf(windows.residuals(
-                      {free.coordinates(best.scaled.data()), free.index, best.initial}));
+        options.width > 0 ? options.width
+                          : 2 * deviationOf(windows.residuals({free.coordinates(best.scaled.data()),
+                                                               free.index, best.initial}));
     // An exact fit has no outliers.
     if (delta > 1e-9) {
       const Solution robust = descend(windows, free, {delta}, options, best.scaled, best.initial);

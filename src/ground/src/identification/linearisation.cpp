@@ -80,7 +80,8 @@ void Linearisation::evaluate(const Point& point, bool derivatives, const Use& us
     spare_.push_back(std::move(borrowed));
   });
   const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
-  work_[derivatives] = taken.count() * std::min<double>(threads, static_cast<double>(groups->size()));
+  work_[derivatives] =
+      taken.count() * std::min<double>(threads, static_cast<double>(groups->size()));
 }
 
 std::vector<double> Linearisation::losses(const Point& point, const Weigh& weigh,
@@ -158,7 +159,8 @@ void Linearisation::normalEquations(
     for (int visit = 0; visit < group.plan.visits(); ++visit)
       for (auto sample = group.plan.begin(visit); sample != group.plan.end(visit); ++sample) {
         const int lane = sample->lane;
-        if (3 * (sample->index + 1) != firstRow(samples[lane], part[lane] + 1, counts[lane])) continue;
+        if (3 * (sample->index + 1) != firstRow(samples[lane], part[lane] + 1, counts[lane]))
+          continue;
         if (done < 3 * (visit + 1)) sums.add(rows.lanes, done, 3 * (visit + 1), weigh);
         done = 3 * (visit + 1);
         sums.take(lane, equations);

@@ -105,7 +105,8 @@ void LaneSums::take(int lane, NormalEquations& result) {
         for (int j = 0; j < kBlock; ++j) {
           const int row = kBlock * p + k, column = kBlock * q + j;
           const double value = out(*A++);
-          if (row < columns_ && column < columns_) result.A(row, column) = result.A(column, row) = value;
+          if (row < columns_ && column < columns_)
+            result.A(row, column) = result.A(column, row) = value;
         }
   for (int i = 0; i < columns_; ++i) result.b(i) = out(b_[i]);
   result.loss = out(loss_);

@@ -82,16 +82,16 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free,
       loss[i] = 0;
     }
   };
-  windows.normalEquations(
-      point, weigh, parts, [&](int window, int number, const NormalEquations& equations) {
-        Normal& part = blocks[window][number];
-        part.A = equations.A;
-        part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
-        part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
-        part.b = equations.b;
-        part.b.head(n) = scale.cwiseProduct(part.b.head(n));
-        if (!std::isfinite(part.A.sum() + part.b.sum())) part = Normal(n + k);
-      });
+  windows.normalEquations(point, weigh, parts,
+                          [&](int window, int number, const NormalEquations& equations) {
+                            Normal& part = blocks[window][number];
+                            part.A = equations.A;
+                            part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
+                            part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
+                            part.b = equations.b;
+                            part.b.head(n) = scale.cwiseProduct(part.b.head(n));
+                            if (!std::isfinite(part.A.sum() + part.b.sum())) part = Normal(n + k);
+                          });
   Normal whole(n);
   std::vector<Normal> changes;  // of the whole when a block is left out
   for (const std::vector<Normal>& parts : blocks) {

@@ -22,7 +22,7 @@ struct Whitening {
   };
 
   std::vector<std::array<V, 3>> over_deviation;  ///< of each sample
-  std::vector<Foresight> foresight;              ///< of each sample, or none: errors are independent
+  std::vector<Foresight> foresight;  ///< of each sample, or none: errors are independent
 };
 
 /// Errors are independent of each other as they are.

@@ -102,10 +102,11 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
     losses_ = all_.losses(point, weigh);
     return;
   }
-  all_.normalEquations(point, weigh, [](int) { return 1; },
-                       [&](int window, int, const NormalEquations& equations) {
-                         eliminate(equations, windows_[window]);
-                       });
+  all_.normalEquations(
+      point, weigh, [](int) { return 1; },
+      [&](int window, int, const NormalEquations& equations) {
+        eliminate(equations, windows_[window]);
+      });
   const auto columns = static_cast<Eigen::Index>(free_.index.size()) + 1;
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns);
   for (const Share& share : windows_)

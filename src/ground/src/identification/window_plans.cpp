@@ -7,8 +7,8 @@ namespace ground {
 namespace {
 
 std::vector<std::array<Lanes, 3>> gather(const LanePlan& plan, const std::vector<Window>& windows,
-                                        const std::vector<Rows3>& measured,
-                                        const std::vector<int>& lanes) {
+                                         const std::vector<Rows3>& measured,
+                                         const std::vector<int>& lanes) {
   std::vector<std::array<Lanes, 3>> result(plan.visits());
   for (int visit = 0; visit < plan.visits(); ++visit)
     for (auto sample = plan.begin(visit); sample != plan.end(visit); ++sample) {
@@ -20,7 +20,7 @@ std::vector<std::array<Lanes, 3>> gather(const LanePlan& plan, const std::vector
 }
 
 Whitening<Lanes> gather(const LanePlan& plan, const std::vector<Whitening<double>>& whitening,
-                       const std::vector<int>& lanes) {
+                        const std::vector<int>& lanes) {
   Whitening<Lanes> result;
   result.over_deviation.resize(plan.visits());
   for (const int window : lanes)

@@ -35,8 +35,7 @@ class WindowPlans {
   /// of each window. Delay, whether it `varies` and `memory` as in LanePlan.
   Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
              const std::vector<Rows3>& measured, const std::vector<Whitening<double>>& whitening,
-             double delay, bool varies,
-             double memory);
+             double delay, bool varies, double memory);
 
  private:
   std::mutex mutex_;

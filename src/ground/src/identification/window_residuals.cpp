@@ -164,25 +164,24 @@ void Evaluation::together(const WindowPlans::Group& group,
     dynamics.useDirections(end - begin);
     const int directions = end - begin;
     std::vector<Innovations<Lanes, Lanes>> whiten(1 + directions,
-                                                Innovations<Lanes, Lanes>(group.whitening));
-    group.plan.run<T>(
-        dynamics, stateAtStart(dynamics, start, point.initial, size),
-        poses || dynamics.usesPose(),
-        [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
-          const Vector3<T>& seen = poses ? eta : nu;
-          for (int c = 0; c < 3; ++c) {
-            const int row = 3 * visit + c;
-            result.residuals[row] = valueOf(seen(c)) - group.measured[visit][c];
-            whiten[directions].apply(visit, c, result.residuals[row]);
-            if constexpr (!std::is_same_v<T, Lanes>) {
-              Lanes* derivatives = &result.derivatives[row * result.stride + begin];
-              for (int d = 0; d < directions; ++d) {
-                derivatives[d] = seen(c).v[d];
-                whiten[d].apply(visit, c, derivatives[d]);
-              }
-            }
-          }
-        });
+                                                  Innovations<Lanes, Lanes>(group.whitening));
+    group.plan.run<T>(dynamics, stateAtStart(dynamics, start, point.initial, size),
+                      poses || dynamics.usesPose(),
+                      [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
+                        const Vector3<T>& seen = poses ? eta : nu;
+                        for (int c = 0; c < 3; ++c) {
+                          const int row = 3 * visit + c;
+                          result.residuals[row] = valueOf(seen(c)) - group.measured[visit][c];
+                          whiten[directions].apply(visit, c, result.residuals[row]);
+                          if constexpr (!std::is_same_v<T, Lanes>) {
+                            Lanes* derivatives = &result.derivatives[row * result.stride + begin];
+                            for (int d = 0; d < directions; ++d) {
+                              derivatives[d] = seen(c).v[d];
+                              whiten[d].apply(visit, c, derivatives[d]);
+                            }
+                          }
+                        }
+                      });
   });
 }
 

@@ -23,7 +23,8 @@ std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
     while (stepping.next(lane.samples[sample], stretch))
       parts.push_back({stretch, stepping.thrusters(), stepping.lift(), -1});
     // Two samples of one instant are two visits.
-    if (parts.size() == before) parts.push_back({{1, 0, 0}, stepping.thrusters(), stepping.lift(), -1});
+    if (parts.size() == before)
+      parts.push_back({{1, 0, 0}, stepping.thrusters(), stepping.lift(), -1});
     parts.back().sample = sample;
   }
   return parts;

@@ -13,8 +13,7 @@ struct Jump {
   double dt;    ///< [s]
 
   Jump(const RigidState<double>& from, const RigidState<double>& to, double dt) : dt(dt) {
-    const Vector2<double> over_floor =
-        bodyToWorld<double>(from.eta.z(), from.nu.head<2>().eval());
+    const Vector2<double> over_floor = bodyToWorld<double>(from.eta.z(), from.nu.head<2>().eval());
     way = (to.eta.head<2>() - from.eta.head<2>() - over_floor * dt).norm();
     turn = std::abs(wrapAngle(to.eta.z() - from.eta.z() - from.nu.z() * dt));
   }

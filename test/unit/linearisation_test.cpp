@@ -1,0 +1,183 @@
+// Normal equations of all windows against those of each window, row by row.
+#include "../../src/ground/src/identification/linearisation.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <mutex>
+#include <numeric>
+
+#include "artificial_run.h"
+#include "ground/model/effect_registry.h"
+
+namespace ground {
+namespace {
+
+/// Windows of several lengths, more than fit into the lanes of two groups, of two runs of which one
+/// has an unmodelled acceleration and two samples of one instant; a model with a delay, actuators
+/// and a marker off the centre.
+struct Everything {
+  Model model = truth();
+  std::vector<RunData> runs;
+  std::vector<Window> windows;
+  const std::vector<int> free = {2, 3, 4, 5, 6, 7, 8, 9};
+
+  Everything() {
+    for (const char* effect : {"input_delay", "motor_lag", "marker_offset"})
+      model.addEffect(makeEffect(effect));
+    model.setValue("input_delay.delay", 0.013);
+    model.setValue("motor_lag.tau", 0.04);
+    runs = {record(model, 5, 0.1, 1), record(model, 7, 0.1, 2)};
+    runs[1].disturbance = {0.02, 0.03, 0.5};
+    runs[1].times[50] = runs[1].times[49];
+    windows = cutWindows(runs[0], 0, 0, 1e9, 0.7);
+    for (const Window& w : cutWindows(runs[1], 1, 0.3, 1e9, 0.6)) windows.push_back(w);
+  }
+  std::vector<Eigen::VectorXd> initial(const SimulationError& problem) const {
+    std::vector<Eigen::VectorXd> states;
+    for (std::size_t w = 0; w < windows.size(); ++w)
+      states.push_back(0.1 * Eigen::VectorXd::LinSpaced(problem.initialSize(), -1, 1 + 0.1 * w));
+    return states;
+  }
+};
+
+/// What a window's rows say, summed up plainly.
+NormalEquations plainly(const WindowResiduals& rows, int columns, int first, int last,
+                        const Robust& robust) {
+  NormalEquations sum{Eigen::MatrixXd::Zero(columns, columns), Eigen::VectorXd::Zero(columns)};
+  for (int i = first; i < last; ++i) {
+    const double r = rows.residuals(i), slope = robust.derivative(r);
+    const Eigen::VectorXd row = rows.derivatives.row(i).head(columns);
+    sum.A += slope * slope * row * row.transpose();
+    sum.b += slope * robust(r) * row;
+    sum.loss += robust(r) * robust(r);
+  }
+  return sum;
+}
+
+void expectSame(const NormalEquations& found, const NormalEquations& expected) {
+  EXPECT_LE((found.A - expected.A).norm(), 1e-12 * expected.A.norm());
+  EXPECT_LE((found.b - expected.b).norm(), 1e-11 * expected.b.norm());
+  EXPECT_NEAR(found.loss, expected.loss, 1e-12 * expected.loss);
+}
+
+TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
+  const Everything all;
+  ASSERT_GT(all.windows.size(), 16u);
+  ASSERT_LT(all.windows.size() % 8, 4u) << "some windows should be simulated alone";
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError problem(all.runs, all.windows, target);
+    const auto initial = all.initial(problem);
+    const std::vector<double> at = all.model.coordinates();
+    const int columns = static_cast<int>(all.free.size()) + problem.initialSize();
+    Linearisation windows(problem, all.model, 2);
+    for (const double delta : {kInfinity, 0.5})
+      for (const int parts : {1, 3}) {
+        std::mutex mutex;
+        std::map<std::pair<int, int>, NormalEquations> found;
+        windows.normalEquations(
+            {at, all.free, initial}, Robust{delta}.weighing(),
+            [&](int window) { return window == 2 ? 1 : parts; },
+            [&](int window, int part, const NormalEquations& equations) {
+              const std::lock_guard<std::mutex> lock(mutex);
+              EXPECT_TRUE(found.emplace(std::make_pair(window, part), equations).second);
+            });
+        const std::vector<double> losses =
+            windows.losses({at, all.free, initial}, Robust{delta}.weighing());
+        std::size_t count = 0;
+        for (int w = 0; w < static_cast<int>(all.windows.size()); ++w) {
+          const WindowResiduals alone =
+              problem.residuals(all.model, at, all.free, w, initial[w], true);
+          ASSERT_TRUE(alone.finite);
+          const int samples = static_cast<int>(alone.residuals.size()) / 3, in = w == 2 ? 1 : parts;
+          double loss = 0;
+          for (int part = 0; part < in; ++part, ++count) {
+            ASSERT_EQ(found.count({w, part}), 1u);
+            const NormalEquations expected = plainly(alone, columns, 3 * (samples * part / in),
+                                                     3 * (samples * (part + 1) / in), {delta});
+            expectSame(found.at({w, part}), expected);
+            loss += expected.loss;
+          }
+          EXPECT_NEAR(losses[w], loss, 1e-12 * loss);
+        }
+        EXPECT_EQ(found.size(), count);
+      }
+  }
+}
+
+TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
+  const Everything all;
+  const SimulationError problem(all.runs, all.windows);
+  const auto initial = all.initial(problem);
+  std::vector<double> here = all.model.coordinates(), there = here;
+  there[3] *= 1.1;
+  const std::vector<int> other = {2, 3};
+  Linearisation windows(problem, all.model, 1);
+  const auto sumAt = [&](Linearisation& of, const std::vector<double>& at,
+                         const std::vector<int>& free) {
+    std::vector<NormalEquations> found(all.windows.size());
+    of.normalEquations(
+        {at, free, initial}, Robust{0.5}.weighing(), [](int) { return 1; },
+        [&](int w, int, const NormalEquations& equations) { found[w] = equations; });
+    NormalEquations sum = found[0];
+    for (std::size_t w = 1; w < found.size(); ++w) {
+      sum.A += found[w].A;
+      sum.b += found[w].b;
+      sum.loss += found[w].loss;
+    }
+    return sum;
+  };
+  const auto anew = [&](const std::vector<double>& at, const std::vector<int>& free) {
+    Linearisation once(problem, all.model, 1);
+    return sumAt(once, at, free);
+  };
+  const auto lossesAt = [&](const std::vector<double>& at) {
+    double sum = 0;
+    for (const double x : windows.losses({at, all.free, initial}, Robust{0.5}.weighing())) sum += x;
+    return sum;
+  };
+  const NormalEquations first = sumAt(windows, here, all.free);
+  const double loss = lossesAt(there);
+  EXPECT_GT(std::abs(loss - first.loss), 1e-6 * loss);
+  const NormalEquations again = sumAt(windows, here, all.free);
+  EXPECT_EQ(first.A, again.A);
+  EXPECT_EQ(first.b, again.b);
+  EXPECT_NEAR(lossesAt(here), first.loss, 1e-12 * first.loss);
+  expectSame(sumAt(windows, here, other), anew(here, other));
+  expectSame(sumAt(windows, there, all.free), anew(there, all.free));
+  EXPECT_NEAR(lossesAt(there), loss, 1e-12 * loss);
+  EXPECT_EQ(windows.residuals({there, all.free, initial}).size(),
+            3 * std::size_t(std::accumulate(
+                    all.windows.begin(), all.windows.end(), 0,
+                    [](int n, const Window& w) { return n + w.last - w.first + 1; })));
+}
+
+TEST(Linearisation, SaysWhichWindowsAreNotFinite) {
+  const Everything all;
+  const SimulationError problem(all.runs, all.windows);
+  auto initial = all.initial(problem);
+  const std::vector<double> at = all.model.coordinates();
+  initial[5](1) = 1e300;
+  Linearisation windows(problem, all.model, 1);
+  const auto weigh = Robust{0.5}.weighing();
+  const std::vector<double> losses = windows.losses({at, all.free, initial}, weigh);
+  std::vector<bool> finite(losses.size());
+  windows.normalEquations(
+      {at, all.free, initial}, weigh, [](int) { return 1; },
+      [&](int w, int, const NormalEquations& equations) {
+        finite[w] =
+            equations.A.allFinite() && equations.b.allFinite() && std::isfinite(equations.loss);
+      });
+  for (std::size_t w = 0; w < losses.size(); ++w) {
+    EXPECT_EQ(std::isfinite(losses[w]), w != 5) << w;
+    EXPECT_EQ(finite[w], w != 5) << w;
+  }
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
