@@ -10,6 +10,7 @@ namespace ground {
 namespace {
 
 constexpr double kUnitTolerance = 0.05;
+constexpr double kUpright = 0.866;  // cosine of the most that a craft on a floor leans, 30 degrees
 
 }  // namespace
 
@@ -52,9 +53,8 @@ std::optional<Vector3<double>> AxisMapping::toPlanar(const Eigen::Vector3d& posi
   const Eigen::Matrix3d body =
       to_world_ * orientation.normalized().toRotationMatrix() * to_world_.transpose();
   const Eigen::Vector3d p = to_world_ * position;
-  // Heading has no meaning when the craft's x axis stands upright or the craft lies on its side.
-  if (std::hypot(body(0, 0), body(1, 0)) < 0.5 || body(2, 2) < 0.5)
-    return refuse("the craft lies on its side, or axes does not fit the mocap's set-up");
+  if (body(2, 2) < kUpright)
+    return refuse("the craft leans too far, or axes does not fit the mocap's set-up");
   return Vector3<double>(p.x(), p.y(),
                          wrapAngle(std::atan2(body(1, 0), body(0, 0)) - heading_offset_));
 }
