@@ -21,8 +21,8 @@ class AxisMapping {
   explicit AxisMapping(const std::string& axes = kOptiTrack, double heading_offset = 0.0);
 
   /// x, y [m], psi [rad] in world_ned from a pose in the mocap's frame; nothing when the pose is
-  /// not finite, its quaternion is not a unit one or the craft leans by more than 30 degrees, and then
-  /// `why` says so.
+  /// not finite, its quaternion is not a unit one or the craft leans by more than 30 degrees, and
+  /// then `why` says so.
   std::optional<Vector3<double>> toPlanar(const Eigen::Vector3d& position,
                                           const Eigen::Quaterniond& orientation,
                                           const char** why = nullptr) const;
