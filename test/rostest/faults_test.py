@@ -11,7 +11,7 @@ import unittest
 
 import rospy
 import rostest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
 from std_srvs.srv import SetBool, Trigger
 
@@ -85,6 +85,24 @@ def carried(pose):
     return pose
 
 
+def on_its_side(pose):
+    pose.pose.orientation = Quaternion(0, 0, math.sqrt(0.5), math.sqrt(0.5))
+
+
+def leaning_then_elsewhere():
+    since = []
+
+    def spoil(pose):
+        since.append(time.monotonic())
+        if since[-1] - since[0] < 0.45:  # shorter than the controller waits for a state
+            on_its_side(pose)
+        else:
+            pose.pose.position.x += 0.5
+        return pose
+
+    return spoil
+
+
 class Swapped:
     """Swaps two axes. A craft that looks along the third, near its line, seems to be where it is, until
     it has turned too far for one that stands on a floor: until then nobody can tell (`deceives`).
@@ -126,6 +144,7 @@ MOCAP = [
     ("orientations infinite for 2 s", lambda: endless, 2.0, FAULTS),
     ("pose 1 m off for two frames", jump, 0.1, GOES_ON),
     ("pose 1 m off from now on", lambda: carried, 2.0, STOPS),
+    ("leaning, then upright and 0.5 m off", leaning_then_elsewhere, 2.0, STOPS),
     ("axes swapped, looking across", Swapped, 2.0, STOPS),
     ("axes swapped, looking between", Swapped, 2.0, STOPS),
     ("axes swapped, looking along", Swapped, 5.0, STOPS),

@@ -10,7 +10,7 @@ import dynamic_reconfigure.client
 import rospy
 import rostest
 import tf2_ros
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from ground_msgs.msg import State
 from nav_msgs.msg import Odometry
 
@@ -161,6 +161,23 @@ class MocapStateTest(unittest.TestCase):
         self.assertTrue(any("not finite" in m.status for _, m in self.state.all))
         for _, m in self.state.all:
             self.assertTrue(all(map(math.isfinite, list(m.eta) + list(m.nu))))
+
+    def test_a_craft_that_leaned_is_believed_again_only_after_a_second(self):
+        def spoil(i, pose):
+            if i == 30 or 50 <= i < 60:  # on its side: once, which is passed over, and for longer
+                pose.pose.orientation = Quaternion(0, 0, math.sqrt(0.5), math.sqrt(0.5))
+            return [pose]
+
+        start = self.play(2.2, rate_of_turn=0.0, spoil=spoil)
+        harness.wait_for(self.valid_now, 1, "a valid state")
+        seconds = [(m.header.stamp - start).to_sec() for m in self.since_first_valid() if m.valid]
+        steps = [(later - t, t) for t, later in zip(seconds, seconds[1:])]
+        longest, at = max(steps)
+        self.assertLess(at, 0.6)
+        self.assertAlmostEqual(at + longest, 1.6, delta=0.1)
+        self.assertLess(sorted(steps)[-2][0], 0.2)
+        why = {m.status for _, m in self.state.all if not m.valid}
+        self.assertTrue(any("leaned too far a moment ago" in status for status in why), why)
 
     def test_stamps_that_are_old_or_missing_make_the_state_invalid(self):
         def late(i, pose):

@@ -14,6 +14,9 @@ constexpr double kUpright = 0.866;  // cosine of the most that a craft on a floo
 
 }  // namespace
 
+const char* const AxisMapping::kLeans =
+    "the craft leans too far, or axes does not fit the mocap's set-up";
+
 AxisMapping::AxisMapping(const std::string& axes, double heading_offset)
     : to_world_(Eigen::Matrix3d::Zero()), heading_offset_(heading_offset) {
   const auto fail = [&axes](const std::string& why) {
@@ -53,8 +56,7 @@ std::optional<Vector3<double>> AxisMapping::toPlanar(const Eigen::Vector3d& posi
   const Eigen::Matrix3d body =
       to_world_ * orientation.normalized().toRotationMatrix() * to_world_.transpose();
   const Eigen::Vector3d p = to_world_ * position;
-  if (body(2, 2) < kUpright)
-    return refuse("the craft leans too far, or axes does not fit the mocap's set-up");
+  if (body(2, 2) < kUpright) return refuse(kLeans);
   return Vector3<double>(p.x(), p.y(),
                          wrapAngle(std::atan2(body(1, 0), body(0, 0)) - heading_offset_));
 }

@@ -97,6 +97,10 @@ class MocapState : public nodelet::Nodelet {
     return params(c).validate();
   }
 
+  static SteadyClock::duration duration(double seconds) {
+    return std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(seconds));
+  }
+
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const bool turned = c.heading_offset != heading_offset_;
@@ -108,10 +112,10 @@ class MocapState : public nodelet::Nodelet {
     }
     // Both always run, so that a change between them does not interrupt the state.
     active_ = c.estimator == "kalman" ? 0 : 1;
-    timeout_ =
-        std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(c.timeout));
+    timeout_ = duration(c.timeout);
     max_age_ = c.max_age;
     freezes_ = c.freezes;
+    upright_time_ = duration(c.upright_time);
     wake_.notify_all();
   }
 
@@ -128,8 +132,8 @@ class MocapState : public nodelet::Nodelet {
     const bool was_stale = SteadyClock::now() - last_pose_ > timeout_;
     last_pose_ = SteadyClock::now();
     if (was_stale) wake_.notify_all();
-    const std::string late = estimate.valid ? wrongAge() : "";
-    publish(estimate, estimate.valid && late.empty(), late.empty() ? estimate.status : late);
+    const std::string doubt = estimate.valid ? doubts() : estimate.status;
+    publish(estimate, doubt.empty(), doubt);
     if (estimate.used) publishOdometry(estimate);
   }
 
@@ -161,13 +165,23 @@ class MocapState : public nodelet::Nodelet {
         estimator->reject(why);
       }
     }
-    return estimators_[active_]->estimate();
+    const StateEstimate& estimate = estimators_[active_]->estimate();
+    if (why == AxisMapping::kLeans && !estimate.valid) leaned_ = SteadyClock::now();
+    return estimate;
   }
 
   /// Age of the newest pose [s]; zero as long as there is no time or no pose.
   double age() const {
     return ros::Time::isValid() && !stamp_.isZero() ? secondsBetween(stamp_, ros::Time::now())
                                                     : 0.0;
+  }
+
+  /// Why a state is not to be believed although the estimate is sound; empty when it is.
+  std::string doubts() const {
+    // With axes that do not fit, a craft that turns seems to lean and to be upright by turns. Unlike
+    // one that was lost, it is not to be driven again as soon as it seems to be.
+    if (last_pose_ - leaned_ < upright_time_) return "the craft leaned too far a moment ago";
+    return wrongAge();
   }
 
   std::string wrongAge() const {
@@ -264,6 +278,8 @@ class MocapState : public nodelet::Nodelet {
   int distinct_ = 0;              ///< poses so far that differed from the one before
   bool frozen_ = false;
   SteadyClock::time_point last_pose_;
+  SteadyClock::duration upright_time_{};
+  SteadyClock::time_point leaned_;  ///< when it last did, for more than some poses
   ros::Time stamp_;  ///< of the newest pose
   bool alive_ = true;
   bool was_valid_ = false;

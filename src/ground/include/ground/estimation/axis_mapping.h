@@ -14,6 +14,8 @@ class AxisMapping {
  public:
   /// OptiTrack's frame, y up: x = x_ot, y = z_ot, z = -y_ot.
   static constexpr const char* kOptiTrack = "x, z, -y";
+  /// What toPlanar() says of a craft that leans by more than 30 degrees.
+  static const char* const kLeans;
 
   /// `axes`: x, y and z of world_ned in terms of the mocap's axes, such as "x, z, -y".
   /// `heading_offset` [rad] is what the mocap's rigid body is turned by against the craft: measured
