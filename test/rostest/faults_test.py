@@ -211,8 +211,10 @@ class FaultsTest(unittest.TestCase):
         cls.wire.close()
 
     def error(self):
+        """From the reference at the time of the truth [m]: on a busy host one comes before the other."""
         t, r = self.truth.message, self.reference.message
-        return math.hypot(t.eta[0] - r.p[0], t.eta[1] - r.p[1])
+        ahead = max(-0.3, min((t.header.stamp - r.header.stamp).to_sec(), 0.3))
+        return math.hypot(*(t.eta[i] - r.p[i] - r.p_dot[i] * ahead for i in range(2)))
 
     def drive(self):
         """A craft that tracks, armed and on its way."""
