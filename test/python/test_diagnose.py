@@ -111,6 +111,21 @@ def test_a_complete_model_is_left_alone(tmp_path):
     assert report["improved"]["effects"] == [] and report["unexplained"]["proposal"] is None
 
 
+def test_what_is_too_small_to_matter_is_said_but_not_called_missing(tmp_path):
+    truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: 0.0005}")
+    bags = bags_of(tmp_path, truth)
+    result = identify("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert "Nothing is missing" in result.stdout
+    report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert report["verdict"] == "complete" and report["improved"]["effects"] == []
+    slight = report["slight"]
+    assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
+    assert slight["lowers_error_by"] < 0.01
+    for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
+        assert slight["effect"] + " is seen as well" in text
+
+
 def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
     washboard = yaml.safe_load(WASHBOARD)
     truth = with_effect(tmp_path / "truth.yaml", json.dumps(washboard))

@@ -25,7 +25,10 @@ TELLS_APART = 2.0  # standard deviations between rivals that can be told apart
 SETTLED = 0.1  # log-likelihood by which one has to be better than the best to take its place
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
-EARNS = 0.01  # part of the held-out error by which an effect among wrong models has to lower it
+EARNS = 0.01  # part of the held-out error by which an effect has to lower it
+SHOWS = (
+    0.05  # or, where it explains the data, of the power of the poses' noise that it accounts for
+)
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
@@ -102,6 +105,9 @@ class Diagnosis:
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []
         self.tried = []  # lists of Trials, one a step
+        self.slight = (
+            None  # Trial that the poses prefer but that lowers the error by less than it has to
+        )
         self.say("fitting %s as it is" % model.name)
         self.nominal = self.study.fit(model, study.free_parameters(model))
         self.best = self.nominal
@@ -153,17 +159,22 @@ class Diagnosis:
 
     def _earns_its_place(self, trial):
         """Whether an effect does better on what was held out: where the data are explained with it, by
-        the likelihood of the poses, which sees more than the error does, on windows of every run.
+        the likelihood of the poses, which sees more than the error does, on windows of every run. It
+        sees half a millisecond of a network as a lag; such an effect is there and does not matter.
         """
+        lowers = bool(trial.fit.heldout.sum() < (1 - EARNS) * self.best.heldout.sum())
         if not self._explains(trial.fit):
-            return bool(trial.fit.heldout.sum() < (1 - EARNS) * self.best.heldout.sum())
+            return lowers
 
         def held_out(model):
             parts = [self.cut[i :: study.PARTS] for i in range(study.PARTS)]
             return self.evidence.held_out(model, study.free_parameters(model), parts)
 
         costs = list(self.pool.map(held_out, (self.model, trial.model)))
-        return bool(costs[1] < costs[0])
+        likelier = bool(costs[1] < costs[0])
+        matters = lowers or trial.gain > SHOWS * self.evidence.samples
+        self.slight = trial if likelier and not matters else None
+        return likelier and matters
 
     def _explains(self, fit):
         """Whether the noise of the poses alone leaves as much as the fitted model does. Of all runs: one
@@ -426,8 +437,12 @@ class Diagnosis:
         return Conclusion(verdict, improved, parameters, floor, errors, reached)
 
     def _is_white(self):
-        """Whether no disturbance is needed beside the noise of the poses."""
-        chance = stats.chi2.sf(self.evidence.disturbed, 2 * len(self.runs))
+        """Whether no disturbance is needed beside the noise of the poses and what is too small to matter."""
+        under = self.evidence
+        if self.slight:
+            model = self.slight.model
+            under, _ = under.settle(model, study.free_parameters(model))
+        chance = stats.chi2.sf(under.disturbed, 2 * len(self.runs))
         return bool(chance > WHITE)
 
     def _held_out(self, heldout):

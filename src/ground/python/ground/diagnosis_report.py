@@ -33,6 +33,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             )
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
+        "slight": _slight(diagnosis),
         "next_experiment": _next_experiment(diagnosis, alike),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
@@ -82,6 +83,17 @@ def _candidates(diagnosis, alike):
         }
         for rank, trial in enumerate(trials, 1)
     ]
+
+
+def _slight(diagnosis):
+    """An effect that is seen and too small to matter; None without one."""
+    trial = diagnosis.slight
+    return trial and {
+        "effect": trial.name,
+        "p_value": trial.chance,
+        "lowers_error_by": float(1 - trial.fit.heldout.sum() / diagnosis.best.heldout.sum()),
+        "parameters": _parameters(trial.parameters, trial.name + "."),
+    }
 
 
 def _next_experiment(diagnosis, alike):

@@ -40,6 +40,8 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
     winner = " + ".join(report["improved"]["effects"])
     _measured_against(sheet, inspected, described, winner)
     _evidence(sheet, report)
+    for sentence in words.slight(report):
+        sheet.paragraph(sentence)
     apart = list(words.apart(report))
     sheet.heading("What cannot be told apart, and the next experiment")
     if apart:

@@ -210,6 +210,22 @@ def apart(report):
         )
 
 
+def slight(report):
+    """What is seen but too small to be called missing."""
+    found = report["slight"]
+    if found:
+        yield (
+            "%s is seen as well (%s; p %.1g), too small to matter: the error on held-out runs falls by "
+            "%.1f%% with it."
+            % (
+                found["effect"],
+                "; ".join(parameters(found["parameters"])),
+                found["p_value"],
+                100 * max(0.0, found["lowers_error_by"]),
+            )
+        )
+
+
 def unexplained(report):
     """Where the rest is, and what would lower it."""
     rest = report["unexplained"]
@@ -259,5 +275,6 @@ def diagnosis(report):
         what = "with " + step["added"] if "added" in step else "without " + step["removed"]
         yield "%29.3f %s" % (step["error"]["heldout"], what)
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
+    yield from slight(report)
     yield from apart(report)
     yield from unexplained(report)
