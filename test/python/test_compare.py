@@ -31,7 +31,7 @@ def hidden(tmp_path, *effects, noise=1.0, seed=7):
     return change
 
 
-def compare(folder, bags, *models, options=()):
+def compare(folder, bags, *models, options=("--numbers",)):
     """What compare writes; its words are under "words"."""
     arguments = [a for m in models for a in ("--model", m)]
     result = identify("compare", *bags, *arguments, "-o", folder, *options)
@@ -229,7 +229,7 @@ def test_gaps_are_no_residuals(tmp_path):
         return times[seen], eta[seen], inputs
 
     bag = write_bag(tmp_path / "run.bag", duration=20, change=change)
-    report = compare(tmp_path / "out", [bag], MODEL)
+    report = compare(tmp_path / "out", [bag], MODEL, options=())
     one = report["runs"][0]["models"]["tiny_whoover"]
     assert one["residuals"]["white"]
     assert max(c["rms"] / c["full_scale"] for c in one["wrench"]["channels"].values()) < 0.02
@@ -259,9 +259,8 @@ def test_fit_and_held_out_runs_are_kept_apart(tmp_path):
 def test_files_and_pictures(tmp_path):
     bag = write_bag(tmp_path / "run.bag", duration=6)
     out = tmp_path / "out"
-    report = compare(
-        out, [bag], MODEL, model_with(tmp_path / "other.yaml", ["{name: yaw_bias, n0: 0.0}"])
-    )
+    other = model_with(tmp_path / "other.yaml", ["{name: yaw_bias, n0: 0.0}"])
+    report = compare(out, [bag], MODEL, other, options=())
     names = {p.name for p in out.iterdir()}
     assert names == {
         "compare.json",
@@ -276,6 +275,11 @@ def test_files_and_pictures(tmp_path):
     series = np.genfromtxt(out / "run.wrench.other.csv", delimiter=",", names=True)
     assert len(series) > 500 and np.isfinite(series.view(float)).all()
     assert report["schema"] == "ground/compare/1"
+
+    plain = tmp_path / "plain"
+    numbers = compare(plain, [bag], MODEL, other)
+    assert {p.name for p in plain.iterdir()} == {n for n in names if n[-4:] in ("json", ".csv")}
+    assert numbers["pooled"] == report["pooled"]
 
     before = {p: p.read_bytes() for p in out.iterdir()}
     again = identify("compare", bag, "--model", MODEL, "-o", out)

@@ -3,7 +3,7 @@
 compare.json, schema ground/compare/1 (SI units; null for what is not a number or does not exist):
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
-runs      name, bag, picture (motion), pictures (where, residuals), models: by label
+runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
   role              fit or held_out, by the bag's file name in the model's provenance
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
@@ -51,6 +51,9 @@ def configure(parser):
     parser.add_argument(
         "--format", choices=["png", "svg"], default="png", help="of pictures (%(default)s)"
     )
+    parser.add_argument(
+        "--numbers", action="store_true", help="compare.json and CSV only: no pictures, no report"
+    )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -67,7 +70,8 @@ def run(arguments):
         raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
     outputs = [_outputs(arguments, recording.name, labels) for recording in found]
     numbers, page = (os.path.join(arguments.output, n) for n in ("compare.json", "report.html"))
-    for path in [numbers, page] + [p for o in outputs for p in o["paths"]]:
+    pages = [] if arguments.numbers else [page]
+    for path in [numbers] + pages + [p for o in outputs for p in o["paths"]]:
         files.refuse_existing(path, arguments.force)
 
     result = {
@@ -85,7 +89,9 @@ def run(arguments):
         for one in studies:
             one["files"] = output["models"][one["label"]]
             evaluations[one["label"]][one["role"]].append(one["evaluation"])
-        _draw(studies, output, arguments.force)
+        _write_wrenches(studies, arguments.force)
+        if not arguments.numbers:
+            _draw(studies, output, arguments.force)
         name = recording.recording.name
         _say_run(arguments, name, studies)
         inspected.append(studies)
@@ -112,11 +118,14 @@ def run(arguments):
     runs = [one["run"] for studies in inspected for one in studies if one["label"] == best]
     result["noise_floor"] = float(noise_floor(runs, dict(models)[best]).sum())
     files.write_json(numbers, result, arguments.force)
+    common.say(arguments, words.comparison(result))
+    if arguments.numbers:
+        common.say(arguments, "written to %s" % numbers)
+        return result
     described = quality.describe(prepared)
     report.comparison(
         page, result, inspected, described, arguments.bags + arguments.model, arguments.force
     )
-    common.say(arguments, words.comparison(result))
     common.say(arguments, "to look at: %s; pictures and numbers beside it" % page)
     return result
 
@@ -151,26 +160,29 @@ def _label(path, others):
 
 
 def _outputs(arguments, run, labels):
-    """Names of all files of one run."""
+    """Names of all files of one run; None for pictures that are not drawn."""
 
     def path(name):
         return os.path.join(arguments.output, name)
 
+    def picture(stem):
+        return None if arguments.numbers else path("%s.%s" % (stem, arguments.format))
+
     output = {
-        "comparison": path("%s.%s" % (run, arguments.format)),
-        "where": path("%s.where.%s" % (run, arguments.format)),
-        "residuals": path("%s.residuals.%s" % (run, arguments.format)),
+        "comparison": picture(run),
+        "where": picture(run + ".where"),
+        "residuals": picture(run + ".residuals"),
         "models": {},
     }
     paths = [output[k] for k in ("comparison", "where", "residuals")]
     for label in labels:
         stem = "%s.wrench.%s" % (run, label.strip("./").replace(os.sep, "_"))
         output["models"][label] = {
-            "wrench_picture": path("%s.%s" % (stem, arguments.format)),
+            "wrench_picture": picture(stem),
             "wrench_csv": path("%s.csv" % stem),
         }
         paths += output["models"][label].values()
-    output["paths"] = paths
+    output["paths"] = [p for p in paths if p]
     return output
 
 
@@ -195,6 +207,10 @@ def _draw(studies, output, force):
     plots.residuals(output["residuals"], studies, force)
     for study in studies:
         plots.wrench(study["files"]["wrench_picture"], study, force)
+
+
+def _write_wrenches(studies, force):
+    for study in studies:
         missing = study["missing"]
         with files.new_file(study["files"]["wrench_csv"], force) as temporary:
             np.savetxt(
