@@ -8,7 +8,6 @@ numbers of the frames (Viterbi 1967) given both put every pose back to its insta
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 NOISE = np.array([4e-4, 4e-4, 6e-3])  # of one pose: x, y [m], psi [rad]
 LATEST = 0.4  # a frame is not stamped later than this after the poll that might have had it [s]
@@ -144,6 +143,8 @@ def _most_likely(times, steps, single, rate, start):
 
 def _line(times, numbers, block=60):
     """Start [s] and rate [1/s] of the clock on which the earliest stamps are not late."""
+    from scipy import stats  # slow to load, and few recordings need it
+
     slope = (times[-1] - times[0]) / (numbers[-1] - numbers[0])
     late = times - slope * numbers
     firsts = np.array(

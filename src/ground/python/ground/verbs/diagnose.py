@@ -1,8 +1,7 @@
 """identify diagnose: which physical effect a model lacks."""
 import os
 
-from ground import candidates, diagnosis, diagnosis_report, files, origin, quality, report, words
-from ground.diagnosis_report import effect_entry
+from ground import candidates, files, origin, quality, report, words
 from ground.errors import IdentifyError
 from ground.unfinished import Unfinished
 from ground.verbs import common
@@ -57,6 +56,8 @@ def run(arguments):
     for path in paths.values():
         files.refuse_existing(path, arguments.force)
 
+    from ground import diagnosis, diagnosis_report  # slow to load, for the other verbs as well
+
     kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(
         runs,
@@ -83,7 +84,8 @@ def run(arguments):
     files.write_json(paths["diagnosis.json"], result, arguments.force)
     proposal = result["unexplained"]["proposal"]
     if proposal:
-        files.write_yaml(paths["proposal.yaml"], effect_entry(proposal), arguments.force)
+        entry = diagnosis_report.effect_entry(proposal)
+        files.write_yaml(paths["proposal.yaml"], entry, arguments.force)
     else:
         del paths["proposal.yaml"]
     common.progress(arguments, "drawing")
