@@ -62,6 +62,13 @@ def count(text):
     return value
 
 
+def seed(text):
+    value = int(text)
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
+    return value
+
+
 def seconds(text):
     value = float(text)
     if not np.isfinite(value) or value < 0:

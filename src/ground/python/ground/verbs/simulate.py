@@ -98,7 +98,7 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
     parser.add_argument(
         "--seed",
-        type=_seed,
+        type=common.seed,
         default=1,
         help="of the mocap's noise and losses, and of where the PRBS starts (%(default)s)",
     )
@@ -326,10 +326,3 @@ def _between(low, high):
 
     parse.__name__ = "number"
     return parse
-
-
-def _seed(text):
-    value = int(text)
-    if not 0 <= value < 2**63:
-        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
-    return value

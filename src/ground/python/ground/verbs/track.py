@@ -87,7 +87,7 @@ def _takes_loop(parser):
     )
     parser.add_argument("--loss", type=_share, default=0.0, help="share of frames lost, 0..1")
     parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
-    parser.add_argument("--seed", type=_seed, help="of noise and start (start: the origin)")
+    parser.add_argument("--seed", type=common.seed, help="of noise and start (start: the origin)")
 
 
 def _loop(arguments):
@@ -216,13 +216,6 @@ def _factor(text):
     if not separator or not np.isfinite(value):
         raise argparse.ArgumentTypeError("'%s' is not NAME=FACTOR" % text)
     return name, value
-
-
-def _seed(text):
-    value = int(text)
-    if not 0 <= value < 2**31:
-        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
-    return value
 
 
 def _share(text):
