@@ -1,4 +1,5 @@
 from catkin_pkg.python_setup import generate_distutils_setup
-from setuptools import setup
+from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=["ground", "ground.verbs"], package_dir={"": "python"}))
+packages = find_packages("python")
+setup(**generate_distutils_setup(packages=packages, package_dir={"": "python"}))

@@ -109,7 +109,8 @@ def screening(table):
 
     import hidden_cases as cases
 
-    from ground import _core, candidates, diagnosis
+    from ground import _core
+    from ground.analysis import candidates, diagnosis
 
     truth = cases.truth(["quadratic_drag"], 1.0, 1)
     runs, model = cases.runs(truth, "varied", 1.0, 1), _core.load_model(cases.MODEL)

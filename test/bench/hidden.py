@@ -15,7 +15,8 @@ import time
 import numpy as np
 
 import hidden_cases as cases
-from ground import _core, candidates, diagnosis, diagnosis_report, next_experiment, study, workers
+from ground import _core, workers
+from ground.analysis import candidates, diagnosis, diagnosis_report, next_experiment, study
 from ground.errors import IdentifyError
 
 KINDS = ["single", "nothing", "pairs", "outside", "ambiguous"]

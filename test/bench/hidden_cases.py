@@ -5,7 +5,10 @@ import pathlib
 import numpy as np
 import yaml
 
-from ground import _core, candidates, experiments, quality, study
+from ground import _core
+from ground.analysis import candidates, study
+from ground.recordings import quality
+from ground.simulation import experiments
 
 MODEL = str(
     pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft" / "tiny_whoover.yaml"

@@ -10,7 +10,6 @@ units of their deviation, smoothed finite differences of several widths and sequ
 several thresholds, the pair chosen by the accelerations of runs left out in turn. Terms of the nominal
 model are always kept. The effect is named whose terms take the largest part in the accelerations.
 """
-import itertools
 import json
 import sys
 import time

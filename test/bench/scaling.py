@@ -18,7 +18,8 @@ import numpy as np
 
 import hidden
 import hidden_cases
-from ground import _core, gains, tracking, tuning, workers
+from ground import _core, workers
+from ground.simulation import gains, tracking, tuning
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")

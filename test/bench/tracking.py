@@ -12,7 +12,8 @@ ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import hidden_cases  # noqa: E402
 
-from ground import _core, files, gains, tracking, tuning  # noqa: E402
+from ground import _core, files  # noqa: E402
+from ground.simulation import gains, tracking, tuning  # noqa: E402
 
 REFERENCES = {
     "circle": dict(rate_of_turn=0.63),

@@ -13,8 +13,9 @@ import tempfile
 import atheris
 
 with atheris.instrument_imports(include=["ground"]):
-    from ground import cli, quality, recording
+    from ground import cli
     from ground.errors import IdentifyError
+    from ground.recordings import quality, recording
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))

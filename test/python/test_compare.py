@@ -353,7 +353,7 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
 
 def test_shares_are_not_given_to_chance():
     """Two series that drift, each by itself, explain nothing of each other; a cause does."""
-    from ground import failure
+    from ground.analysis import failure
 
     named = 0
     for seed in range(40):

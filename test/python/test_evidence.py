@@ -8,7 +8,9 @@ from scipy import stats
 @pytest.fixture(scope="module")
 def gains():
     """Log-likelihood ratios of floor_tilt in runs without one, and what score tests expect."""
-    from ground import _core, candidates, evidence, repair, study, windows
+    from ground import _core
+    from ground.analysis import candidates, evidence, study
+    from ground.recordings import repair, windows
 
     model = _core.load_model(str(MODEL))
     free = study.free_parameters(model)
@@ -44,7 +46,7 @@ def test_a_true_model_needs_no_disturbance(gains):
 
 
 def test_p_values_know_bounds_and_blocks():
-    from ground import evidence
+    from ground.analysis import evidence
 
     assert evidence.p_value(0.0, 1.0, 50, 1, 1) == 1.0
     two_sided = evidence.p_value(4.0, 1.0, 10**6, 1, 0)

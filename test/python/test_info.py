@@ -6,9 +6,9 @@ import pytest
 from conftest import MODEL, identify, simulate_run, write_bag
 
 from ground import _core
-from ground.quality import Run, same_inputs
-from ground.recording import Recording
-from ground.repair import repair
+from ground.recordings.quality import Run, same_inputs
+from ground.recordings.recording import Recording
+from ground.recordings.repair import repair
 
 
 def recorded(times, eta, inputs, name="run", offset=0.0):

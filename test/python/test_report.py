@@ -182,7 +182,9 @@ def test_the_page_of_a_comparison(folder, bags, diagnosed, browser):
 
 
 def test_twenty_runs_stay_handy(folder, bags):
-    from ground import _core, inspection, page, quality, recording, report
+    from ground import _core
+    from ground.recordings import quality, recording
+    from ground.reports import inspection, page, report
 
     model = _core.load_model(str(MODEL))
     run = quality.Run(recording.read_bag(str(bags[0]))).data(model)

@@ -80,7 +80,7 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
 
 
 def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):
-    from ground.recording import read_bag
+    from ground.recordings.recording import read_bag
 
     path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
     read = read_bag(str(path), "z, x, y")
@@ -93,8 +93,9 @@ def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):
 
 
 def test_the_function_gives_what_the_bag_has(tmp_path):
-    from ground import _core, experiments
-    from ground.recording import Recording, read_bag
+    from ground import _core
+    from ground.recordings.recording import read_bag, Recording
+    from ground.simulation import experiments
 
     path, _ = simulate(tmp_path, "spin", "--seed", 7, "--loss", 0.1, "--duration", 5)
     mocap = _core.MocapParams()

@@ -44,7 +44,7 @@ def track(*arguments):
 
 
 def medians(controller, truth, believed, task, starts, conditions=None):
-    from ground import tracking
+    from ground.simulation import tracking
 
     runs = tracking.many(truth, believed, controller, task, starts, conditions)
     return tracking.pooled(runs)
@@ -80,8 +80,7 @@ def test_a_reference_beyond_the_craft_is_said_so():
 
 @pytest.mark.parametrize("gains, kind", THESIS)
 def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
-    from ground import gains as files
-    from ground import tracking
+    from ground.simulation import gains as files, tracking
 
     model = load(TABLE_4_1)
     controller = files.choice("TrajectoryTracking", str(GAINS / ("thesis_%s.yaml" % gains)))
@@ -93,7 +92,7 @@ def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
 
 @pytest.mark.parametrize("kind", PREDICTIVE)
 def test_the_predictive_controller_tracks(kind):
-    from ground import gains, tracking, tuning
+    from ground.simulation import gains, tracking, tuning
 
     settings, nominal, noise, wrong = PREDICTIVE[kind]
     model, controller = load(TABLE_4_1), gains.choice("ModelPredictive")
@@ -108,7 +107,7 @@ def test_the_predictive_controller_tracks(kind):
 
 @pytest.mark.parametrize("smooth", [False, True])
 def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
-    from ground import gains, tracking
+    from ground.simulation import gains, tracking
 
     task = tracking.task("line", smooth=smooth)
     for path in (MODEL, TABLE_4_1):
@@ -120,7 +119,7 @@ def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
 
 
 def test_the_predictive_controller_reaches_the_circle_from_anywhere():
-    from ground import gains, tracking
+    from ground.simulation import gains, tracking
 
     task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
     model = load(MODEL)

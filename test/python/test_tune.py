@@ -23,7 +23,8 @@ REFERENCES = {
 @pytest.fixture(scope="module")
 def errors():
     """(gains, reference) to the errors [m rms] from 100 fresh starts."""
-    from ground import _core, gains, tracking
+    from ground import _core
+    from ground.simulation import gains, tracking
 
     model = _core.load_model(str(TABLE_4_1))
     found = {}

@@ -11,8 +11,9 @@ import time
 import pytest
 from conftest import MODEL, identify, program, write_bag
 
-from ground import tracking, workers
+from ground import workers
 from ground.errors import IdentifyError
+from ground.simulation import tracking
 from test_launch import free_port
 
 

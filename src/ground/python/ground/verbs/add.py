@@ -1,6 +1,8 @@
 """identify add: a physical effect into a model, refitted, with the error before and after."""
 import numpy as np
-from ground import candidates, comparison, files, study, windows
+from ground import files
+from ground.analysis import candidates, comparison, study
+from ground.recordings import windows
 from ground.verbs import common
 
 NAME = "add"

@@ -5,9 +5,9 @@ import sys
 
 import numpy as np
 
-from ground import _core, origin, quality
-from ground import recording as recordings
+from ground import _core, origin
 from ground.errors import IdentifyError
+from ground.recordings import quality, recording as recordings
 
 
 def reads_bags(parser):

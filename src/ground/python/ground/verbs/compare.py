@@ -30,9 +30,12 @@ import os
 
 import numpy as np
 
-from ground import comparison, files, inspection, quality, report, words, workers
+from ground import files, workers
+from ground.analysis import comparison
+from ground.analysis.study import noise_floor
 from ground.errors import IdentifyError
-from ground.study import noise_floor
+from ground.recordings import quality
+from ground.reports import inspection, report, words
 from ground.verbs import common
 
 NAME = "compare"
@@ -200,7 +203,7 @@ def _plain(study):
 
 
 def _draw(studies, output, force):
-    from ground import plots
+    from ground.reports import plots
 
     plots.comparison(output["comparison"], studies, force)
     plots.where(output["where"], studies, force)

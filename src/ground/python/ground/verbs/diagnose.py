@@ -1,9 +1,12 @@
 """identify diagnose: which physical effect a model lacks."""
 import os
 
-from ground import candidates, files, origin, quality, report, words
+from ground import files, origin
+from ground.analysis import candidates
+from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
-from ground.unfinished import Unfinished
+from ground.recordings import quality
+from ground.reports import report, words
 from ground.verbs import common
 
 NAME = "diagnose"
@@ -56,7 +59,8 @@ def run(arguments):
     for path in paths.values():
         files.refuse_existing(path, arguments.force)
 
-    from ground import diagnosis, diagnosis_report  # slow to load, for the other verbs as well
+    # slow to load, for the other verbs as well
+    from ground.analysis import diagnosis, diagnosis_report
 
     kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(

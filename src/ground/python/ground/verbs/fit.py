@@ -3,8 +3,10 @@ import sys
 
 import numpy as np
 
-from ground import _core, comparison, files, identifiability, quality, study, validation, windows
+from ground import _core, files
+from ground.analysis import comparison, identifiability, study, validation
 from ground.errors import IdentifyError
+from ground.recordings import quality, windows
 from ground.verbs import common
 
 NAME = "fit"

@@ -1,5 +1,5 @@
 """identify import: CSV exports to a bag."""
-from ground import recording as recordings
+from ground.recordings import recording as recordings
 from ground.verbs import common
 
 NAME = "import"

@@ -1,5 +1,5 @@
 """identify info: what is in recordings, what is odd about it, what was repaired."""
-from ground import findings, quality
+from ground.recordings import findings, quality
 from ground.verbs import common
 
 NAME = "info"

@@ -5,7 +5,9 @@ import sys
 
 import numpy as np
 
-from ground import _core, bags, experiments, files
+from ground import _core, files
+from ground.recordings import bags
+from ground.simulation import experiments
 from ground.verbs import common
 
 NAME = "simulate"

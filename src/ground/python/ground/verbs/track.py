@@ -3,8 +3,10 @@ import argparse
 
 import numpy as np
 
-from ground import _core, files, gains, tracking, tracking_plots
+from ground import _core, files
 from ground.errors import IdentifyError
+from ground.reports import tracking_plots
+from ground.simulation import gains, tracking
 from ground.verbs import common
 
 NAME = "track"

@@ -2,8 +2,10 @@
 import argparse
 import sys
 
-from ground import files, gains, tracking, tracking_plots, tuning, workers
+from ground import files, workers
 from ground.errors import IdentifyError
+from ground.reports import tracking_plots
+from ground.simulation import gains, tracking, tuning
 from ground.verbs import common
 from ground.verbs.track import metres
 

@@ -4,9 +4,9 @@ import os
 
 import urwid
 
-from ground import live_parameters
 from ground.errors import IdentifyError
-from ground.live_parameters import shown
+from ground.nodes import live_parameters
+from ground.nodes.live_parameters import shown
 
 PALETTE = [
     ("title", "white,bold", "dark blue"),

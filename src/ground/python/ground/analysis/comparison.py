@@ -4,7 +4,8 @@ from typing import List, Optional
 
 import numpy as np
 
-from ground import _core, repair, windows
+from ground import _core
+from ground.recordings import repair, windows
 
 START = 0.4  # of a window, to find the initial velocities of the pure prediction [s]
 THESIS_SPAN = 4.0  # of the thesis's objective [s]

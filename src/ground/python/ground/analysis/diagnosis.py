@@ -1,7 +1,8 @@
 """Which physical effect a model lacks (DESIGN 7).
 
-Effects are tested and ranked by how likely they make the measured poses (ground.evidence), and have to
-lower the simulation error on runs that they were not fitted to (ground.study) to be chosen.
+Effects are tested and ranked by how likely they make the measured poses (ground.analysis.evidence), and
+have to lower the simulation error on runs that they were not fitted to (ground.analysis.study) to be
+chosen.
 """
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -11,10 +12,10 @@ from typing import Any, List
 import numpy as np
 from scipy import stats
 
-from ground import candidates as effects
-from ground import evidence, study, windows
+from ground.analysis import candidates as effects, evidence, study
+from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
-from ground.unfinished import Unfinished
+from ground.recordings import windows
 
 LEVEL = 0.01  # chance of choosing an effect although none is missing
 SCREENED = 1.5  # expected gain for each parameter that makes an effect worth a refit in later steps

@@ -1,7 +1,7 @@
 """What a comparison or a diagnosis found, in sentences."""
 import math
 
-from ground import failure
+from ground.analysis import failure
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}

@@ -9,8 +9,9 @@ velocities does.
 import numpy as np
 from scipy import stats
 
-from ground import _core, windows
+from ground import _core
 from ground.errors import IdentifyError
+from ground.recordings import windows
 
 WIDTH = 3.0  # of the robust loss [standard deviations]
 BLOCK = 0.5  # length of stretches that are taken as independent [s]

@@ -1,9 +1,10 @@
 """What is odd about a recording, which parts of it can be used, and the run that fits see."""
 import numpy as np
 
-from ground import _core, frame_clock
+from ground import _core
 from ground.errors import IdentifyError
-from ground.repair import MAX_GAP, repair, wrap
+from ground.recordings import frame_clock
+from ground.recordings.repair import MAX_GAP, repair, wrap
 
 GAP = 0.05  # a longer pause is a gap [s]
 LATE = 0.05  # a stamp that comes more after its frame is a late one [s]

@@ -4,8 +4,9 @@ from typing import Dict, Optional
 
 import numpy as np
 
-from ground import _core, frame_clock
+from ground import _core
 from ground.errors import IdentifyError
+from ground.recordings import frame_clock
 
 MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
 CLOCK_OFFSET = 0.05  # topics whose stamps differ by more, by the recorder's clock, are shifted [s]

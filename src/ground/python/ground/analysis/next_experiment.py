@@ -6,8 +6,11 @@ from typing import Any, List
 
 import numpy as np
 
-from ground import _core, evidence, experiments, windows
+from ground import _core
+from ground.analysis import evidence
 from ground.errors import IdentifyError
+from ground.recordings import windows
+from ground.simulation import experiments
 
 DURATION = 8.0  # of the thrust [s]
 HOLD = 1.0  # of a pattern's levels [s]
@@ -35,8 +38,8 @@ def propose(rivals, runs, each=map):
     runs: _core.RunData with the levels of noise and disturbance under which the rivals were fitted.
     Each rival is run through each experiment that a lab can do, and the others explain what it did: in
     the promising ones again when refitted to the old runs and the new one together. They are
-    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses (ground.evidence); of
-    all pairs, the one that is hardest to tell apart counts. each: maps over experiments, in parallel
+    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses
+    (ground.analysis.evidence); of all pairs, the one that is hardest to tell apart counts. each: maps over experiments, in parallel
     if it can.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate), `repeat`, the

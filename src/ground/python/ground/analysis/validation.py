@@ -1,7 +1,7 @@
 """How well a fit predicts what it has not seen: runs, and blocks of time, left out one by one."""
 import numpy as np
 
-from ground import windows
+from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
 

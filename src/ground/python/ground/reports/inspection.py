@@ -1,6 +1,7 @@
 """All that is found out about one model on one run."""
-from ground import comparison, failure, residuals, words
+from ground.analysis import comparison, failure, residuals
 from ground.errors import IdentifyError
+from ground.reports import words
 
 
 def inspect(run, model, label, role="fit", wrench_of=None):

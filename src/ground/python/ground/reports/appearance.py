@@ -1,5 +1,6 @@
 """What pictures and pages have in common: colours, and what channels and variables are called."""
-from ground import comparison, failure, words
+from ground.analysis import comparison, failure
+from ground.reports import words
 
 MEASURED = "#222222"
 MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.errors import IdentifyError
-from ground.recording import Recording
+from ground.recordings.recording import Recording
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # recorded at rest, before the lift is on [s]

@@ -1,7 +1,7 @@
 """Stretches of runs that are simulated, each from an initial state of its own, and the error there."""
 from ground import _core
 from ground.errors import IdentifyError
-from ground.repair import MAX_GAP
+from ground.recordings.repair import MAX_GAP
 
 WINDOW = 1.5  # of the error [s]
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ground import gains, tracking
 from ground.errors import IdentifyError
+from ground.simulation import gains, tracking
 
 # bounds of what is searched, as sign and powers of ten; others stay as they are
 SPACE = {

@@ -4,7 +4,9 @@ from typing import Dict, List
 
 import numpy as np
 
-from ground import _core, repair, residuals
+from ground import _core
+from ground.analysis import residuals
+from ground.recordings import repair
 
 RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
 BINS = 10

@@ -1,7 +1,7 @@
 """What is in a recording and what is odd about it, in words."""
 import datetime
 
-from ground import quality
+from ground.recordings import quality
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
 MOST_NAMED = 4  # of gaps and the like; the rest is counted

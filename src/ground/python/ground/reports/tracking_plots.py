@@ -1,10 +1,10 @@
 """Pictures of controllers in closed loop, and of the search for their gains."""
 import numpy as np
 
-from ground import tuning
-from ground.appearance import LEFT, MEASURED, MODELS, RIGHT
-from ground.plots import plt, save
-from ground.words import number
+from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT
+from ground.reports.plots import plt, save
+from ground.reports.words import number
+from ground.simulation import tuning
 
 
 def tracked(path, run, task, result, force=False):

@@ -1,7 +1,7 @@
 """What remains when no effect of the library explains the rest: where it is, and a term for it.
 
-The wrench that a model lacks (ground.failure) is regressed on formulas of everything that a wrench may
-depend on. The smoother that infers the wrench weakens what is fast, so each formula is seen through the
+The wrench that a model lacks (ground.analysis.failure) is regressed on formulas of everything that a
+wrench may depend on. The smoother that infers the wrench weakens what is fast, so each formula is seen through the
 smoother's own response to it. Few terms are chosen by orthogonal matching pursuit (Pati et al. 1993), as
 many as predict stretches of time that were left out best, within one standard error.
 """
@@ -11,7 +11,9 @@ import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 from sklearn.model_selection import GroupKFold
 
-from ground import _core, failure, repair, residuals, study
+from ground import _core
+from ground.analysis import failure, residuals, study
+from ground.recordings import repair
 
 CHANNELS = failure.CHANNELS
 STRETCH = 2.0  # of time, left out together [s]

@@ -1,5 +1,5 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
-from ground import candidates, next_experiment, study, unexplained
+from ground.analysis import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
 

@@ -1,13 +1,14 @@
-"""Interactive figures of measurement and model, for pages (ground.page): plotly figures.
+"""Interactive figures of measurement and model, for pages (ground.reports.page): plotly figures.
 
-Each takes what ground.inspection has found out about the same run by one or more models.
+Each takes what ground.reports.inspection has found out about the same run by one or more models.
 """
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from ground import failure, repair
-from ground.appearance import (
+from ground.analysis import failure
+from ground.recordings import repair
+from ground.reports.appearance import (
     CHANNELS,
     ERROR_AGAINST,
     FLOOR,
@@ -20,7 +21,7 @@ from ground.appearance import (
     scaled,
     short_label,
 )
-from ground.words import number
+from ground.reports.words import number
 
 MOST = 1000  # points of a curve; what is left out is said
 WRENCH_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]

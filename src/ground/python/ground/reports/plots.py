@@ -5,8 +5,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 import numpy as np  # noqa: E402
 
-from ground import failure, files, repair  # noqa: E402
-from ground.appearance import (  # noqa: E402
+from ground import files  # noqa: E402
+from ground.analysis import failure  # noqa: E402
+from ground.recordings import repair  # noqa: E402
+from ground.reports.appearance import (  # noqa: E402
     CHANNELS,
     ERROR_AGAINST,
     LEFT,
@@ -17,7 +19,7 @@ from ground.appearance import (  # noqa: E402
     scaled,
     short_label,
 )
-from ground.words import number  # noqa: E402
+from ground.reports.words import number  # noqa: E402
 
 LABELS = ["%s [%s]" % (name, unit) for _, name, unit in CHANNELS]
 TIME = "time since the start of the run [s]"

@@ -1,8 +1,10 @@
 """report.html of compare and diagnose: the verdict first, then what it rests on."""
 import os
 
-from ground import appearance, figures, findings, inspection, origin, page, words
-from ground.words import number
+from ground import origin
+from ground.recordings import findings
+from ground.reports import appearance, figures, inspection, page, words
+from ground.reports.words import number
 
 COLORS = {"complete": "#2a9d5c", "missing": "#1f77b4", "unexplained": "#e08e0b"}
 ERROR = (
@@ -15,7 +17,7 @@ NOMINAL, IMPROVED = "nominal, refitted", "improved"
 def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False):
     """Writes the page of a diagnosis.
 
-    report: as ground.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion; described:
+    report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion; described:
     of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs: files read.
     """
     winner = conclusion.improved if found.chosen else None
@@ -70,7 +72,7 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
 def comparison(path, result, inspected, described, inputs=(), force=False):
     """Writes the page of a comparison.
 
-    result: what compare.json holds; inspected: of every run, what ground.inspection found of each model;
+    result: what compare.json holds; inspected: of every run, what ground.reports.inspection found of each model;
     described: of all runs (quality.describe); inputs: files read.
     """
     sheet = page.Page("Comparison of " + ", ".join(result["models"]))

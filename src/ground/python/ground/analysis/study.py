@@ -5,8 +5,10 @@ from typing import Any, Dict
 
 import numpy as np
 
-from ground import _core, candidates, repair, windows
+from ground import _core
+from ground.analysis import candidates
 from ground.errors import IdentifyError
+from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
 # Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what

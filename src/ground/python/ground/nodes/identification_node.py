@@ -27,8 +27,10 @@ from ground_msgs.srv import (
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
-from ground import bags, files, words
+from ground import files
 from ground.errors import IdentifyError
+from ground.recordings import bags
+from ground.reports import words
 
 Status = IdentificationStatus
 PATIENCE = 5.0  # with a process that was asked to end [s]

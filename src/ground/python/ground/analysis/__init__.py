@@ -1,0 +1,1 @@
+"""Models against recordings: errors, what is missing, evidence for it."""

@@ -1,0 +1,1 @@
+"""What the rospy nodes are made of."""

@@ -1,0 +1,1 @@
+"""Recordings: bags read, repaired, judged and cut into windows."""

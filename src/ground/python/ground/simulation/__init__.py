@@ -1,0 +1,1 @@
+"""Simulated experiments, controllers in closed loop, and the search for their gains."""
