@@ -9,14 +9,16 @@ from ground_msgs.msg import SenderStatus, State
 
 
 def wait_for(condition, timeout, message):
-    """The first true value of condition(); fails after `timeout` seconds of wall time."""
+    """The first true value of condition(); fails after `timeout` seconds of wall time with a message,
+    or with what a function then says."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         value = condition()
         if value:
             return value
         time.sleep(0.002)
-    raise AssertionError("waited %.1f s in vain: %s" % (timeout, message))
+    said = message() if callable(message) else message
+    raise AssertionError("waited %.1f s in vain: %s" % (timeout, said))
 
 
 class Repeater:

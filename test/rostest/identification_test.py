@@ -61,13 +61,14 @@ class IdentificationTest(unittest.TestCase):
         # A task that is under way keeps others out, tells its progress and can be cancelled.
         covered = rospy.Time.now().to_sec() + 12
         harness.wait_for(lambda: rospy.Time.now().to_sec() > covered, 30, "12 s of flight")
-        answers = []
+        answers, before = [], len(status.all)
         thread = threading.Thread(target=lambda: answers.append(diagnose(last=10.0)))
         thread.start()
         harness.wait_for(
-            lambda: status.message.state == S.RUNNING and "refitting" in status.message.message,
+            lambda: status.message.state == S.RUNNING
+            and any("refitting" in m.message for _, m in status.all[before:]),
             30,
-            "progress",
+            lambda: "progress; %s %s" % ([m.message for _, m in status.all[before:]], answers),
         )
         self.assertIn("busy", fit(last=10.0).message)
         self.assertTrue(service(NODE + "cancel", Trigger)().success)
