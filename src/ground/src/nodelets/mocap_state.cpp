@@ -133,7 +133,7 @@ class MocapState : public nodelet::Nodelet {
     last_pose_ = SteadyClock::now();
     if (was_stale) wake_.notify_all();
     const std::string doubt = estimate.valid ? doubts() : estimate.status;
-    publish(estimate, doubt.empty(), doubt);
+    publish(estimate, estimate.valid && doubt.empty(), doubt);
     if (estimate.used) publishOdometry(estimate);
   }
 

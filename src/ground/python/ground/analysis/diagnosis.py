@@ -27,9 +27,7 @@ SETTLED = 0.1  # log-likelihood by which one has to be better than the best to t
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
 EARNS = 0.01  # part of the held-out error by which an effect has to lower it
-SHOWS = (
-    0.05  # or, where it explains the data, of the power of the poses' noise that it accounts for
-)
+SHOWS = 0.05  # or, if it explains the data, of the poses' noise power that it accounts for
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
@@ -106,9 +104,7 @@ class Diagnosis:
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []
         self.tried = []  # lists of Trials, one a step
-        self.slight = (
-            None  # Trial that the poses prefer but that lowers the error by less than it has to
-        )
+        self.slight = None  # Trial that the poses prefer and that is too small to matter
         self.say("fitting %s as it is" % model.name)
         self.nominal = self.study.fit(model, study.free_parameters(model))
         self.best = self.nominal

@@ -17,8 +17,9 @@ NOMINAL, IMPROVED = "nominal, refitted", "improved"
 def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False):
     """Writes the page of a diagnosis.
 
-    report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion; described:
-    of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs: files read.
+    report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
+    described: of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs:
+    files read.
     """
     winner = conclusion.improved if found.chosen else None
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
@@ -72,8 +73,8 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
 def comparison(path, result, inspected, described, inputs=(), force=False):
     """Writes the page of a comparison.
 
-    result: what compare.json holds; inspected: of every run, what ground.reports.inspection found of each model;
-    described: of all runs (quality.describe); inputs: files read.
+    result: what compare.json holds; inspected: of every run, what ground.reports.inspection found of
+    each model; described: of all runs (quality.describe); inputs: files read.
     """
     sheet = page.Page("Comparison of " + ", ".join(result["models"]))
     sheet.add(
