@@ -9,6 +9,7 @@ from conftest import MODEL, SHARED, identify
 from test_identify import fails
 
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
+DRIVE = "/drive"
 BITS = "1,-1\n-1,1\n1,1\n-1,-1\n"
 TIMED = "time,left,right\n0,0.2,0.8\n0.5,0.9,0\n2,0,0\n"
 LIFTED = "time,left,right,lift\n0,0,0,1\n1,0.5,0.5,1\n3,0,0,0.5\n4,0,0,0\n"
@@ -59,14 +60,14 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
     )
     found = messages(path)
     assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
-    assert set(found) == {POSE, "/controls", TRUTH}
+    assert set(found) == {POSE, "/controls", TRUTH, DRIVE}
     kinds = {topic: rows[0][1]._type for topic, rows in found.items()}
     assert kinds[POSE] == "geometry_msgs/PoseStamped"
     assert kinds["/controls"] == "ground_msgs/Controls"
     assert kinds[TRUTH] == "ground_msgs/State"
     for received, message in found[POSE]:
         assert received - message.header.stamp.to_sec() == pytest.approx(0.05, abs=1e-6)
-    for received, message in found["/controls"] + found[TRUTH]:
+    for received, message in found["/controls"] + found[TRUTH] + found[DRIVE]:
         assert received == message.header.stamp.to_sec()
     everything = sorted(t for rows in found.values() for t, _ in rows)
     assert everything[0] == 1000 and everything[-1] == pytest.approx(1006, abs=0.02)
@@ -77,6 +78,86 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
     assert (rows[alone, 1:] == [0, 0, 1]).all() and alone.sum() >= 50
     assert (rows[rows[:, 0] > 5, 1:] == 0).all() and (rows[:, 0] > 5).sum() >= 20
     assert np.diff(rows[:, 0]).max() < 0.021, "commands are repeated at 50 Hz"
+
+
+@pytest.fixture(scope="module")
+def sagging(tmp_path_factory):
+    """A model whose thrust fades, and 30 s of it."""
+    folder = tmp_path_factory.mktemp("sagging")
+    model = folder / "sagging.yaml"
+    text = MODEL.read_text()
+    assert "effects: []" in text
+    model.write_text(text.replace("effects: []", "effects: [{name: battery_sag, tau: 25}]"))
+    path = folder / "whole.bag"
+    result = identify("simulate", "--model", model, "--input", "prbs", "--duration", 30, "-o", path)
+    assert result.returncode == 0, result.stderr
+    return model, path
+
+
+def cut(path, out, start, left_out=()):
+    """The part of a bag from `start` [s] after its beginning on, as a recorder started then has it."""
+    import rosbag
+
+    with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(out), "w") as part:
+        begin = bag.get_start_time()
+        for topic, message, received in bag.read_messages():
+            if topic not in left_out and received.to_sec() >= begin + start:
+                part.write(topic, message, received)
+    return out
+
+
+def fitted(model, path):
+    """k and the time constant of the sag that fit a bag, and the quality.Run of it."""
+    from ground import _core
+    from ground.recordings import quality, recording, windows
+
+    run = quality.Run(recording.read_bag(str(path)))
+    guess = _core.load_model(str(model))
+    data = [run.data(guess)]
+    guess.set_value("battery_sag.tau", 100)
+    found = windows.problem(data, windows.cut(data)).fit(guess, ["k", "battery_sag.tau"])["model"]
+    return found.value("k"), found.value("battery_sag.tau"), run
+
+
+@pytest.mark.parametrize("start", [0, 10])
+def test_t_begins_with_the_drive_also_for_a_bag_that_begins_later(sagging, tmp_path, start):
+    model, path = sagging
+    k, tau, run = fitted(model, cut(path, tmp_path / "part.bag", start))
+    assert (run.drives, run.drives_by) == (pytest.approx([0.5 - start], abs=0.03), "record")
+    assert k == pytest.approx(0.062, rel=0.02)  # 10 s of a wrong origin: a third
+    assert tau == pytest.approx(25, rel=0.05)
+    # also in the copies that are made of a run
+    from ground.analysis import study
+
+    np.testing.assert_allclose(run.data(_load(model)).t[-1], 30, atol=2.1)
+    floor = study.noise_floor([run.data(_load(model))], _load(model))
+    assert floor.max() < 0.1
+
+
+def _load(model):
+    from ground import _core
+
+    return _core.load_model(str(model))
+
+
+def test_without_a_record_t_begins_with_the_first_lift_or_the_run_and_info_says_so(sagging, tmp_path):
+    import rosbag
+
+    model, path = sagging
+    whole = cut(path, tmp_path / "whole.bag", 0, [DRIVE])
+    k, tau, run = fitted(model, whole)
+    assert (run.drives, run.drives_by) == (pytest.approx([0.5], abs=0.03), "lift")
+    assert k == pytest.approx(0.062, rel=0.02)
+    late = identify("info", cut(path, tmp_path / "late.bag", 10, [DRIVE]))
+    assert "assumed: the first command has lift, and no record says when it began" in late.stdout
+    unlifted = tmp_path / "unlifted.bag"
+    with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(unlifted), "w") as out:
+        for topic, message, received in bag.read_messages([POSE, "/controls"]):
+            if topic == "/controls":
+                message.lift = 0
+            out.write(topic, message, received)
+    said = identify("info", unlifted).stdout
+    assert "from 0.00 s on; assumed: no command has lift" in said
 
 
 def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):

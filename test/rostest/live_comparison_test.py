@@ -2,12 +2,13 @@
 """Models beside a flying craft: errors, predicted paths, the missing wrench, which one is better."""
 import math
 import os
+import subprocess
 import sys
 import unittest
 
 import rospy
 import rostest
-from ground_msgs.msg import ModelComparison, ModelError, State
+from ground_msgs.msg import Controls, Drive, ModelComparison, ModelError, State
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
@@ -17,12 +18,23 @@ import harness  # noqa: E402
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 TRUTH = os.path.join(HERE, "tilted_craft.yaml")
+SAGGING = os.path.join(HERE, "sagging_craft.yaml")
 WEIGHT = 0.0583 * 9.81  # of the craft [N]
 SLOPES = 0.02, -0.01  # of the floor, x and y in world_ned
 
 
 class LiveComparisonTest(unittest.TestCase):
+    def setUp(self):
+        self.late = None
+
+    def tearDown(self):
+        if self.late:
+            self.late.terminate()
+            self.late.wait(timeout=10)
+
     def test_where_model_and_measurement_part(self):
+        drive = harness.Latest("drive", Drive)
+        controls = harness.Latest("controls", Controls, keep=True)
         state = harness.Latest("state", State, keep=True)
         first = harness.Latest("model_error", ModelError, keep=True)
         second = harness.Latest("model_error2", ModelError, keep=True)
@@ -97,6 +109,31 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertGreater(math.hypot(tip.x - start.x, tip.y - start.y), 0.02)
         self.assertGreater(len(floor.message.points), 5)
         self.assertEqual(len(floor.message.points), len(floor.message.colors))
+
+        # t counts from the drive's beginning, in the simulator and in whatever looks on, also when
+        # a model is loaded, or a comparison started, in the middle of the drive.
+        lifted = next((m for _, m in controls.all if m.lift > 0), None)
+        if controls.all[0][1].lift == 0:
+            self.assertAlmostEqual((drive.message.began - lifted.header.stamp).to_sec(), 0, delta=0.1)
+        elapsed = (drive.message.header.stamp - drive.message.began).to_sec()
+        self.assertGreater(elapsed, 4.0)
+        for node in ("simulator/load_model", "live_comparison/load_model2"):
+            answer = rospy.ServiceProxy(node, LoadModel)(file=SAGGING)
+            self.assertTrue(answer.success, answer.message)
+        self.late = subprocess.Popen(
+            ["rosrun", "nodelet", "nodelet", "standalone", "ground/LiveComparison"]
+            + ["__name:=late", "_model:=" + SAGGING, "model_error:=late_error"]
+        )
+        late = harness.Latest("late_error", ModelError)
+        for error in (second, late):
+            harness.wait_for(
+                lambda: error.message
+                and error.message.model == "sagging_craft"
+                and error.message.window > 3,
+                20,
+                "errors of the sagging craft",
+            )
+            self.assertLess(error.message.error, 0.25)
 
 
 if __name__ == "__main__":

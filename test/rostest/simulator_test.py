@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 import unittest
 
@@ -112,6 +113,17 @@ class SimulatorTest(unittest.TestCase):
         self.assertEqual(sorted(inner), common, "the same frames are lost")
         other = set(runs[0]) & set(runs[2])
         self.assertTrue(any(runs[0][s] != runs[2][s] for s in other))
+
+    def test_a_battery_sags_from_the_first_lift_on_not_from_the_clocks_zero(self):
+        with open(rospy.get_param("~model")) as file:
+            text = file.read()
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
+            model.write(text.replace("effects: []", "effects: [{name: battery_sag, tau: 64}]"))
+            model.flush()
+            self.start(model=model.name, start_time=1000.0, real_time_factor=2.0)
+        self.drive(1, 1, 1.0)
+        # 4.0 m/s without any sag, nothing at all after 1000 s of it
+        self.assertGreater(max(m.nu[0] for _, m in self.truth.all), 3.0)
 
     def test_obeys_its_sender_alone_and_stops_without_it(self):
         self.start(position_noise=0.0, heading_noise=0.0)

@@ -150,6 +150,30 @@ TEST(Room, AnotherModelTakesOverInMidFlight) {
   EXPECT_TRUE(room.state().eta.allFinite());
 }
 
+TEST(Room, TimeOfTheModelBeginsWithTheDriveWhateverTheClockSays) {
+  Model sagging = tinyWhoover();
+  sagging.addEffect(makeEffect("battery_sag"));
+  sagging.setValue("battery_sag.tau", 64);
+  // After 0 s or a quarter of an hour at rest two seconds of full thrust are the same.
+  const auto drive = [&](double start, double rest, bool reload) {
+    Room::Params params;
+    params.start = start;
+    Room room(sagging, perfect(), params);
+    room.advance(start + rest);
+    for (int i = 0; i < 100; ++i) {
+      room.command(1, 1, 1);
+      room.advance(start + rest + (i + 1) * 0.02);
+      if (reload && i == 50) room.setModel(sagging);
+    }
+    return room.state().nu.x();
+  };
+  const double speed = drive(0, 0, false);
+  EXPECT_GT(speed, 3.5);
+  EXPECT_NEAR(drive(1000, 0, false), speed, 1e-6);
+  EXPECT_NEAR(drive(1000, 900, false), speed, 1e-6);
+  EXPECT_NEAR(drive(1000, 0, true), speed, 1e-6);
+}
+
 TEST(Room, RefusesNonsense) {
   MocapParams bad;
   bad.latency = std::numeric_limits<double>::quiet_NaN();

@@ -153,6 +153,7 @@ void PredictiveControl::search() {
 }
 
 Vector2<double> PredictiveControl::decide(const Observation& seen) {
+  observer_.countFrom(seen.drive_start);
   observer_.measure(seen.stamp, seen.state);
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
@@ -170,7 +171,7 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
     references_[k] =
         seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
   for (TrajectoryOptimizer* plan : {plan_.get(), other_.get()})
-    plan->setProblem(acts - observer_.start(), state, seen.lift, start_.missing, references_);
+    plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
   carryOn(acts);
   plan_->rollOut();

@@ -57,7 +57,6 @@ void DisturbanceObserver::replay(double from, double until, Step step) const {
 }
 
 void DisturbanceObserver::begin(double time, const RigidState<double>& measured) {
-  if (!started_) start_ = time;
   started_ = true;
   time_ = time;
   estimate_.state = measured;
@@ -99,7 +98,7 @@ void DisturbanceObserver::predict(double until) {
   replay(time_, until, [&](double t, double h, const Command& c) {
     const StepInputs<Jet> acting =
         derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), actuators.data());
-    state = pushedStep(derivatives_, Jet(t - start_), state, acting, missing, h);
+    state = pushedStep(derivatives_, Jet(t - origin_), state, acting, missing, h);
   });
   Matrix9 F = Matrix9::Identity();
   for (int i = 0; i < 3; ++i) {
@@ -150,7 +149,7 @@ DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
   replay(time_, time, [&](double t, double h, const Command& c) {
     const StepInputs<double> acting =
         dynamics_.actuate(c.thrusters, c.lift, h, at.actuators.data());
-    at.state = pushedStep(dynamics_, t - start_, at.state, acting, at.missing, h);
+    at.state = pushedStep(dynamics_, t - origin_, at.state, acting, at.missing, h);
   });
   return at;
 }

@@ -30,7 +30,9 @@ void ModelMonitor::setParams(const MonitorParams& params) {
 }
 
 void ModelMonitor::reset() {
+  const DriveClock drive = inputs_.drive;
   inputs_ = InputSequence();
+  inputs_.drive = drive;
   samples_.clear();
   scores_.clear();
   observer_.reset();
@@ -49,9 +51,7 @@ void ModelMonitor::command(double time, const Vector2<double>& thrusters, double
   const auto past = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) -
                     inputs_.times.begin() - 1;
   if (past < static_cast<long>(inputs_.size() / 2)) return;  // now and then, not each time
-  inputs_.times.erase(inputs_.times.begin(), inputs_.times.begin() + past);
-  inputs_.thrusters.erase(inputs_.thrusters.begin(), inputs_.thrusters.begin() + past);
-  inputs_.lift.erase(inputs_.lift.begin(), inputs_.lift.begin() + past);
+  inputs_.drop(static_cast<std::size_t>(past));
 }
 
 /// The newest state that is a horizon old.
@@ -72,6 +72,7 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
                                                          const RigidState<double>& measured) {
   if (!samples_.empty() && time < samples_.back().time) reset();
   if (!samples_.empty() && time == samples_.back().time) return std::nullopt;
+  observer_.countFrom(inputs_.drive.origin(time));
   observer_.measure(time, measured);
   const DisturbanceObserver::Estimate estimate = observer_.at(time);
   samples_.push_back({time, estimate.state});

@@ -108,7 +108,8 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
     nu_air.y() -= air.y();
   }
   Vector2<T> thrust = drive.thrust;
-  const Point<T> point{t, eta, nu, heading, nu_air, drive.input, thrust, lift, body_, mass_};
+  const T since = notBelowZero(t);
+  const Point<T> point{since, eta, nu, heading, nu_air, drive.input, thrust, lift, body_, mass_};
   if (!thrust_.empty()) {
     Vector2<T> force = thrust;
     for (const Active& a : thrust_) a.effect->thrust(a.p, point, force);

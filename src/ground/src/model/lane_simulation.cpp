@@ -24,13 +24,13 @@ std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
       parts.push_back({stretch, stepping.thrusters(), stepping.lift(), -1});
     // Two samples of one instant are two visits.
     if (parts.size() == before)
-      parts.push_back({{1, 0, 0}, stepping.thrusters(), stepping.lift(), -1});
+      parts.push_back({{1, 0, 0, stepping.t()}, stepping.thrusters(), stepping.lift(), -1});
     parts.back().sample = sample;
   }
   return parts;
 }
 
-LanePlan::Step nothing() { return {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, 1, false}; }
+LanePlan::Step nothing() { return {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, 0.0, 1, false}; }
 
 void set(LanePlan::Step& step, int lane, double h, double by_delay,
          const Vector2<double>& thrusters, double lift) {
@@ -78,9 +78,9 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
     const Part& part = parts[lane][at[lane]];
     left[lane] = part.stretch.steps;
     set(step, lane, part.stretch.h, part.stretch.by_delay, part.thrusters, part.lift);
+    step.t[lane] = part.stretch.t;
   };
   for (int lane = 0; lane < count; ++lane) {
-    start_[lane] = lanes[lane].samples[0];
     samples_.push_back({lane, 0});
     begin(lane);
   }
@@ -92,7 +92,9 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
     if (step.count == 0) break;
     steps_.push_back(step);
     for (int lane = 0; lane < count; ++lane) {
-      if (left[lane] == 0 || (left[lane] -= step.count) > 0) continue;
+      if (left[lane] == 0) continue;
+      step.t[lane] += step.count * step.h[lane];
+      if ((left[lane] -= step.count) > 0) continue;
       const int sample = parts[lane][at[lane]++].sample;
       if (sample >= 0) {
         samples_.push_back({lane, sample});
@@ -105,11 +107,9 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
 }
 
 template <typename T>
-LaneRun<T>::LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, const Lanes& start,
-                    bool pose)
+LaneRun<T>::LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, bool pose)
     : dynamics_(dynamics),
       state_(state),
-      time_(start),
       actuators_(static_cast<std::size_t>(dynamics.stateCount()), T(0.0)),
       pose_(pose) {}
 
@@ -121,6 +121,7 @@ void LaneRun<T>::settle(const LanePlan::Step& step) {
 
 template <typename T>
 void LaneRun<T>::take(const LanePlan::Step& step, bool varies) {
+  valueIn(t_) = step.t;
   varies ? takeOf<T>(step, dynamics_.withDelay(step.h, step.by_delay))
          : takeOf<Lanes>(step, step.h);
 }
@@ -129,15 +130,15 @@ template <typename T>
 template <typename H>
 void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
   if (!dynamics_.hasActuators()) {
-    pose_ ? dynamics_.template hold<true>(time_, state_, step.command, step.lift, h, step.count)
-          : dynamics_.template hold<false>(time_, state_, step.command, step.lift, h, step.count);
+    pose_ ? dynamics_.template hold<true>(t_, state_, step.command, step.lift, h, step.count)
+          : dynamics_.template hold<false>(t_, state_, step.command, step.lift, h, step.count);
     return;
   }
   const Vector2<T> held = {T(step.command(0)), T(step.command(1))};
   for (int i = 0; i < step.count; ++i) {
     const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), actuators_.data());
-    pose_ ? dynamics_.template step<true>(time_, state_, acting, h)
-          : dynamics_.template step<false>(time_, state_, acting, h);
+    pose_ ? dynamics_.template step<true>(t_, state_, acting, h)
+          : dynamics_.template step<false>(t_, state_, acting, h);
   }
 }
 

@@ -16,7 +16,7 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
                 max_step),
       state_(initial),
       actuator_states_(static_cast<std::size_t>(dynamics.stateCount()), T(0.0)),
-      time_(start) {
+      t_(stepping_.t()) {
   if (!dynamics_.hasActuators()) return;
   for (const Stepping::Held& held : stepping_.before(kActuatorMemory))
     dynamics_.actuate(inputs.thrusters[held.command].template cast<T>(), inputs.lift[held.command],
@@ -27,6 +27,7 @@ template <typename T>
 void Simulation<T>::advance(double time) {
   Stretch stretch;
   while (stepping_.next(time, stretch)) {
+    valueIn(t_) = stretch.t;
     if (stretch.by_delay == 0) {
       pose_ ? step<true>(stretch.steps, stretch.h) : step<false>(stretch.steps, stretch.h);
     } else {
@@ -40,14 +41,14 @@ template <typename T>
 template <bool kPose, typename H>
 void Simulation<T>::step(int steps, const H& h) {
   if (!dynamics_.hasActuators()) {
-    dynamics_.template hold<kPose>(time_, state_, stepping_.thrusters(), stepping_.lift(), h,
+    dynamics_.template hold<kPose>(t_, state_, stepping_.thrusters(), stepping_.lift(), h,
                                    steps);
     return;
   }
   const Vector2<T> held = stepping_.thrusters().template cast<T>();
   for (int i = 0; i < steps; ++i)
     dynamics_.template step<kPose>(
-        time_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), actuator_states_.data()), h);
+        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), actuator_states_.data()), h);
 }
 
 template <typename T>
@@ -60,7 +61,9 @@ Vector2<T> Simulation<T>::actuated() const {
 
 template <typename T>
 RigidState<T> Simulation<T>::derivative() const {
-  return dynamics_.derivative(time_, state_, actuated(), stepping_.lift());
+  T t = t_;
+  valueIn(t) = stepping_.t();
+  return dynamics_.derivative(t, state_, actuated(), stepping_.lift());
 }
 
 template class Simulation<double>;

@@ -13,6 +13,7 @@ void InputSequence::add(double time, double left, double right, double lift_valu
   times.push_back(time);
   thrusters.emplace_back(left, right);
   lift.push_back(lift_value);
+  drive.command(time, lift_value);
 }
 
 void InputSequence::drop(std::size_t count) {
@@ -72,7 +73,7 @@ bool Stepping::reach(double time, bool moves, Stretch& stretch) {
   // A duration of zero still has a derivative when the instant moves with the delay.
   if (duration < 0 || (duration == 0 && by_delay == 0)) return false;
   const int steps = std::max(1, static_cast<int>(std::ceil(duration / max_step_ - 1e-9)));
-  stretch = {steps, duration / steps, by_delay == 0 ? 0 : by_delay / steps};
+  stretch = {steps, duration / steps, by_delay == 0 ? 0 : by_delay / steps, t()};
   time_ = time;
   moves_ = moves;
   return true;

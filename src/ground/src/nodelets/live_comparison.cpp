@@ -1,5 +1,6 @@
 #include <ground/LiveComparisonConfig.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/Drive.h>
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
 #include <ground_msgs/State.h>
@@ -27,7 +28,7 @@ namespace ground {
 /// One model, or two, beside the measurement: of a running experiment or of a bag that is played.
 ///
 /// Parameters: model (model file, required), model2 (another, optional) and those of
-/// LiveComparison.cfg, live. Subscribes: state, controls. Publishes with every state: model_error,
+/// LiveComparison.cfg, live. Subscribes: state, controls, drive. Publishes with every state: model_error,
 /// model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the last horizon,
 /// from the state seen then, with the commands since), model_comparison. Services:
 /// ~load_model, ~load_model2 (take another model file).
@@ -76,6 +77,7 @@ class LiveComparison : public nodelet::Nodelet {
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
+    drive_subscriber_ = topics.subscribe("drive", 4, &LiveComparison::onDrive, this);
     state_subscriber_ = topics.subscribe("state", 50, &LiveComparison::onState, this,
                                          ros::TransportHints().tcpNoDelay());
   }
@@ -98,6 +100,7 @@ class LiveComparison : public nodelet::Nodelet {
 
   void take(Contestant& contestant, const Model& model, const std::string& file) {
     contestant.monitor = std::make_unique<ModelMonitor>(model, params(config_));
+    contestant.monitor->setDrive(drive_);
     const std::filesystem::path path(file);
     contestant.name = path.stem().string();
     for (const Contestant& other : contestants_)
@@ -109,19 +112,38 @@ class LiveComparison : public nodelet::Nodelet {
   /// Since the first message; where time jumps back (a bag that begins again), all begins anew.
   double seconds(const ros::Time& stamp) {
     if (epoch_.isZero() || secondsBetween(newest_, stamp) < -kJump) {
+      if (!epoch_.isZero()) recorded_.reset();  // it is of the time before the jump
       epoch_ = newest_ = stamp;
       last_paths_ = 0;
+      drive_ = DriveClock();
       for (Contestant& c : contestants_)
         if (c.monitor) c.monitor->reset();
+      followRecord();
     }
     newest_ = std::max(newest_, stamp);
     return secondsBetween(epoch_, stamp);
+  }
+
+  /// Counts the models' t from when the newest recorded drive began, which may be before epoch_.
+  void followRecord() {
+    if (recorded_)
+      drive_.record(secondsBetween(epoch_, recorded_->began),
+                    secondsBetween(epoch_, recorded_->header.stamp));
+    for (Contestant& c : contestants_)
+      if (c.monitor) c.monitor->setDrive(drive_);
+  }
+
+  void onDrive(const ground_msgs::Drive::ConstPtr& message) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    recorded_ = message;
+    if (!epoch_.isZero()) followRecord();
   }
 
   void onControls(const ground_msgs::Controls::ConstPtr& controls) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!std::isfinite(controls->left + controls->right + controls->lift)) return;
     const double time = seconds(controls->header.stamp);
+    drive_.command(time, controls->lift);
     for (Contestant& c : contestants_) {
       if (!c.monitor) continue;
       const double most = c.monitor->model().body.input_max;
@@ -214,9 +236,11 @@ class LiveComparison : public nodelet::Nodelet {
   ModelContest contest_{1.0, 10.0};
   ros::Time epoch_;   ///< from which the monitors' clock counts
   ros::Time newest_;  ///< stamp so far
+  DriveClock drive_;  ///< on that clock: when drives began
+  ground_msgs::Drive::ConstPtr recorded_;  ///< newest record of it
   double last_paths_ = 0;
   ros::Publisher comparison_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_;
+  ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

@@ -1,5 +1,6 @@
 #include <ground/SenderConfig.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/State.h>
 #include <ground_msgs/Telemetry.h>
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <cmath>
 #include <chrono>
 #include <condition_variable>
 #include <csignal>
@@ -19,6 +21,7 @@
 #include <thread>
 
 #include "ground/link/ground_link.h"
+#include "ground/model/drive_clock.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -28,8 +31,9 @@ namespace ground {
 ///
 /// Parameters: port (3333), bind_address (0.0.0.0), peer (HOST or HOST:PORT of the craft; learned
 /// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), and
-/// those of Sender.cfg. Subscribes: controls, state. Publishes: ~status (latched), ~telemetry.
-/// Services: ~arm. Zero packets go out when disarmed, in fault and at the end.
+/// those of Sender.cfg. Subscribes: controls, state. Publishes: ~status (latched), ~telemetry,
+/// drive (latched; when the newest drive began). Services: ~arm. Zero packets go out when disarmed,
+/// in fault and at the end.
 ///
 /// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
 /// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
@@ -87,6 +91,7 @@ class Sender : public nodelet::Nodelet {
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
+    drive_publisher_ = getMTNodeHandle().advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {
@@ -143,6 +148,7 @@ class Sender : public nodelet::Nodelet {
     const std::lock_guard<std::mutex> lock(mutex_);
     link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
                    {controls.left, controls.right, controls.lift});
+    noteLift();
     collect();
   }
 
@@ -204,8 +210,30 @@ class Sender : public nodelet::Nodelet {
   void collect() {
     if (link_->revision() == collected_) return;
     collected_ = link_->revision();
+    noteLift();
     statuses_.push_back(status());
     wake_.notify_all();
+  }
+
+  /// Tells the drive clock which lift the craft has from now on. mutex_ is held.
+  void noteLift() {
+    const ros::Time now = ros::Time::now();
+    if (now.isZero()) return;  // a simulated clock has not started
+    if (epoch_.isZero()) epoch_ = now;
+    if (drive_.command(secondsBetween(epoch_, now), link_->lift())) {
+      drive_due_ = true;
+      wake_.notify_all();
+    }
+  }
+
+  /// The record of the newest drive; none before the first. mutex_ is held.
+  ground_msgs::Drive::Ptr drive() const {
+    auto message = boost::make_shared<ground_msgs::Drive>();
+    message->header.stamp = ros::Time::now();
+    const double origin = drive_.origin(secondsBetween(epoch_, message->header.stamp));
+    if (!std::isfinite(origin)) return nullptr;
+    message->began = epoch_ + ros::Duration(origin);
+    return message;
   }
 
   void collect(const CraftTelemetry& t) {
@@ -244,21 +272,28 @@ class Sender : public nodelet::Nodelet {
     std::unique_lock<std::mutex> lock(mutex_);
     while (true) {
       wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod),
-                     [this] { return !reporting_ || !statuses_.empty() || !telemetry_.empty(); });
+                     [this] {
+                       return !reporting_ || drive_due_ || !statuses_.empty() ||
+                              !telemetry_.empty();
+                     });
       const bool last = !reporting_;
       const double now = steadyNow();
       if (now >= next_status) {
         next_status = now + kStatusPeriod;
         statuses_.push_back(status());
+        drive_due_ = true;
       }
       std::deque<Status::Ptr> statuses;
       std::deque<Telemetry::Ptr> telemetry;
       statuses.swap(statuses_);
       telemetry.swap(telemetry_);
+      const ground_msgs::Drive::Ptr newest = drive_due_ ? drive() : nullptr;
+      drive_due_ = false;
       const std::string refusal = link_->refusal(), send_problem = link_->sendProblem();
       lock.unlock();
 
       for (const auto& message : telemetry) telemetry_publisher_.publish(message);
+      if (newest) drive_publisher_.publish(newest);
       for (const auto& message : statuses) {
         log(*message, refusal);
         status_publisher_.publish(message);
@@ -309,10 +344,13 @@ class Sender : public nodelet::Nodelet {
   std::deque<Status::Ptr> statuses_;
   std::deque<Telemetry::Ptr> telemetry_;
   std::condition_variable wake_;
+  DriveClock drive_;        ///< on the clock that begins at epoch_; guarded by mutex_
+  ros::Time epoch_;         ///< time of the first command; guarded by mutex_
+  bool drive_due_ = false;  ///< to be published; guarded by mutex_
   Status logged_;               ///< of report()'s thread
   std::size_t publishers_ = 0;  ///< of report()'s thread
   std::atomic<bool> running_{true};
-  ros::Publisher status_publisher_, telemetry_publisher_;
+  ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
   ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_;
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;

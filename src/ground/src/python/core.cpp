@@ -14,6 +14,7 @@
 #include "ground/identification/prediction.h"
 #include "ground/identification/score.h"
 #include "ground/identification/simulation_error.h"
+#include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/simulation/experiment.h"
@@ -62,14 +63,27 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
 RunData makeRun(const std::string& name, const std::vector<double>& times,
                 const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
                 const Eigen::Ref<const Eigen::MatrixXd>& inputs, const Eigen::MatrixX3d& poses,
-                const Vector3<double>& noise) {
-  return {name, times, eta, nu, toInputs(inputs), poses, noise};
+                const Vector3<double>& noise, const std::vector<double>& drives) {
+  RunData run{name, times, eta, nu, toInputs(inputs), poses, noise};
+  if (!drives.empty()) run.inputs.drive = DriveClock(drives);
+  return run;
+}
+
+/// When drives began, by the commands and by rows began, as_of of the records.
+std::vector<double> driveStarts(const std::vector<double>& times, const std::vector<double>& lift,
+                                const Eigen::Ref<const Eigen::MatrixX2d>& records) {
+  if (times.size() != lift.size()) throw std::invalid_argument("times and lift differ in length");
+  DriveClock clock;
+  for (std::size_t i = 0; i < times.size(); ++i) clock.command(times[i], lift[i]);
+  for (Eigen::Index i = 0; i < records.rows(); ++i) clock.record(records(i, 0), records(i, 1));
+  return clock.starts();
 }
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
-                     const Vector3<double>& nu) {
-  const InputSequence inputs = toInputs(rows);
+                     const Vector3<double>& nu, const std::vector<double>& drives) {
+  InputSequence inputs = toInputs(rows);
+  if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
@@ -240,9 +254,13 @@ PYBIND11_MODULE(_core, module) {
       },
       "The effects of the library by name.");
   module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
-             py::arg("eta"), py::arg("nu"),
+             py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
              "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
-             "of time, left, right, lift.");
+             "of time, left, right, lift; `drives` says when drives began [s], the lift if empty.");
+  module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
+             py::arg("records") = Eigen::MatrixX2d(0, 2),
+             "When drives began [s], the origins of the model's t: by commands in order of time "
+             "and by records (k, 2), began and as of when, in order. Empty without any lift.");
 
   py::class_<MocapParams>(module, "MocapParams", "Quality of the simulated motion capture.")
       .def(py::init<>())
@@ -425,7 +443,7 @@ PYBIND11_MODULE(_core, module) {
   py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = RunData().poses,
-           py::arg("noise") = RunData().noise)
+           py::arg("noise") = RunData().noise, py::arg("drives") = std::vector<double>())
       .def_readonly("name", &RunData::name)
       .def_readonly("times", &RunData::times)
       .def_readonly("eta", &RunData::eta)
@@ -443,16 +461,29 @@ PYBIND11_MODULE(_core, module) {
           },
           py::arg("noise"), py::arg("disturbance"), "The same with other levels.")
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
+      .def_property_readonly(
+          "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
+          "When drives began [s], on the run's clock.")
+      .def_property_readonly(
+          "t",
+          [](const RunData& run) {
+            Eigen::VectorXd t(static_cast<Eigen::Index>(run.times.size()));
+            for (std::size_t i = 0; i < run.times.size(); ++i)
+              t(static_cast<Eigen::Index>(i)) = run.inputs.drive.since(run.times[i]);
+            return t;
+          },
+          "Time since the drive began at each sample [s]: the model's t.")
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.disturbance);
+                                  r.disturbance, r.inputs.drive.starts());
           },
           [](const py::tuple& t) {
             RunData run = makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
                                   t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
                                   t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                                  t[6].cast<Vector3<double>>());
+                                  t[6].cast<Vector3<double>>(),
+                                  t[8].cast<std::vector<double>>());
             run.disturbance = t[7].cast<Vector3<double>>();
             return run;
           }));

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "ground/estimation/velocity_estimator.h"
+#include "ground/model/drive_clock.h"
 
 namespace ground {
 namespace {
@@ -94,9 +95,11 @@ class Tracker : public Driver {
 
   std::optional<Command> act(double now) override {
     const std::optional<Command> command = choose(now);
-    if (command)
+    if (command) {
+      drive_.command(now, command->lift);
       controller_->commanded(now, input_max_ * Vector2<double>(command->left, command->right),
                              command->lift);
+    }
     return command;
   }
 
@@ -173,7 +176,7 @@ class Tracker : public Driver {
     last_update_ = stamp_;
     const double before = processorTime();
     const Vector2<double> thrusters = controller_->decide(
-        {now, stamp_, state_, reference_.get(), reference_start_, params_.lift});
+        {now, stamp_, state_, reference_.get(), reference_start_, params_.lift, drive_.origin(now)});
     log_.decisions.push_back({now, thrusters, processorTime() - before});
     if (!thrusters.allFinite()) return finish(now, "the command is not finite");
     log_.references.push_back({stamp_, reference_->at(stamp_ - reference_start_)});
@@ -195,6 +198,7 @@ class Tracker : public Driver {
   bool fresh_ = false;                                       ///< it has not been acted upon
   std::optional<double> last_update_;                        ///< stamp of the state last used [s]
   double reference_start_ = 0;                               ///< [s]
+  DriveClock drive_;
   double end_ = std::numeric_limits<double>::infinity();
 };
 

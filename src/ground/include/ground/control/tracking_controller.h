@@ -13,6 +13,7 @@ struct Observation {
   const ReferenceTrajectory* reference = nullptr;
   double reference_start = 0;  ///< time at which the reference begins [s]
   double lift = 1;             ///< input of the lift fan, 0..1
+  double drive_start = 0;      ///< when the drive began: the origin of the model's t [s]
 };
 
 /// Follows a reference: state in, inputs out. One thread at a time.

@@ -34,7 +34,7 @@ class TrajectoryOptimizer {
   int steps() const { return static_cast<int>(inputs_.size()); }
   double step() const { return step_; }
 
-  /// The problem: from `start` at run time t [s], with references at the end of every step, under
+  /// The problem: from `start` at t [s] since the drive began, with references at the end of every step, under
   /// a constant acceleration that the model lacks (body; m/s^2, m/s^2, rad/s^2).
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 
 #include "ground/model/pushed_step.h"
 
@@ -37,6 +38,8 @@ class DisturbanceObserver {
   void setParams(const ObserverParams& params) { params_ = params; }
   /// Forgets what was measured; the commands given still act.
   void reset();
+  /// The model's t is 0 at `origin` [s], when the drive began, and before it.
+  void countFrom(double origin) { origin_ = origin; }
   /// A command, in the model's units, that was given at `time` [s]; one before the last means that
   /// time has jumped back, and those before it are forgotten.
   void command(double time, const Vector2<double>& thrusters, double lift);
@@ -47,7 +50,6 @@ class DisturbanceObserver {
   Estimate at(double time) const;
   /// Of the model's input [s].
   double delay() const { return dynamics_.inputDelay(); }
-  double start() const { return start_; }  ///< time of the first measurement [s]
 
  private:
   using Vector9 = Eigen::Matrix<double, 9, 1>;
@@ -72,7 +74,8 @@ class DisturbanceObserver {
   std::array<Command, 128> commands_;  ///< a ring
   std::size_t count_ = 0;              ///< of commands ever given
   bool started_ = false;
-  double start_ = 0, time_ = 0;
+  double time_ = 0;                                          ///< of the last measurement [s]
+  double origin_ = std::numeric_limits<double>::infinity();  ///< of the model's t [s]
   Estimate estimate_;
   Matrix9 covariance_;  ///< of eta, nu, missing
 };

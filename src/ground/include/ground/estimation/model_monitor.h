@@ -41,10 +41,13 @@ class ModelMonitor {
   ModelMonitor(const Model& model, const MonitorParams& params);
 
   void setParams(const MonitorParams& params);
+  /// Forgets what was measured and commanded, but not when the drives began.
   void reset();
   /// A command in the model's units. One that is older than the last means that time has jumped
   /// back, and everything is forgotten.
   void command(double time, const Vector2<double>& thrusters, double lift);
+  /// Takes the drives known so far, the origin of the model's t; commands add later ones.
+  void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
   /// A valid state; nothing until there is a state a horizon ago to predict from, or when the
   /// prediction is not finite. The same for times that jump back.
   std::optional<Error> measure(double time, const RigidState<double>& measured);

@@ -53,7 +53,7 @@ struct StepInputs {
 /// All that a wrench may depend on, at one instant.
 template <typename T>
 struct Point {
-  const T& t;                  ///< since the start of the run [s]
+  const T& t;                  ///< since the drive began, never below 0 (DriveClock) [s]
   const Vector3<T>& eta;       ///< x, y [m], psi [rad], world_ned
   const Vector3<T>& nu;        ///< u, v [m/s], r [rad/s], body
   const Rotation<T>& heading;  ///< by psi, between body and world

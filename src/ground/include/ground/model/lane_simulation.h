@@ -26,6 +26,7 @@ class LanePlan {
     Lanes h, by_delay;       ///< length and its derivative by the delay; nothing in lanes that wait
     Vector2<Lanes> command;  ///< held
     Lanes lift;
+    Lanes t;        ///< since the drive began, at the first of these steps [s]
     int count;      ///< of steps alike
     bool measured;  ///< some lanes are, after the last of these
   };
@@ -45,7 +46,6 @@ class LanePlan {
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Take& take) const;
 
  private:
-  Lanes start_;
   std::vector<Step> settling_, steps_;
   std::vector<Sample> samples_;
   std::vector<int> behind_;  ///< a visit's samples
@@ -56,7 +56,7 @@ class LanePlan {
 template <typename T>
 class LaneRun {
  public:
-  LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, const Lanes& start, bool pose);
+  LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, bool pose);
   void settle(const LanePlan::Step& step);
   void take(const LanePlan::Step& step, bool varies);
   template <class Take>
@@ -72,7 +72,7 @@ class LaneRun {
 
   const Dynamics<T>& dynamics_;
   RigidState<T> state_;
-  T time_;
+  T t_{0.0};  ///< since the drive began [s]
   std::vector<T> actuators_;
   bool pose_;
 };
@@ -83,7 +83,7 @@ extern template class LaneRun<LanesJet>;
 template <typename T, class Take>
 void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
                    const Take& take) const {
-  LaneRun<T> run(dynamics, state, start_, pose);
+  LaneRun<T> run(dynamics, state, pose);
   if (dynamics.hasActuators())
     for (const Step& step : settling_) run.settle(step);
   int visit = 0;

@@ -47,7 +47,7 @@ class Simulation {
   Stepping stepping_;
   RigidState<T> state_;
   std::vector<T> actuator_states_;
-  T time_;
+  T t_;  ///< since the drive began [s]
   bool pose_ = true;
 };
 

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "ground/model/drive_clock.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -12,6 +13,7 @@ struct InputSequence {
   std::vector<double> times;               ///< ascending, on the run's clock [s]
   std::vector<Vector2<double>> thrusters;  ///< left, right
   std::vector<double> lift;
+  DriveClock drive;  ///< knows the commands that were added, also those that were dropped
 
   void add(double time, double left, double right, double lift);
   /// Takes the first `count` commands away; simulations through it have to be told (forget).
@@ -24,6 +26,7 @@ struct Stretch {
   int steps;
   double h;         ///< [s]
   double by_delay;  ///< derivative of h by the delay of the inputs
+  double t;         ///< since the drive began, at the first step; below 0 before it [s]
 };
 
 /// Which steps a simulation takes: they end exactly at the instants asked for and at those where
@@ -55,6 +58,8 @@ class Stepping {
   /// The commands of the last `memory` seconds before the start, what actuators have to be settled
   /// to.
   std::vector<Held> before(double memory) const;
+  /// Since the drive began, now; below 0 before it [s].
+  double t() const { return time_ - inputs_->drive.origin(time_); }
 
  private:
   bool reach(double time, bool moves, Stretch& stretch);

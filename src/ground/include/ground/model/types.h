@@ -106,6 +106,12 @@ Vector2<T> worldToBody(const T& psi, const Vector2<T>& a) {
   return Rotation<T>(psi).toBody(a);
 }
 
+/// The number where it is positive, else a constant 0; lane by lane.
+template <typename T>
+GROUND_INLINE T notBelowZero(const T& x) {
+  return choose(valueOf(x) > ValueOf<T>(0.0), [&] { return x; }, [] { return T(0.0); });
+}
+
 /// Angle wrapped to (-pi, pi] [rad].
 inline double wrapAngle(double angle) {
   const double wrapped = std::remainder(angle, 2 * M_PI);

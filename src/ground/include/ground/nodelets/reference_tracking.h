@@ -1,5 +1,6 @@
 #pragma once
 
+#include <ground_msgs/Drive.h>
 #include <ground_msgs/Reference.h>
 #include <nav_msgs/Path.h>
 
@@ -10,6 +11,7 @@
 
 #include "ground/control/feasibility.h"
 #include "ground/control/tracking_controller.h"
+#include "ground/model/drive_clock.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/model_service.h"
@@ -23,8 +25,8 @@ namespace ground {
 ///
 /// Parameters: model (model file, required) and those of Config, all live; a change of the
 /// reference starts it anew. Service: ~load_model (another model file, also while it drives).
-/// Publishes besides: reference, path/reference (latched). A reference
-/// that the craft cannot follow is warned of, also in the answer of ~start and in ~status.
+/// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it). Publishes
+/// besides: reference, path/reference (latched). A reference that the craft cannot follow is warned of, also in the answer of ~start and in ~status.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
@@ -46,6 +48,12 @@ class ReferenceTracking : public Controller {
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     model_service_ =
         ModelService(nh, "load_model", [this](const Model& m, const std::string&) { take(m); });
+    drive_subscriber_ = topics.subscribe("drive", 4, &ReferenceTracking::onDrive, this);
+  }
+
+  void onDrive(const ground_msgs::Drive::ConstPtr& message) {
+    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    drive_.record(seconds(message->began), seconds(message->header.stamp));
   }
 
   static ReferenceParams reference(const Config& c) {
@@ -134,11 +142,13 @@ class ReferenceTracking : public Controller {
     seen.state = state;
     seen.reference = reference_.get();
     seen.reference_start = seconds(reference_start_);
+    seen.drive_start = drive_.origin(seen.now);
     seen.lift = config_.lift;
     return controller_->decide(seen) / model_.body.input_max;
   }
 
   void published(const ros::Time& stamp, double left, double right, double lift) override {
+    drive_.command(seconds(stamp), lift);
     if (controller_)
       controller_->commanded(seconds(stamp), model_.body.input_max * Vector2<double>(left, right),
                              lift);
@@ -187,11 +197,13 @@ class ReferenceTracking : public Controller {
   ReferencePtr reference_;
   std::string caution_;
   ros::Time reference_start_;  ///< zero until the first update with this reference
+  DriveClock drive_;           ///< on the controller's clock
   ros::Time published_;        ///< stamp of the newest message of the reference
   std::unique_ptr<TrackingController> controller_;
   ros::Publisher reference_publisher_, path_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
+  ros::Subscriber drive_subscriber_;  ///< last: its callback uses what is above
 };
 
 }  // namespace ground

@@ -49,7 +49,7 @@ def variables(run, input_max=1.0):
     left, right = commands[:, 0], commands[:, 1]
     heading = np.degrees(repair.wrap(eta[:, 2]))
     found = [
-        _binned("time", "time since start", "s", times),
+        _binned("time", "time since the drive began", "s", np.array(run.t)),
         _binned("u_L", "input u_L", "-", left),
         _binned("u_R", "input u_R", "-", right),
         _binned("u_L+u_R", "total thrust u_L+u_R", "-", left + right),
@@ -218,6 +218,7 @@ def undisturbed(model, run):
         run.inputs,
         np.array(run.poses)[keep],
         run.noise,
+        run.drives,
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
     return _core.WrenchFilter(model, rest, repair.MAX_GAP), rest, events

@@ -189,9 +189,11 @@ def _artificial(run, model, random):
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP) + 1
     for stretch in np.split(np.arange(len(times)), breaks):
         start = stretch[0]
-        found = _core.simulate(model, inputs, times[stretch], eta[start], nu[start])
+        found = _core.simulate(model, inputs, times[stretch], eta[start], nu[start], run.drives)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     if not np.isfinite(poses).all():
         raise IdentifyError("the model's motion along %s is not finite" % run.name)
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
-    return _core.RunData(run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise)
+    return _core.RunData(
+        run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives
+    )

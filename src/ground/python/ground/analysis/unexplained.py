@@ -215,7 +215,7 @@ def _values(run):
         "u_L": held[:, 0],
         "u_R": held[:, 1],
         "lift": held[:, 2],
-        "t": times,
+        "t": np.array(run.t),
         "pi": np.pi,
         "abs": np.abs,
         "sin": np.sin,

@@ -16,7 +16,7 @@ import time
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from ground_msgs.msg import Controls, IdentificationStatus
+from ground_msgs.msg import Controls, Drive, IdentificationStatus
 from ground_msgs.srv import (
     Identify,
     IdentifyResponse,
@@ -37,7 +37,10 @@ PATIENCE = 5.0  # with a process that was asked to end [s]
 
 
 class LiveBuffer:
-    """The last seconds of poses and commands, as they came."""
+    """The last seconds of poses and commands, and of when the drive began, as they came."""
+
+    TOPICS = {bags.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
+    REQUIRED = [bags.POSE.lstrip("/"), "controls"]
 
     def __init__(self, seconds):
         self.seconds = seconds
@@ -45,7 +48,7 @@ class LiveBuffer:
         self._messages = collections.deque()  # (receipt rospy.Time, topic, message)
         self._subscribers = [
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
-            for topic, kind in ((bags.POSE.lstrip("/"), PoseStamped), ("controls", Controls))
+            for topic, kind in self.TOPICS.items()
         ]
 
     def _take(self, message, topic):
@@ -58,14 +61,14 @@ class LiveBuffer:
                 self._messages.popleft()
 
     def covered(self):
-        """How many seconds there are of both topics."""
+        """How many seconds there are of both poses and commands."""
         with self._lock:
             spans = []
-            for wanted in {topic for _, topic, _ in self._messages}:
+            for wanted in self.REQUIRED:
                 times = [at for at, topic, _ in self._messages if topic == wanted]
+                if not times:
+                    return 0.0
                 spans.append((times[0], times[-1]))
-        if len(spans) < len(self._subscribers):
-            return 0.0
         return (min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec()
 
     def write(self, path, last):
@@ -93,7 +96,7 @@ class LiveBuffer:
 
 class IdentificationNode:
     """Parameters: model (model file, required), bag_dir and output (folders), axes ("x, z, -y"), keep
-    (seconds of live topics that can be asked for, 120). Subscribes: pose and controls. Services: ~fit,
+    (seconds of live topics that can be asked for, 120). Subscribes: pose, controls and drive. Services: ~fit,
     ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger), ~offer (ground_msgs/OfferModel).
     Publishes, latched: ~status, ~result (JSON, as the command line prints it) and ~model (the path of
     the newest model).

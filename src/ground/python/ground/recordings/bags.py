@@ -5,9 +5,11 @@ from ground import _core, files
 
 POSE = "/vrpn_client_node/hovercraft/pose"
 CONTROLS = "/controls"
+DRIVE = "/drive"
 TRUTH = "/simulator/truth"
 REFERENCE = "/reference"
 REFERENCE_PATH = "/path/reference"
+DRIVE_PERIOD = 0.5  # between records of when the drive began [s]
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
@@ -38,11 +40,13 @@ def write(run, path, axes="x, z, -y", force=False):
 
 def _in_order(run, axes):
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
+    drives = _drives(run)
     series = [
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
         (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
+        (DRIVE, drives[:, 1], drives[:, 1], _drive_records(drives)),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
     received = np.concatenate([s[1] for s in series])
@@ -72,6 +76,22 @@ def _controls(run):
 
     for left, right, lift in run.controls:
         yield Controls(left=left, right=right, lift=lift)
+
+
+def _drives(run):
+    """Rows of when the newest drive began, and when the sender says so [s]."""
+    starts = _core.drive_starts(run.control_times, run.controls[:, 2])
+    ends = starts[1:] + [run.control_times[-1]]
+    rows = [(a, t) for a, b in zip(starts, ends) for t in np.arange(a, b, DRIVE_PERIOD)]
+    return np.array(rows, float).reshape(-1, 2)
+
+
+def _drive_records(drives):
+    import genpy
+    from ground_msgs.msg import Drive
+
+    for began in drives[:, 0]:
+        yield Drive(began=genpy.Time(*divmod(int(round(began * NS)), NS)))
 
 
 def _truths(run):

@@ -4,6 +4,10 @@ import datetime
 from ground.recordings import quality
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
+DRIVES_BY = {  # what is assumed when nothing in the recording says when the drive began
+    "first command": "; assumed: the first command has lift, and no record says when it began",
+    "start": "; assumed: no command has lift",
+}
 MOST_NAMED = 4  # of gaps and the like; the rest is counted
 
 
@@ -40,6 +44,10 @@ def facts(d):
         *controls["levels"],
         *controls["lift"],
     )
+    yield "drive", ", ".join(
+        "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t
+        for t in d["drives"]["begin"]
+    ) + DRIVES_BY.get(d["drives"]["by"], "")
     if d["reply"]:
         yield "reply", "the craft's motion follows the commands by %.0f ms" % (
             1e3 * d["reply"]["lag"]

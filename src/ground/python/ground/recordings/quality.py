@@ -22,7 +22,9 @@ class Run:
 
     Attributes: recording; motion; zero [s], the instant that the run's clock calls 0, and end [s] on
     it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
-    reply, how the motion follows the commands.
+    reply, how the motion follows the commands; drives, when each drive began [s], the origins of the
+    model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first command"
+    (which has lift already) or "start" (of the run: no command has lift).
     """
 
     def __init__(self, recording):
@@ -35,12 +37,23 @@ class Run:
         if not last > self.zero:
             raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
+        self.drives, self.drives_by = self._drives()
         reply = _reply(recording, motion)
         contacts = _contacts(recording, motion, reply)
         self.reply = None if reply is None else {"lag": reply["lag"], "share": reply["share"]}
         self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
         self.active = self._active()
         self.spans = self._spans()
+
+    def _drives(self):
+        recording = self.recording
+        times, lift = recording.control_times - self.zero, recording.controls[:, 2]
+        starts = _core.drive_starts(times, lift, recording.drives - self.zero)
+        if not starts:
+            return [0.0], "start"
+        if len(recording.drives):
+            return starts, "record"
+        return starts, "first command" if lift[0] > 0 else "lift"
 
     def _active(self):
         """From just before the first thrust or motion to the end of lift and overlap [s]."""
@@ -109,6 +122,7 @@ class Run:
             inputs,
             np.where(motion.spikes[:, None], motion.eta, motion.measured)[inside],
             np.array(motion.noise)[[0, 0, 1]],
+            self.drives,
         )
 
     def usable(self):
@@ -166,6 +180,7 @@ class Run:
                 "spans": [list(span) for span in self.spans],
             },
             "rest": float(self.active[0]),
+            "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
             "poses": poses,
             "controls": {
                 "count": len(controls),

@@ -29,6 +29,8 @@ class Recording:
     control_times: np.ndarray  # (m,) [s]
     controls: np.ndarray  # (m, 3) left, right, lift, 0..1
     source: str  # which topics it came from
+    drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # (k, 2) [s]: when the
+    # newest drive began, and as of when that was so; as recorded, a row for each drive
     clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
 
@@ -49,12 +51,19 @@ def read_bag(path, axes="x, z, -y"):
         info = bag.get_type_and_topic_info().topics
         pose_topic = _choose(info, path, "poses", _pose_rank)
         control_topic = _choose(info, path, "controls", _control_rank)
+        drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
         poses, controls, delays = [], [], {pose_topic: [], control_topic: []}
+        drives = {}
         mapping = _core.AxisMapping(axes)
         lost = 0
         try:
-            for topic, message, received in bag.read_messages([pose_topic, control_topic]):
+            for topic, message, received in bag.read_messages(
+                [pose_topic, control_topic] + drive_topics
+            ):
                 stamp = message.header.stamp.to_sec()
+                if topic in drive_topics:
+                    drives[message.began.to_sec()] = stamp
+                    continue
                 delays[topic].append((received - message.header.stamp).to_sec())
                 if topic == control_topic:
                     controls.append((stamp,) + _control(message))
@@ -75,6 +84,7 @@ def read_bag(path, axes="x, z, -y"):
         info[control_topic].msg_type,
     )
     recording = _checked(path, poses, controls, source, warnings)
+    recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(np.median(delays[pose_topic]) - np.median(delays[control_topic]))
     return recording

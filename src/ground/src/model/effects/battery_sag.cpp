@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// Thrust that fades as the battery empties: k exp(-t/tau), t since the start of the run.
+/// Thrust that fades as the battery empties: k exp(-t/tau), t since the drive began.
 /// The coordinate is the rate 1/tau, which is zero for a battery that does not sag.
 struct BatterySag {
   static constexpr bool kUsesPose = false;
@@ -12,7 +12,7 @@ struct BatterySag {
   static EffectInfo info() {
     const double infinity = std::numeric_limits<double>::infinity();
     return {"battery_sag",
-            "thrust fades with time since the start of the run",
+            "thrust fades with time since the drive began",
             {{"tau", "s", "time constant", infinity, 1, infinity,
               [](const Body<double>&) { return 1 / 100.0; }, Coordinate::kReciprocal}}};
   }

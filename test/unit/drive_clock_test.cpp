@@ -1,0 +1,295 @@
+// The origin of the model's t: when a drive begins, and that everybody who runs a model agrees on it.
+#include "ground/model/drive_clock.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "ground/control/prbs.h"
+#include "ground/estimation/model_monitor.h"
+#include "ground/identification/inferred_wrench.h"
+#include "ground/identification/prediction.h"
+#include "ground/identification/simulation_error.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
+#include "ground/model/lane_simulation.h"
+#include "ground/model/model_file.h"
+#include "ground/simulation/experiment.h"
+
+namespace ground {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Model sagging(double tau) {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  model.addEffect(makeEffect("battery_sag"));
+  model.setValue("battery_sag.tau", tau);
+  return model;
+}
+
+TEST(DriveClock, ADriveBeginsWithTheFirstLift) {
+  DriveClock clock;
+  EXPECT_EQ(clock.origin(7), kInfinity);
+  EXPECT_EQ(clock.since(7), 0);
+  EXPECT_FALSE(clock.command(1000, 0));
+  EXPECT_TRUE(clock.command(1003, 0.1));
+  EXPECT_FALSE(clock.command(1004, 1));
+  EXPECT_EQ(clock.since(1000), 0);
+  EXPECT_EQ(clock.since(1003), 0);
+  EXPECT_EQ(clock.since(1013), 10);
+}
+
+TEST(DriveClock, AShortPauseOfTheLiftDoesNotEndADriveAndALongOneDoes) {
+  DriveClock clock;
+  clock.command(10, 1);
+  clock.command(20, 0);
+  EXPECT_FALSE(clock.command(20 + DriveClock::kPause, 1));
+  EXPECT_EQ(clock.since(25), 15);
+  // A command is held until the next: silence is no pause of the lift.
+  EXPECT_FALSE(clock.command(60, 1));
+  clock.command(70, 0);
+  EXPECT_EQ(clock.since(80), 70);
+  EXPECT_TRUE(clock.command(80, 1));
+  EXPECT_EQ(clock.since(81), 1);
+  EXPECT_EQ(clock.since(75), 65);
+  EXPECT_EQ(clock.starts(), std::vector<double>({10, 80}));
+}
+
+TEST(DriveClock, ARecordTellsOfADriveThatBeganBefore) {
+  DriveClock late;  // it hears the commands from the middle of a drive on
+  EXPECT_TRUE(late.command(3, 1));
+  late.record(-40, 3.4);
+  EXPECT_EQ(late.since(5), 45);
+  late.record(-40, 5.4);
+  EXPECT_EQ(late.starts(), std::vector<double>({-40}));
+  // The record comes before the first command.
+  DriveClock early;
+  early.record(-40, 0);
+  EXPECT_FALSE(early.command(0.1, 1));
+  EXPECT_EQ(early.since(5), 45);
+  // One that is older than a new drive does not touch it.
+  late.command(10, 0);
+  EXPECT_TRUE(late.command(20, 1));
+  late.record(-40, 19.9);
+  EXPECT_EQ(late.since(21), 1);
+  late.record(20.001, 20.5);  // the same drive, by the sender's clock
+  EXPECT_EQ(late.starts(), std::vector<double>({-40, 20.001}));
+}
+
+TEST(DriveClock, NonsenseIsLeftOut) {
+  DriveClock clock;
+  clock.command(10, 1);
+  for (const double bad : {std::nan(""), kInfinity, -kInfinity, 30.0}) clock.record(bad, 20);
+  clock.record(5, std::nan(""));
+  EXPECT_EQ(clock.starts(), std::vector<double>({10}));
+  EXPECT_THROW(DriveClock({3, 2}), std::invalid_argument);
+  EXPECT_THROW(DriveClock({std::nan("")}), std::invalid_argument);
+}
+
+TEST(DriveClock, AClockThatIsSetBackForgetsTheDrivesOfLater) {
+  DriveClock clock;
+  clock.command(50, 1);
+  clock.command(49.95, 1);  // two controllers in disorder
+  EXPECT_EQ(clock.since(60), 10);
+  EXPECT_TRUE(clock.command(1, 1));
+  EXPECT_EQ(clock.starts(), std::vector<double>({1}));
+}
+
+/// A sagging craft's run: rest until 3 s, then lift, then a PRBS. Perfect mocap, whose room begins at
+/// a time that has nothing to do with the drive.
+struct DrivenRun {
+  static constexpr double kLift = 3.0, kEnd = 23.0;
+  Model truth = sagging(20);
+  RunData run;  ///< from the room's start on
+
+  explicit DrivenRun(double start = 1000) {
+    MocapParams mocap;
+    mocap.position_noise = mocap.heading_noise = mocap.latency = 0;
+    Room::Params params;
+    params.start = start;
+    Room room(truth, mocap, params);
+    const PrbsSignal signal(makePrbs(9, 5), {});
+    std::vector<Vector3<double>> eta, nu;
+    for (int i = 0; i < 100 * kEnd; ++i) {
+      const double t = i * 0.01;
+      room.advance(start + t);
+      eta.push_back(room.state().eta);
+      nu.push_back(room.state().nu);
+      run.times.push_back(t);
+      if (i % 2 != 0) continue;
+      const Vector2<double> thrust =
+          t < kLift + 1 ? Vector2<double>::Zero() : signal.at(std::fmod(t, 19.0));
+      room.command(thrust.x(), thrust.y(), t >= kLift);
+      run.inputs.add(t, thrust.x(), thrust.y(), t >= kLift);
+    }
+    run.name = "driven";
+    run.eta.resize(static_cast<Eigen::Index>(eta.size()), 3);
+    run.nu.resize(run.eta.rows(), 3);
+    for (std::size_t i = 0; i < eta.size(); ++i) {
+      run.eta.row(static_cast<Eigen::Index>(i)) = eta[i];
+      run.nu.row(static_cast<Eigen::Index>(i)) = nu[i];
+    }
+  }
+
+  /// What a recording that was started at `from` [s], on its own clock, has of it.
+  RunData recordedFrom(double from) const {
+    RunData part;
+    part.name = "late";
+    const auto first = static_cast<Eigen::Index>(std::lround(from * 100));
+    for (auto i = static_cast<std::size_t>(first); i < run.times.size(); ++i)
+      part.times.push_back(run.times[i] - from);
+    part.eta = run.eta.bottomRows(run.eta.rows() - first);
+    part.nu = run.nu.bottomRows(run.nu.rows() - first);
+    for (std::size_t i = 0; i < run.inputs.size(); ++i)
+      if (run.inputs.times[i] >= from)
+        part.inputs.add(run.inputs.times[i] - from, run.inputs.thrusters[i].x(),
+                        run.inputs.thrusters[i].y(), run.inputs.lift[i]);
+    part.inputs.drive.record(kLift - from, 0.5);
+    return part;
+  }
+};
+
+TEST(OneOriginOfTime, IdentificationFindsTheSagOfTheSimulatedCraft) {
+  const DrivenRun driven;
+  for (const RunData& run : {driven.run, driven.recordedFrom(13)}) {
+    const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.5));
+    FitOptions options;
+    options.free = {"k", "battery_sag.tau"};
+    const Model found = problem.fit(sagging(100), options).model;
+    EXPECT_NEAR(found.value("battery_sag.tau"), 20, 0.1) << run.name;
+    // A wrong origin would go into k, by 5% a second.
+    EXPECT_NEAR(found.value("k"), driven.truth.body.k, 1e-4) << run.name;
+  }
+}
+
+TEST(OneOriginOfTime, PredictionAndMissingWrenchAreThoseOfTheSimulatedCraft) {
+  const DrivenRun driven;
+  for (const double from : {0.0, 13.0}) {
+    const RunData run = driven.recordedFrom(from);
+    const std::vector<Window> windows = cutWindows(run, 0, 5, 1e9, 1.5);
+    Eigen::MatrixX3d nu(static_cast<Eigen::Index>(windows.size()), 3);
+    for (std::size_t w = 0; w < windows.size(); ++w)
+      nu.row(static_cast<Eigen::Index>(w)) = run.nu.row(windows[w].first);
+    const WindowSimulation found = predict(driven.truth, run, windows, nu);
+    for (std::size_t w = 0; w < windows.size(); ++w) {
+      const auto measured = run.nu.middleRows(windows[w].first, found.nu[w].rows());
+      EXPECT_LT((found.nu[w] - measured).cwiseAbs().maxCoeff(), 1e-4) << windows[w].first;
+    }
+    // Without noise nothing is missing: a wrong origin by a second is a twentieth of the thrust.
+    const WrenchFilter filter(driven.truth, run);
+    const InferredWrench missing = filter.smooth({0.01, 1e-3, 1e-4, 1e-3});
+    EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().bottomRows(500).maxCoeff(), 1e-4);
+    const double t = run.times.back() + from - DrivenRun::kLift;
+    const double thrust = filter.modelThrust().bottomRows(200).col(0).maxCoeff();
+    EXPECT_NEAR(thrust, 2 * driven.truth.body.k * std::exp(-t / 20), 0.12 * thrust);
+  }
+}
+
+TEST(OneOriginOfTime, ALiveComparisonThatIsStartedInTheMiddlePredictsTheSimulatedCraft) {
+  const DrivenRun driven;
+  for (const double from : {0.0, 13.0}) {
+    const RunData run = driven.recordedFrom(from);
+    ModelMonitor monitor(driven.truth, {});
+    monitor.setDrive(run.inputs.drive);
+    std::optional<ModelMonitor::Error> last;
+    double wrench = 0;
+    std::size_t next = 0;
+    for (std::size_t i = 0; i < run.times.size(); ++i) {
+      for (; next < run.inputs.size() && run.inputs.times[next] < run.times[i]; ++next)
+        monitor.command(run.inputs.times[next], run.inputs.thrusters[next], run.inputs.lift[next]);
+      const auto row = static_cast<Eigen::Index>(i);
+      const auto found = monitor.measure(run.times[i], {run.eta.row(row), run.nu.row(row)});
+      if (found) last = found;
+      if (found && run.times[i] > 5) wrench = std::max(wrench, std::abs(found->wrench.x()));
+    }
+    ASSERT_TRUE(last);
+    EXPECT_LT(last->error, 0.01);
+    EXPECT_LT(wrench, 2e-3);  // a wrong origin: 0.06 N
+  }
+}
+
+TEST(OneOriginOfTime, APlanReckonsWithTheThrustOfThatTime) {
+  // The same motion and command, early and late in a drive: the observer and the plan believe in
+  // the thrust of then.
+  const Model model = sagging(20);
+  ReferenceParams params;
+  params.kind = "line";
+  params.speed = 0.4;
+  params.end = {50, 0};
+  params.smooth = false;
+  const ReferencePtr reference = makeReference(params);
+  double thrust[2];
+  for (const int late : {0, 1}) {
+    PredictiveControl control(model, {});
+    Observation seen;
+    seen.stamp = seen.now = 1;
+    seen.state.nu << 0.2, 0, 0;
+    seen.reference = reference.get();
+    seen.drive_start = late ? -39 : 1;
+    thrust[late] = control.decide(seen).sum();
+  }
+  EXPECT_LT(thrust[0], 1.9);
+  EXPECT_GT(thrust[1], 1.3 * thrust[0]);
+}
+
+TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
+  // Two drives in a run, and two lanes of which one begins in the second drive.
+  const Model model = sagging(5);
+  InputSequence inputs;
+  inputs.add(0, 0, 0, 0);
+  inputs.add(1, 1, 0.5, 1);
+  inputs.add(4, 0, 0, 0);
+  inputs.add(8, 0.5, 1, 1);
+  const std::vector<double> first = {0, 2, 6, 9, 10}, second = {7, 8.5, 9.5};
+  const Dynamics<Lanes> together(model);
+  const LanePlan plan({{&inputs, first.data(), 5}, {&inputs, second.data(), 3}}, 0, false, 0);
+  std::vector<std::vector<double>> u(2);
+  plan.run<Lanes>(together, {}, true, [&](int visit, const auto&, const Vector3<Lanes>& nu) {
+    for (auto s = plan.begin(visit); s != plan.end(visit); ++s)
+      u[static_cast<std::size_t>(s->lane)].push_back(nu.x()[s->lane]);
+  });
+  const Dynamics<double> alone(model);
+  for (const std::size_t lane : {0u, 1u}) {
+    const std::vector<double>& times = lane == 0 ? first : second;
+    Simulation<double> simulation(alone, inputs, {}, times[0]);
+    for (std::size_t i = 0; i < times.size(); ++i) {
+      simulation.advance(times[i]);
+      EXPECT_NEAR(u[lane][i], simulation.state().nu.x(), 1e-12) << lane << " " << i;
+    }
+  }
+  // The second drive begins with full thrust, as if it were alone.
+  InputSequence only;
+  only.add(8, 0.5, 1, 1);
+  Simulation<double> fresh(alone, only, {}, 7);
+  fresh.advance(9.5);
+  EXPECT_NEAR(u[1][2], fresh.state().nu.x(), 1e-12);
+}
+
+TEST(OneOriginOfTime, FormulasSeeTheSameT) {
+  ExpressionDefinition definition;
+  definition.name = "clockwork";
+  definition.X = "a*t";
+  definition.parameters = {{"a", "N/s", "", 0, -1, 1, {}, Coordinate::kValue}};
+  definition.typical = {1};
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  model.addEffect(makeExpressionEffect(definition));
+  model.setValue("clockwork.a", 0.001);
+  Room::Params params;
+  params.start = 1000;
+  Room room(model, {}, params);
+  room.advance(1005);  // at rest before the drive
+  EXPECT_EQ(room.state().nu.x(), 0);
+  room.command(0, 0, 1);
+  room.advance(1005.2);
+  EXPECT_NEAR(room.derivative().nu.x(), 0.001 * 0.2 / model.body.m, 1e-5);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
