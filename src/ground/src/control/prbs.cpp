@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <limits>
 #include <sstream>
 #include <stdexcept>
 
+#include "ground/model/text_file.h"
+
 namespace ground {
 namespace {
+
+constexpr std::size_t kLargestFile = 20000000;  // [bytes]
 
 /// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
 const std::vector<std::vector<int>>& taps() {
@@ -72,8 +75,7 @@ PrbsBits makePrbs(int order, unsigned long seed) {
 }
 
 PrbsBits readPrbs(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw std::runtime_error("cannot read the PRBS file " + path);
+  std::istringstream file(readTextFile(path, kLargestFile));
   PrbsBits bits;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {

@@ -6,12 +6,13 @@
 #include <cctype>
 #include <cmath>
 #include <complex>
-#include <fstream>
 #include <limits>
 #include <numeric>
 #include <sstream>
 #include <stdexcept>
 #include <unsupported/Eigen/Splines>
+
+#include "ground/model/text_file.h"
 
 namespace ground {
 namespace {
@@ -214,6 +215,7 @@ class Waypoints : public ReferenceTrajectory {
   Pace pace_;
 };
 
+constexpr std::size_t kLargestFile = 50000000;         // [bytes]
 constexpr double kFarthest = 1e4, kLongest = 1e7;  // of points in files [m], [s]
 
 void require(bool good, const char* message) {
@@ -288,8 +290,7 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
   if (path.empty()) throw std::runtime_error("parameter file is empty: which CSV shall it be?");
-  std::ifstream file(path);
-  if (!file) throw std::runtime_error(path + ": cannot be read");
+  std::istringstream file(readTextFile(path, kLargestFile));
   const auto fail = [&](int line, const std::string& what) {
     throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
   };

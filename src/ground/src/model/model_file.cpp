@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <functional>
 #include <set>
 #include <sstream>
@@ -16,11 +15,13 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
+#include "ground/model/text_file.h"
 
 namespace ground {
 namespace {
 
 constexpr char kSchema[] = "ground/model/1";
+constexpr std::size_t kLargestFile = 1000000;  // [bytes]; a model takes some thousand
 
 /// Reads YAML strictly; every complaint names source, line and key.
 class Reader {
@@ -373,10 +374,7 @@ Model parseModel(const std::string& yaml, const std::string& source) {
 }
 
 Model loadModel(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) throw systemError(path, "cannot read the model file");
-  return parseModel(text.str(), path);
+  return parseModel(readTextFile(path, kLargestFile), path);
 }
 
 std::string formatModel(const Model& model) {
