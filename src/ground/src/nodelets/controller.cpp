@@ -55,18 +55,19 @@ void Controller::onInit() {
   name_ = getName();
   try {
     const std::lock_guard<std::recursive_mutex> lock(mutex_);
-    ros::NodeHandle& nh = getMTPrivateNodeHandle();
+    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+    ros::NodeHandle services = service_callbacks_.handle(getPrivateNodeHandle());
+    ros::NodeHandle topics = this->topics();
     auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
     require_armed_ = optionalParameter<bool>(nh, "require_armed", true);
-    controls_ = getMTNodeHandle().advertise<ground_msgs::Controls>("controls", 4);
+    controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);
     status_ = nh.advertise<Status>("status", 1, true);
     load(nh);
     publishStatus();
     thread_ = std::thread([this] { run(); });
-    start_service_ = nh.advertiseService("start", &Controller::onStart, this);
-    stop_service_ = nh.advertiseService("stop", &Controller::onStop, this);
+    start_service_ = services.advertiseService("start", &Controller::onStart, this);
+    stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    ros::NodeHandle& topics = getMTNodeHandle();
     sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
     state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);

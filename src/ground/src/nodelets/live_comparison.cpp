@@ -18,6 +18,7 @@
 #include <string>
 
 #include "ground/estimation/model_monitor.h"
+#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/parameters.h"
@@ -33,6 +34,11 @@ namespace ground {
 /// from the state seen then, with the commands since), model_comparison. Services:
 /// ~load_model, ~load_model2 (take another model file).
 class LiveComparison : public nodelet::Nodelet {
+ public:
+  ~LiveComparison() override {
+    for (Contestant& c : contestants_) c.service = ModelService();
+  }
+
  private:
   using Config = LiveComparisonConfig;
 
@@ -54,8 +60,8 @@ class LiveComparison : public nodelet::Nodelet {
   }
 
   void start() {
-    ros::NodeHandle& nh = getPrivateNodeHandle();
-    ros::NodeHandle& topics = getNodeHandle();
+    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     const std::array<std::string, kModels> files = {
         requiredParameter<std::string>(nh, "model"),
         optionalParameter<std::string>(nh, "model2", "")};
@@ -230,6 +236,7 @@ class LiveComparison : public nodelet::Nodelet {
   static constexpr double kPathStep = 0.02;  // [s]
   static constexpr double kJump = 0.5;  // back in time, more than messages come in disorder [s]
 
+  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards what follows
   Config config_;
   std::array<Contestant, kModels> contestants_;

@@ -19,6 +19,7 @@
 
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
+#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -57,8 +58,8 @@ class MocapState : public nodelet::Nodelet {
   }
 
   void start() {
-    ros::NodeHandle& nh = getMTPrivateNodeHandle();
-    ros::NodeHandle& topics = getMTNodeHandle();
+    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     axes_ = optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack);
     mapping_ = AxisMapping(axes_);
     state_publisher_ = topics.advertise<ground_msgs::State>("state", 4);
@@ -264,6 +265,7 @@ class MocapState : public nodelet::Nodelet {
 
   static constexpr int kLively = 100;  // distinct poses after which a repeated one is suspect
 
+  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards all data that follows
   std::string axes_;
   double heading_offset_ = 0;

@@ -22,6 +22,7 @@
 
 #include "ground/link/ground_link.h"
 #include "ground/model/drive_clock.h"
+#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -32,8 +33,8 @@ namespace ground {
 /// Parameters: port (3333), bind_address (0.0.0.0), peer (HOST or HOST:PORT of the craft; learned
 /// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), and
 /// those of Sender.cfg. Subscribes: controls, state. Publishes: ~status (latched), ~telemetry,
-/// drive (latched; when the newest drive began). Services: ~arm. Zero packets go out when disarmed,
-/// in fault and at the end.
+/// drive (latched; when the newest drive began). Services: ~arm, in a thread of its own. Zero packets
+/// go out when disarmed, in fault and at the end.
 ///
 /// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
 /// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
@@ -72,7 +73,7 @@ class Sender : public nodelet::Nodelet {
   }
 
   void start() {
-    ros::NodeHandle& nh = getMTPrivateNodeHandle();
+    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     const int port = optionalParameter<int>(nh, "port", 3333);
     if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
     const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
@@ -99,14 +100,14 @@ class Sender : public nodelet::Nodelet {
           link_->setParams(params(c));
         });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    ros::NodeHandle& topics = getMTNodeHandle();
+    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
     statuses_.push_back(status());
     report_thread_ = std::thread([this] { report(); });
     link_thread_ = std::thread([this] { run(); });
-    arm_service_ = nh.advertiseService("arm", &Sender::onArm, this);
+    arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
   }
 
@@ -335,6 +336,7 @@ class Sender : public nodelet::Nodelet {
     link_->setPublishers(count);
   }
 
+  CallbackThread callbacks_, arm_callbacks_;
   std::mutex mutex_;  ///< guards link_, auto_arm_, reporting_, collected_ and the outbox
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;

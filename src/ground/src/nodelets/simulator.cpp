@@ -14,6 +14,7 @@
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
 #include "ground/model/model_file.h"
+#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/simulation/room.h"
@@ -49,8 +50,8 @@ class Simulator : public nodelet::Nodelet {
   }
 
   void start() {
-    ros::NodeHandle& nh = getMTPrivateNodeHandle();
-    ros::NodeHandle& topics = getMTNodeHandle();
+    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     const Model model = loadModel(requiredParameter<std::string>(nh, "model"));
     input_max_ = model.body.input_max;
     const int seed = optionalParameter<int>(nh, "seed", 1);
@@ -203,6 +204,7 @@ class Simulator : public nodelet::Nodelet {
   static constexpr double kTelemetryPeriod = 0.02;  // [s]
   static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
 
+  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards room_, input_max_, the origins and the factor
   std::unique_ptr<Room> room_;
   SteadyClock::time_point wall_origin_;

@@ -19,6 +19,7 @@
 #include "ground/estimation/floor_map.h"
 #include "ground/model/model_file.h"
 #include "ground/model/typical.h"
+#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -36,8 +37,8 @@ class Visualizer : public nodelet::Nodelet {
 
   void onInit() override {
     try {
-      ros::NodeHandle& nh = getPrivateNodeHandle();
-      ros::NodeHandle& topics = getNodeHandle();
+      ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+      ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
       model_ = loadModel(requiredParameter<std::string>(nh, "model"));
       measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
       markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
@@ -298,6 +299,7 @@ class Visualizer : public nodelet::Nodelet {
   static constexpr double kLeastPart = 0.01;   // of full thrust: less is not shown
   static constexpr double kLargePart = 0.5;    // of full thrust: red
 
+  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards config_ and what the callbacks collect
   Config config_;
   Model model_;

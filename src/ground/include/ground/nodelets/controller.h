@@ -16,6 +16,7 @@
 #include <thread>
 
 #include "ground/model/dynamics.h"
+#include "ground/nodelets/callback_thread.h"
 
 namespace ground {
 
@@ -41,7 +42,8 @@ struct ControllerParams {
 /// the lift stays on.
 ///
 /// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
-/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop.
+/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in a
+/// thread of their own.
 class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
@@ -71,6 +73,8 @@ class Controller : public nodelet::Nodelet {
 
   static constexpr double kByState = -1.0;
 
+  /// Where topics are advertised and subscribed.
+  ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }
   /// Takes effect at once. Call from any thread.
   void setParams(const ControllerParams& params);
   /// Guards what child and base share; held while load, activate, update, deactivate are called.
@@ -102,6 +106,7 @@ class Controller : public nodelet::Nodelet {
   void publish(double left, double right, double lift);
   void publishStatus();
 
+  CallbackThread callbacks_, service_callbacks_;
   std::recursive_mutex mutex_;  ///< guards everything below
   ControllerParams params_;
   std::string name_;

@@ -4,21 +4,25 @@
 #include <ros/ros.h>
 
 #include <functional>
+#include <memory>
 #include <string>
 #include <utility>
 
 #include "ground/model/model_file.h"
+#include "ground/nodelets/callback_thread.h"
 
 namespace ground {
 
-/// Service by which a nodelet takes another model file while it runs.
+/// Service by which a nodelet takes another model file while it runs. The file is read in a thread
+/// of its own: a slow disk holds nothing else.
 class ModelService {
  public:
   /// Puts a sound model in place; what it throws refuses it, and the nodelet keeps the old one.
   using Take = std::function<void(const Model&, const std::string& file)>;
 
   ModelService() = default;
-  ModelService(ros::NodeHandle& nh, const std::string& name, Take take) {
+  ModelService(const ros::NodeHandle& nh, const std::string& name, Take take)
+      : callbacks_(std::make_unique<CallbackThread>()) {
     using Load = ground_msgs::LoadModel;
     const std::string full = nh.resolveName(name);
     const auto serve = [full, take = std::move(take)](Load::Request& request,
@@ -36,10 +40,11 @@ class ModelService {
       }
       return true;
     };
-    server_ = nh.advertiseService<Load::Request, Load::Response>(name, serve);
+    server_ = callbacks_->handle(nh).advertiseService<Load::Request, Load::Response>(name, serve);
   }
 
  private:
+  std::unique_ptr<CallbackThread> callbacks_;
   ros::ServiceServer server_;
 };
 

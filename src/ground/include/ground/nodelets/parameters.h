@@ -11,6 +11,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "ground/nodelets/callback_thread.h"
+
 namespace ground {
 
 /// Reads a private parameter that has to be set; throws std::runtime_error naming it otherwise.
@@ -32,7 +34,8 @@ T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T&
 }
 
 /// Parameters that a person tunes while the nodelet runs: a dynamic_reconfigure server that
-/// refuses bad values with a reason and keeps the old ones, instead of clamping them.
+/// refuses bad values with a reason and keeps the old ones, instead of clamping them. It has a
+/// thread of its own: what takes long to validate holds nothing else.
 template <class Config>
 class LiveParameters {
  public:
@@ -46,10 +49,14 @@ class LiveParameters {
   LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
       : name_(nh.getNamespace()), validate_(std::move(validate)), apply_(std::move(apply)) {
     checkTypes(nh);
-    server_ = std::make_unique<dynamic_reconfigure::Server<Unclamped>>(mutex_, nh);
+    using Server = dynamic_reconfigure::Server<Unclamped>;
+    server_ = std::make_unique<Server>(mutex_, callbacks_.handle(nh));
     server_->setCallback([this](Unclamped& config, uint32_t) { change(config); });
+    const boost::recursive_mutex::scoped_lock lock(mutex_);
     if (!refusal_.empty()) throw std::runtime_error(refusal_);
+    live_ = true;
   }
+  ~LiveParameters() { callbacks_.stop(); }
 
  private:
   /// Config whose values reach the callback as they were asked for.
@@ -104,8 +111,9 @@ class LiveParameters {
       current_ = config;
       apply_(config);
     } else {
-      refusal_ = name_ + ": parameters refused, the old ones kept: " + refusal_;
-      ROS_ERROR("%s", refusal_.c_str());
+      if (live_)
+        ROS_ERROR("%s: parameters refused, the old ones kept: %s", name_.c_str(),
+                  refusal_.c_str());
       config = current_;
     }
   }
@@ -115,7 +123,9 @@ class LiveParameters {
   Apply apply_;
   Config current_ = Config::__getDefault__();  ///< guarded by mutex_
   std::string refusal_;                        ///< of the last change; guarded by mutex_
+  bool live_ = false;                          ///< whether there are old values to keep
   boost::recursive_mutex mutex_;
+  CallbackThread callbacks_;
   std::unique_ptr<dynamic_reconfigure::Server<Unclamped>> server_;
 };
 

@@ -30,6 +30,12 @@ namespace ground {
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
+  /// As the base's; to be called first by every child's destructor.
+  void shutdown() {
+    reconfigure_.reset();
+    model_service_ = ModelService();
+    Controller::shutdown();
+  }
   /// Makes the controller; throws on what it cannot do with the model.
   virtual std::unique_ptr<TrackingController> make(const Model& model, const Config& config) = 0;
   /// What is wrong with the child's own parameters; empty when nothing is.
@@ -41,7 +47,7 @@ class ReferenceTracking : public Controller {
   void load(ros::NodeHandle& nh) override {
     model_ = loadModel(requiredParameter<std::string>(nh, "model"));
     epoch_ = ros::Time::now();
-    ros::NodeHandle& topics = getMTNodeHandle();
+    ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
     path_publisher_ = topics.advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
