@@ -1,9 +1,13 @@
 #!/usr/bin/python3
 """Both tracking controllers in closed loop through UDP: gains, reference and controller change
-live, and the mocap loses the craft in mid-track."""
+live, and the mocap loses the craft in mid-track. No file holds what keeps it safe."""
 import math
 import os
+import shutil
 import sys
+import tempfile
+import threading
+import time
 import unittest
 
 import dynamic_reconfigure.client
@@ -12,7 +16,7 @@ import rospy
 import rostest
 from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
 from ground_msgs.srv import LoadModel
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
@@ -141,6 +145,50 @@ class TrackingLoopTest(unittest.TestCase):
         self.start("controller")
         self.expect("predictive", S.STOPPED, 5)
         self.settled(TUNED_BOUND, "tuned gains again")
+
+    def test_no_file_holds_the_sender(self):
+        folder = tempfile.mkdtemp()
+        fifo, huge = os.path.join(folder, "fifo"), os.path.join(folder, "huge")
+        os.mkfifo(fifo)
+        with open(huge, "w") as file:
+            file.truncate(10**9)  # takes no room on the disk
+        wrong = {
+            fifo: "not a regular file",
+            "/dev/zero": "not a regular file",
+            folder: "a folder, not a regular file",
+            huge: "larger than 1 MB",
+        }
+        nodes = ("controller", "predictive", "simulator", "live_comparison")
+        answers = {}
+
+        def load(node, path):
+            answers[node, path] = self.load(node, path)
+
+        calls = [
+            threading.Thread(target=load, args=(node, path), daemon=True)
+            for path in wrong
+            for node in nodes
+        ]
+        for call in calls:
+            call.start()
+        time.sleep(0.2)
+        asked = time.monotonic()
+        disarm = threading.Thread(
+            target=lambda: answers.update(disarmed=rospy.ServiceProxy("sender/arm", SetBool)(False)),
+            daemon=True,
+        )
+        disarm.start()
+        disarm.join(5)
+        took = time.monotonic() - asked
+        self.assertIn("disarmed", answers, "the sender did not answer in 5 s")
+        self.assertLess(took, 0.5)
+        for call in calls:
+            call.join(10)
+        for path, reason in wrong.items():
+            for node in nodes:
+                self.assertFalse(answers[node, path].success)
+                self.assertIn(path + ": it is " + reason, answers[node, path].message)
+        shutil.rmtree(folder)
 
 
 if __name__ == "__main__":
