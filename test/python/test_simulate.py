@@ -260,6 +260,21 @@ def test_csv_of_bits(tmp_path):
     np.testing.assert_array_equal(levels_at(driven(path), np.arange(0.5, 8) / 4), expected)
 
 
+def test_csv_of_a_recording_plays_at_its_clock_and_says_so(tmp_path):
+    from ground import _core
+
+    rows = [row for row in _core.make_prbs(5, 1) for _ in range(3)]
+    csv = tmp_path / "recorded.csv"
+    csv.write_text("".join("%d,%d\n" % tuple(row) for row in rows))
+    path, result = simulate(tmp_path, csv, "--clock", 10, "--duration", 3.1)
+    played = levels_at(driven(path), (np.arange(31) + 0.5) / 10)
+    np.testing.assert_array_equal(played, np.array(_core.make_prbs(5, 1), float))
+    assert result["sequence"].startswith("93 rows, 3 rows per bit: a clock of 10 Hz")
+    path, result = simulate(tmp_path, csv, "--rows-per-bit", 1, "--duration", 6, name="slow.bag")
+    played = levels_at(driven(path), (np.arange(90) + 0.5) / 15)
+    np.testing.assert_array_equal(played, np.array(rows, float)[:90])
+
+
 def test_csv_of_times(tmp_path):
     csv = tmp_path / "timed.csv"
     csv.write_text(TIMED)
@@ -279,6 +294,13 @@ def test_sequences_of_the_real_experiments(tmp_path, recordings):
     path, _ = simulate(tmp_path, SHARED / "differential_prbs_50Hz.csv", "--clock", 50)
     rows = driven(path)
     assert (rows[rows[:, 0] < 19.99, 1:].sum(axis=1) == 1).all(), "one thruster at a time"
+    path, result = simulate(
+        tmp_path, SHARED / "differential_prbs_15Hz.csv", "--clock", 15, name="15.bag"
+    )
+    rows = driven(path)
+    changes = rows[1:, 0][(np.diff(rows[:, 1:], axis=0) != 0).any(axis=1)]
+    assert np.diff(changes).min() == pytest.approx(1 / 15, abs=1e-6)
+    assert "3 rows per bit" in result["sequence"]
 
 
 @pytest.fixture

@@ -97,8 +97,78 @@ std::string fileWith(const std::string& text) {
 
 TEST(PrbsFile, ReadsBothConventions) {
   const PrbsBits expected = {{{false, true}}, {{true, false}}, {{true, true}}};
-  EXPECT_EQ(readPrbs(fileWith("-1,1\n1,-1\n1,1\n")), expected);
-  EXPECT_EQ(readPrbs(fileWith("0, 1\r\n1.0,0\r\n\n1,1")), expected);
+  EXPECT_EQ(readPrbs(fileWith("-1,1\n1,-1\n1,1\n")).rows, expected);
+  EXPECT_EQ(readPrbs(fileWith("0, 1\r\n1.0,0\r\n\n1,1")).rows, expected);
+}
+
+/// The sequence as a recorder of `rows_per_bit` rows per bit writes it that starts `late` rows into
+/// the first bit.
+std::string recorded(const PrbsBits& bits, int rows_per_bit, int late) {
+  std::string text;
+  for (int row = late; row < rows_per_bit * static_cast<int>(bits.size()); ++row) {
+    const auto& bit = bits[row / rows_per_bit];
+    text += std::string(bit[0] ? "1," : "-1,") + (bit[1] ? "1\n" : "-1\n");
+  }
+  return text;
+}
+
+TEST(PrbsFile, FindsHowManyRowsMakeABit) {
+  for (int rows_per_bit : {1, 2, 3, 5, 12}) {
+    for (int late : {0, rows_per_bit - 1}) {
+      const PrbsFile file = readPrbs(fileWith(recorded(makePrbs(6, 3), rows_per_bit, late)));
+      EXPECT_EQ(file.rows_per_bit, rows_per_bit) << late << " rows late";
+      EXPECT_EQ(file.rows.size(), 63u * rows_per_bit - late);
+    }
+  }
+  EXPECT_EQ(readPrbs(fileWith("1,0\n1,0\n0,1\n0,1\n1,0\n1,0\n")).rows_per_bit, 1)
+      << "too short to judge";
+  EXPECT_EQ(readPrbs(fileWith(recorded(makePrbs(6, 3), 4, 0)), 2).rows_per_bit, 2) << "as told";
+  EXPECT_THROW(readPrbs(fileWith("1,0\n"), -1), std::invalid_argument);
+  EXPECT_EQ(PrbsFile({PrbsBits(900), 3}).describe(15),
+            "900 rows, 3 rows per bit: a clock of 15 Hz plays 45 rows per second, all in 20 s");
+}
+
+/// Shortest time between two changes of the inputs [s].
+double shortestHold(const PrbsSignal& signal, double until) {
+  double shortest = until, last = 0;
+  for (double t = 0; t < until; t = signal.nextChange(t)) {
+    if (t == 0 || signal.at(t) == signal.at(t - 1e-6)) continue;
+    if (last > 0) shortest = std::min(shortest, t - last);
+    last = t;
+  }
+  return shortest;
+}
+
+TEST(PrbsFile, ClockIsBitsPerSecondHoweverManyRowsABitHas) {
+  const PrbsBits bits = makePrbs(7, 2);
+  const PrbsFile file = readPrbs(fileWith(recorded(bits, 3, 0)));
+  PrbsParams params;
+  params.duration = 127 / params.clock;
+  const PrbsSignal direct(bits, params), read(file.rows, params, file.rows_per_bit);
+  for (int i = 0; i < 3 * 127; ++i) {
+    const double middle = (i + 0.5) / (3 * params.clock);
+    ASSERT_EQ(read.at(middle), direct.at(middle)) << "row " << i;
+  }
+  EXPECT_THROW(PrbsSignal(bits, params, 0), std::invalid_argument);
+}
+
+TEST(PrbsFile, SequencesOfTheRealExperimentsPlayAtTheirClock) {
+  // Name of the file says the clock; rows per bit and rows as counted by hand.
+  const struct {
+    int clock, rows_per_bit, rows;
+  } files[] = {{10, 5, 501}, {15, 3, 801}, {20, 2, 801}, {25, 2, 501}, {50, 1, 1001}};
+  for (const auto& real : files) {
+    const std::string path =
+        "../shared/data/epfl_2019/differential_prbs_" + std::to_string(real.clock) + "Hz.csv";
+    if (!std::ifstream(path)) GTEST_SKIP() << path << " is not beside the workspace";
+    const PrbsFile file = readPrbs(path);
+    EXPECT_EQ(file.rows_per_bit, real.rows_per_bit) << path;
+    EXPECT_EQ(static_cast<int>(file.rows.size()), real.rows) << path;
+    PrbsParams params;
+    params.clock = real.clock;
+    const PrbsSignal signal(file.rows, params, file.rows_per_bit);
+    EXPECT_NEAR(shortestHold(signal, 10), 1.0 / real.clock, 1e-9) << path;
+  }
 }
 
 TEST(PrbsFile, ComplaintsNameFileAndLine) {

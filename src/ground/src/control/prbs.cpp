@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <sstream>
 #include <stdexcept>
 
@@ -74,9 +75,33 @@ PrbsBits makePrbs(int order, unsigned long seed) {
   return bits;
 }
 
-PrbsBits readPrbs(const std::string& path) {
+std::string PrbsFile::describe(double clock) const {
+  const double row_rate = clock * rows_per_bit;
+  std::ostringstream text;
+  text.precision(4);
+  text << rows.size() << " rows, " << rows_per_bit << (rows_per_bit == 1 ? " row" : " rows")
+       << " per bit: a clock of " << clock << " Hz plays " << row_rate << " rows per second, all in "
+       << static_cast<double>(rows.size()) / row_rate << " s";
+  return text.str();
+}
+
+int rowsPerBit(const PrbsBits& rows) {
+  std::vector<int> runs;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (i > 0 && rows[i] == rows[i - 1])
+      ++runs.back();
+    else
+      runs.push_back(1);
+  }
+  if (runs.size() < kMinRuns + 2) return 1;
+  return std::accumulate(runs.begin() + 1, runs.end() - 1, 0, std::gcd<int, int>);
+}
+
+PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
+  if (rows_per_bit < 0)
+    throw std::invalid_argument("rows_per_bit must be positive, or 0 to find it in the file");
   std::istringstream file(readTextFile(path, kLargestFile));
-  PrbsBits bits;
+  PrbsBits rows;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
@@ -86,10 +111,11 @@ PrbsBits readPrbs(const std::string& path) {
         !parseBit(line.substr(comma + 1), bit[1]))
       throw std::runtime_error(path + ", line " + std::to_string(number) + ": '" + line +
                                "' is not LEFT,RIGHT with -1, 0 or 1 each");
-    bits.push_back(bit);
+    rows.push_back(bit);
   }
-  if (bits.empty()) throw std::runtime_error("the PRBS file " + path + " is empty");
-  return bits;
+  if (rows.empty()) throw std::runtime_error("the PRBS file " + path + " is empty");
+  if (rows_per_bit == 0) rows_per_bit = rowsPerBit(rows);
+  return {std::move(rows), rows_per_bit};
 }
 
 std::string PrbsParams::validate() const {
@@ -101,21 +127,22 @@ std::string PrbsParams::validate() const {
   return "";
 }
 
-PrbsSignal::PrbsSignal(PrbsBits bits, const PrbsParams& params)
-    : bits_(std::move(bits)), params_(params) {
-  if (bits_.empty()) throw std::invalid_argument("a PRBS needs at least one bit");
+PrbsSignal::PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit)
+    : rows_(std::move(rows)), params_(params), row_rate_(params.clock * rows_per_bit) {
+  if (rows_.empty()) throw std::invalid_argument("a PRBS needs at least one bit");
+  if (rows_per_bit < 1) throw std::invalid_argument("rows_per_bit must be positive");
   const std::string wrong = params_.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
 long long PrbsSignal::index(double t) const {
   // An instant meant to be an edge may be a rounding error short of it.
-  return static_cast<long long>(std::floor(t * params_.clock + 1e-9));
+  return static_cast<long long>(std::floor(t * row_rate_ + 1e-9));
 }
 
 Vector2<double> PrbsSignal::at(double t) const {
   if (!(t >= 0) || t >= params_.duration) return Vector2<double>::Zero();
-  const auto& bit = bits_[static_cast<std::size_t>(index(t)) % bits_.size()];
+  const auto& bit = rows_[static_cast<std::size_t>(index(t)) % rows_.size()];
   return {bit[0] ? params_.left_high : params_.left_low,
           bit[1] ? params_.right_high : params_.right_low};
 }
@@ -123,7 +150,7 @@ Vector2<double> PrbsSignal::at(double t) const {
 double PrbsSignal::nextChange(double t) const {
   if (t < 0) return 0;
   if (t >= params_.duration) return std::numeric_limits<double>::infinity();
-  return std::min(params_.duration, static_cast<double>(index(t) + 1) / params_.clock);
+  return std::min(params_.duration, static_cast<double>(index(t) + 1) / row_rate_);
 }
 
 }  // namespace ground

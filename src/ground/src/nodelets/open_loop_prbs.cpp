@@ -12,8 +12,9 @@ namespace ground {
 /// Plays a pseudo-random binary sequence on the thrusters, each bit for exactly its time, and ends
 /// with zero inputs.
 ///
-/// Parameters: csv (file of bits; made from order and seed when empty), order (9), seed (1), and
-/// those of OpenLoopPRBS.cfg, which take effect at the next start.
+/// Parameters: csv (file of rows LEFT,RIGHT; made from order and seed when empty), rows_per_bit of
+/// that file (0: found in it), order (9), seed (1), and those of OpenLoopPRBS.cfg, which take
+/// effect at the next start.
 class OpenLoopPRBS : public Controller {
  public:
   ~OpenLoopPRBS() override { shutdown(); }
@@ -24,7 +25,12 @@ class OpenLoopPRBS : public Controller {
     const int order = optionalParameter<int>(nh, "order", 9);
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
-    bits_ = csv.empty() ? makePrbs(order, static_cast<unsigned long>(seed)) : readPrbs(csv);
+    if (csv.empty()) {
+      sequence_.rows = makePrbs(order, static_cast<unsigned long>(seed));
+    } else {
+      sequence_ = readPrbs(csv, optionalParameter<int>(nh, "rows_per_bit", 0));
+      csv_ = csv;
+    }
     reconfigure_ = std::make_unique<LiveParameters<OpenLoopPRBSConfig>>(
         nh, [](const OpenLoopPRBSConfig& c) { return params(c).validate(); },
         [this](const OpenLoopPRBSConfig& c) {
@@ -43,7 +49,9 @@ class OpenLoopPRBS : public Controller {
   }
 
   void activate(const ros::Time&) override {
-    signal_ = std::make_unique<PrbsSignal>(bits_, params_);
+    signal_ = std::make_unique<PrbsSignal>(sequence_.rows, params_, sequence_.rows_per_bit);
+    if (!csv_.empty())
+      NODELET_INFO("%s: %s", csv_.c_str(), sequence_.describe(params_.clock).c_str());
   }
   Vector2<double> update(double elapsed, const ros::Time&, const RigidState<double>&) override {
     return signal_->at(elapsed);
@@ -53,7 +61,8 @@ class OpenLoopPRBS : public Controller {
     return signal_ ? signal_->nextChange(elapsed) : 0.0;
   }
 
-  PrbsBits bits_;
+  std::string csv_;  ///< empty when the sequence is made
+  PrbsFile sequence_;
   PrbsParams params_;
   std::unique_ptr<PrbsSignal> signal_;
   std::unique_ptr<LiveParameters<OpenLoopPRBSConfig>> reconfigure_;

@@ -394,7 +394,11 @@ PYBIND11_MODULE(_core, module) {
 
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");
-  module.def("read_prbs", &readPrbs, py::arg("path"));
+  py::class_<PrbsFile>(module, "PrbsFile", "A binary sequence as a file has it.")
+      .def_readonly("rows", &PrbsFile::rows, "Pairs (left, right).")
+      .def_readonly("rows_per_bit", &PrbsFile::rows_per_bit)
+      .def("describe", &PrbsFile::describe, py::arg("clock"));
+  module.def("read_prbs", &readPrbs, py::arg("path"), py::arg("rows_per_bit") = 0);
 
   py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
       .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,

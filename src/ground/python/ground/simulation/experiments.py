@@ -16,6 +16,7 @@ START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # recorded at rest, before the lift is on [s]
 TAIL = 0.5  # recorded after the thrusters are off [s]
 LONGEST = 3600.0  # that an input may last [s]
+CLOCK = 15.0  # bits per second of a binary sequence [Hz]
 GOLDEN = 0.6180339887498949
 
 
@@ -40,7 +41,7 @@ class Schedule:
     end: float
 
 
-def prbs(duration, clock=15.0, levels=(0.0, 1.0), order=9, seed=1):
+def prbs(duration, clock=CLOCK, levels=(0.0, 1.0), order=9, seed=1):
     """Rows time, left, right of a maximum-length binary sequence of 2^order - 1 bits.
 
     The seed says where in its period the sequence starts, far apart for neighbouring seeds. Raises
@@ -50,12 +51,14 @@ def prbs(duration, clock=15.0, levels=(0.0, 1.0), order=9, seed=1):
     return bits(_core.make_prbs(order, start), duration, clock, levels)
 
 
-def bits(sequence, duration, clock=15.0, levels=(0.0, 1.0)):
-    """Rows time, left, right of pairs of bits at `clock` [Hz], repeated as often as needed."""
+def bits(sequence, duration, clock=CLOCK, levels=(0.0, 1.0), rows_per_bit=1):
+    """Rows time, left, right of pairs (left, right), `rows_per_bit` of which make a bit, at `clock`
+    bits per second [Hz], repeated as often as needed."""
     low, high = levels
-    edges = np.arange(math.ceil(duration * clock - 1e-9))
+    row_rate = clock * rows_per_bit
+    edges = np.arange(math.ceil(duration * row_rate - 1e-9))
     chosen = np.array(sequence, bool)[edges % len(sequence)]
-    return np.column_stack([edges / clock, np.where(chosen, high, low)])
+    return np.column_stack([edges / row_rate, np.where(chosen, high, low)])
 
 
 def steps(duration, hold=1.0, levels=(0.0, 0.25, 0.5, 0.75, 1.0)):
@@ -157,11 +160,12 @@ def simulate(
     )
 
 
-def read_schedule(path):
+def read_schedule(path, rows_per_bit=0):
     """A CSV file of inputs: bits, or rows with a header time,left,right or time,left,right,lift.
 
-    Gives ("bits", list of pairs), or ("timed", rows) without and ("lifted", rows) with a column lift.
-    Raises IdentifyError that names file and line.
+    Gives ("bits", _core.PrbsFile), or ("timed", rows) without and ("lifted", rows) with a column lift.
+    `rows_per_bit` rows make a bit, 0: as many as the file shows. Raises IdentifyError that names file
+    and line.
     """
     try:
         with open(path) as file:
@@ -173,7 +177,7 @@ def read_schedule(path):
         rows = _timed_rows(path, header, lines)
         return ("lifted" if rows.shape[1] == 4 else "timed"), rows
     try:
-        return "bits", _core.read_prbs(path)
+        return "bits", _core.read_prbs(path, rows_per_bit)
     except RuntimeError as error:
         raise IdentifyError(
             "%s; a schedule needs a first line time,left,right or time,left,right,lift" % error

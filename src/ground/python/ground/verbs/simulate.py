@@ -31,7 +31,8 @@ inputs:
   single-thruster  the left one alone through the --levels, then the right one
   tracking         a controller follows a reference, on what the mocap delivers
   FILE.csv         bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
-                   rows under time,left,right or time,left,right,lift, each held until the next
+                   rows under time,left,right or time,left,right,lift, each held until the next;
+                   a bit that was recorded as several equal lines is one bit (--rows-per-bit)
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
@@ -70,7 +71,7 @@ def _dest(option):
 
 CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
 LIFT = ["lift", "lift_time"]
-PATTERN = ["clock", "order", "levels", "hold"]
+PATTERN = ["clock", "order", "levels", "hold", "rows_per_bit"]
 TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model"] + [
     _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
 ]
@@ -78,7 +79,7 @@ TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_mod
 TAKES = {
     "prbs": ["clock", "order", "levels"] + LIFT,
     "tracking": TRACKING + LIFT,
-    "bits": ["clock", "levels"] + LIFT,
+    "bits": ["clock", "levels", "rows_per_bit"] + LIFT,
     "timed": LIFT,
     "lifted": [],
 }
@@ -140,6 +141,12 @@ def configure(parser):
         "--order", type=int, choices=range(2, 21), metavar="2..20", help="prbs: 2^N - 1 bits (9)"
     )
     pattern.add_argument(
+        "--rows-per-bit",
+        type=common.count,
+        metavar="N",
+        help="bits: lines that make one bit (found in the file)",
+    )
+    pattern.add_argument(
         "--levels",
         type=_between(0, 1),
         nargs="+",
@@ -187,7 +194,8 @@ def run(arguments):
     model = common.load(arguments.model)
     believed = common.load(arguments.controller_model) if arguments.controller_model else None
     name = os.path.splitext(os.path.basename(arguments.output))[0]
-    drive, mocap = _drive(arguments), _filled(_core.MocapParams(), MOCAP, arguments)
+    drive, sequence = _drive(arguments)
+    mocap = _filled(_core.MocapParams(), MOCAP, arguments)
     start = arguments.start_pose, arguments.start_velocity
     try:
         _core.AxisMapping(arguments.axes)
@@ -198,6 +206,7 @@ def run(arguments):
     result = {
         "bag": arguments.output,
         "input": arguments.input,
+        "sequence": sequence,
         "seed": arguments.seed,
         "duration": float(run.truth_times[-1] - run.truth_times[0]),
         "messages": counts,
@@ -216,6 +225,8 @@ def run(arguments):
             len(run.control_times),
         ),
     )
+    if sequence:
+        common.say(arguments, "%s: %s" % (arguments.input, sequence))
     if result["tracking_error"] is not None:
         common.say(arguments, "tracking error: %.3f m rms" % result["tracking_error"])
     if run.stopped:
@@ -224,26 +235,29 @@ def run(arguments):
 
 
 def _drive(arguments):
-    """What drives the craft; ends with bad usage when an option does not go with the input."""
-    kind, content = arguments.input, None
+    """What drives the craft, and one line on how a file of bits is played (else None); ends with bad
+    usage when an option does not go with the input."""
+    kind, content, sequence = arguments.input, None, None
     if kind not in KINDS:
-        kind, content = experiments.read_schedule(arguments.input)
+        kind, content = experiments.read_schedule(arguments.input, arguments.rows_per_bit or 0)
     _refuse_unused(arguments, kind)
     if kind == "tracking":
-        return _tracking(arguments)
+        return _tracking(arguments), None
     duration = arguments.duration or DURATION
     options = _given(arguments, [name for name in TAKES[kind] if name in PATTERN])
     if kind == "prbs":
         rows = experiments.prbs(duration, seed=arguments.seed, **options)
     elif kind == "bits":
-        rows = experiments.bits(content, duration, **options)
+        options["rows_per_bit"] = content.rows_per_bit
+        rows = experiments.bits(content.rows, duration, **options)
+        sequence = content.describe(options.get("clock", experiments.CLOCK))
     elif kind in ("timed", "lifted"):
         rows, duration = content, arguments.duration or content[-1, 0]
     else:
         rows = PATTERNS[kind](duration, **options)
     if kind == "lifted":
-        return experiments.as_given(rows, duration)
-    return experiments.with_lift(rows, duration, **_given(arguments, LIFT))
+        return experiments.as_given(rows, duration), None
+    return experiments.with_lift(rows, duration, **_given(arguments, LIFT)), sequence
 
 
 def _tracking(arguments):
