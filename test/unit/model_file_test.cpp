@@ -1,8 +1,11 @@
 // Model files: strict reading, round trip, atomic writing.
 #include "ground/model/model_file.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +13,17 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/simulation.h"
+
+namespace {
+bool link_fails = false;  // as on a file system without hard links
+}
+
+/// The C library's, in place of which the library under test takes this one.
+extern "C" int link(const char* from, const char* to) noexcept {
+  if (!link_fails) return linkat(AT_FDCWD, from, AT_FDCWD, to, 0);
+  errno = EPERM;
+  return -1;
+}
 
 namespace ground {
 namespace {
@@ -145,6 +159,23 @@ TEST(ModelFile, IsNeverOverwrittenUnlessAllowed) {
   saveModel(model, path, true);
   EXPECT_EQ(loadModel(path).value("k"), 0.05);
   EXPECT_THROW(saveModel(model, std::string(folder) + "/none/model.yaml"), std::runtime_error);
+  int files = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder)) ++files;
+  EXPECT_EQ(files, 1) << "a temporary file is left behind";
+  std::filesystem::remove_all(folder);
+}
+
+TEST(ModelFile, IsWrittenAndNotOverwrittenWhereThereAreNoHardLinks) {
+  char folder[] = "/tmp/ground_model_file_XXXXXX";
+  ASSERT_NE(mkdtemp(folder), nullptr);
+  const std::string path = std::string(folder) + "/model.yaml";
+  Model model = parseModel(kGood, "good");
+  link_fails = true;
+  EXPECT_NO_THROW(saveModel(model, path));
+  model.setValue("k", 0.05);
+  EXPECT_THROW(saveModel(model, path), std::runtime_error);
+  link_fails = false;
+  EXPECT_EQ(loadModel(path).value("k"), 0.06);
   int files = 0;
   for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder)) ++files;
   EXPECT_EQ(files, 1) << "a temporary file is left behind";

@@ -1,11 +1,9 @@
 """The command lines: rosrun ground identify VERB, and programs of one verb, rosrun ground track."""
 import argparse
 import json
-import os
 import sys
 
-from ground import files, verbs
-from ground.errors import IdentifyError
+from ground import errors, files, verbs
 
 
 def main(argv=None):
@@ -22,30 +20,29 @@ def program(verb, argv=None):
 
 
 def _run(name, arguments):
-    try:
-        result = arguments.run(arguments)
-    except IdentifyError as error:
-        print("%s: %s" % (name, error), file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("%s: interrupted" % name, file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        return _nobody_reads()
-    try:
+    def work():
+        with files.protect(_inputs(arguments)):
+            result = arguments.run(arguments)
         if arguments.json:
             json.dump(files.plain(result), sys.stdout, indent=1, allow_nan=False)
             print()
-        sys.stdout.flush()
-    except BrokenPipeError:
-        return _nobody_reads()
-    return 0
+        return 0
+
+    return errors.guarded(name, work, arguments.debug)
 
 
-def _nobody_reads():
-    """Whoever read the output has gone, as head does; the interpreter shall not complain at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 1
+OUTPUTS = {"output", "picture"}  # arguments that name what is written; all others name what is read
+
+
+def _inputs(arguments):
+    """Every argument that could name a file to read; of FILE.csv:NAME=NUMBER the file as well."""
+    for name, value in vars(arguments).items():
+        if name in OUTPUTS:
+            continue
+        for text in value if isinstance(value, list) else [value]:
+            if isinstance(text, str):
+                yield text
+                yield text.partition(":")[0]
 
 
 def _parser():
@@ -63,4 +60,5 @@ def _parser():
 def _configure(parser, verb):
     parser.set_defaults(run=verb.run)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    errors.add_debug(parser)
     verb.configure(parser)

@@ -1,4 +1,4 @@
-"""Writing so that nothing is half there and nothing is overwritten."""
+"""Writing so that nothing is half there, nothing is overwritten, and no input is lost."""
 import contextlib
 import json
 import math
@@ -7,16 +7,54 @@ import tempfile
 
 import yaml
 
-from ground.errors import IdentifyError
+from ground.errors import IdentifyError, reason
+
+_kept = None  # inside protect: files that must not be replaced, (device, inode) -> why
+_FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
+
+
+@contextlib.contextmanager
+def protect(paths):
+    """No file among `paths` can be replaced inside the block, under whatever name it is asked for;
+    neither can one that the block itself has written. Names without a file are ignored."""
+    global _kept
+    before, _kept = _kept, dict(_kept or {})
+    for path in paths:
+        _keep(path, "is read by this command")
+    try:
+        yield
+    finally:
+        _kept = before
+
+
+def _keep(path, why):
+    with contextlib.suppress(OSError, ValueError):
+        status = os.stat(path)
+        if _kept is not None:
+            _kept[status.st_dev, status.st_ino] = why
 
 
 def refuse_existing(path, force):
-    """Raises IdentifyError when a file is there already; to be asked before long work starts."""
-    if os.path.exists(path) and not force:
-        raise IdentifyError("%s exists; choose another name, or --force to overwrite it" % path)
+    """Raises IdentifyError when `path` cannot be written: it is an input of this command (also through
+    a link), no regular file, there already and not forced, or in a folder that does not exist or cannot
+    be written. To be asked before long work starts."""
+    if os.path.lexists(path):
+        with contextlib.suppress(FileNotFoundError):  # a link to nothing
+            status = os.stat(path)
+            why = (_kept or {}).get((status.st_dev, status.st_ino))
+            if why:
+                raise IdentifyError(_FORMAT % (path, why))
+        if os.path.isdir(path):
+            raise IdentifyError("%s is a folder; name a file" % path)
+        if not os.path.isfile(path) and not os.path.islink(path):
+            raise IdentifyError("%s is not a regular file; choose another name" % path)
+        if not force:
+            raise IdentifyError("%s exists; choose another name, or --force to overwrite it" % path)
     folder = os.path.dirname(os.path.abspath(path))
     if not os.path.isdir(folder):
         raise IdentifyError("%s: there is no folder %s" % (path, folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise IdentifyError("%s: the folder %s cannot be written to" % (path, folder))
 
 
 @contextlib.contextmanager
@@ -24,22 +62,46 @@ def new_file(path, force=False):
     """Gives a temporary name beside `path`, which becomes `path` when the block ends well."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
-    stem, extension = os.path.splitext(name)
-    handle, temporary = tempfile.mkstemp(extension, "." + stem, folder)
-    os.close(handle)
+    temporary = None
     try:
+        handle, temporary = tempfile.mkstemp(os.path.splitext(name)[1], ".ground-", folder)
+        os.close(handle)
         yield temporary
         os.chmod(temporary, 0o644)
         if force:
+            refuse_existing(path, force)  # long work lies between the first answer and now
             os.replace(temporary, path)
         else:
-            try:
-                os.link(temporary, path)
-            except FileExistsError:
-                raise IdentifyError("%s has come to exist meanwhile; left as it is" % path)
+            _move(temporary, path)
+        _keep(path, "has just been written by this command")
+    except OSError as error:
+        if error.filename not in (None, temporary, path):
+            raise  # of another file that was read meanwhile
+        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
     finally:
-        if os.path.exists(temporary):
-            os.unlink(temporary)
+        if temporary:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(temporary)
+
+
+def _move(temporary, path):
+    """Renames a file to a name that must not exist; IdentifyError when it does."""
+    try:
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            raise
+        except OSError:
+            # A file system without hard links: reserve the name, which fails if it exists, and
+            # rename over the empty file.
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
+            try:
+                os.replace(temporary, path)
+            except BaseException:
+                os.unlink(path)
+                raise
+    except FileExistsError:
+        raise IdentifyError("%s has come to exist meanwhile; left as it is" % path)
 
 
 def plain(value):

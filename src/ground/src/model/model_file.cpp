@@ -1,5 +1,6 @@
 #include "ground/model/model_file.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <yaml-cpp/yaml.h>
@@ -339,6 +340,23 @@ std::runtime_error systemError(const std::string& path, const std::string& what)
   return std::runtime_error(path + ": " + what + ": " + std::strerror(errno));
 }
 
+/// Renames a file to a name that must not exist. False with errno set, EEXIST if it does.
+bool moveToNewName(const std::string& temporary, const std::string& path) {
+  // link() fails when the path exists, so that nothing is overwritten even in a race.
+  if (link(temporary.c_str(), path.c_str()) == 0) return true;
+  if (errno == EEXIST) return false;
+  // A file system without hard links: reserve the name, which fails if it exists, and rename over
+  // the empty file.
+  const int reserved = open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0644);
+  if (reserved < 0) return false;
+  close(reserved);
+  if (rename(temporary.c_str(), path.c_str()) == 0) return true;
+  const int rename_error = errno;
+  unlink(path.c_str());
+  errno = rename_error;
+  return false;
+}
+
 }  // namespace
 
 Model parseModel(const std::string& yaml, const std::string& source) {
@@ -416,11 +434,10 @@ void saveModel(const Model& model, const std::string& path, bool overwrite) {
                        fchmod(file, 0644) == 0 && fsync(file) == 0;
   const int write_error = errno;
   close(file);
-  // link() fails when the path exists, so that nothing is overwritten even in a race
   const bool moved = written && (overwrite ? rename(temporary.c_str(), path.c_str()) == 0
-                                           : link(temporary.c_str(), path.c_str()) == 0);
+                                           : moveToNewName(temporary, path));
   const int move_error = errno;
-  if (!moved || !overwrite) unlink(temporary.c_str());
+  unlink(temporary.c_str());
   if (moved) return;
   if (written && move_error == EEXIST)
     throw std::runtime_error(path + " exists; choose another name or allow overwriting");

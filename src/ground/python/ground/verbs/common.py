@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from ground import _core, origin
+from ground import _core, files, origin
 from ground.errors import IdentifyError
 from ground.recordings import quality, recording as recordings
 
@@ -137,7 +137,6 @@ def write_model(arguments, model, error_before, error_after, parameters):
     provenance.bags = [os.path.basename(b) for b in arguments.bags]
     provenance.error_before, provenance.error_after = error_before, error_after
     provenance.confidence_95 = {name: p["ci95"] for name, p in parameters.items()}
-    try:
-        _core.save_model(model, arguments.output, arguments.force)
-    except RuntimeError as error:
-        raise IdentifyError(str(error))
+    with files.new_file(arguments.output, arguments.force) as temporary:
+        with open(temporary, "w") as file:
+            file.write(model.format())

@@ -1,4 +1,5 @@
 """identify import: CSV exports to a bag."""
+from ground import files
 from ground.recordings import recording as recordings
 from ground.verbs import common
 
@@ -18,6 +19,7 @@ def configure(parser):
 
 
 def run(arguments):
+    files.refuse_existing(arguments.output, arguments.force)
     counts = recordings.import_csv(
         arguments.controls, arguments.pose, arguments.output, arguments.force
     )

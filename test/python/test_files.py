@@ -1,0 +1,127 @@
+"""Outputs that are inputs, file systems without hard links, full disks, folders that are read-only."""
+import errno
+import os
+import shutil
+import sys
+
+import pytest
+from conftest import MODEL, ROOT, write_bag
+
+from ground import cli, errors, files
+from ground.verbs import track, tune
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """A folder with a short run and a model."""
+    folder = tmp_path_factory.mktemp("sample")
+    write_bag(folder / "run.bag", duration=7, seed=2)
+    shutil.copy(str(MODEL), str(folder / "model.yaml"))
+    return folder
+
+
+@pytest.fixture
+def here(sample, tmp_path, monkeypatch):
+    """A copy of the sample as working folder."""
+    for name in ("run.bag", "model.yaml"):
+        shutil.copy(str(sample / name), str(tmp_path / name))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fails(capsys, arguments, *words, run=cli.main):
+    """Runs the tool, which has to end with status 1 and one line."""
+    capsys.readouterr()
+    assert run([str(a) for a in arguments]) == 1
+    said = capsys.readouterr().err
+    assert "Traceback" not in said and said.count("\n") == 1, said
+    for word in words:
+        assert word in said, said
+    return said
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+
+
+FIT = ["fit", "run.bag", "--model", "model.yaml", "--force", "-o"]
+SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--force", "-o"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        FIT + ["model.yaml"],
+        FIT + ["run.bag"],
+        FIT + ["./run.bag"],
+        FIT + ["symlink"],
+        FIT + ["hardlink"],
+        FIT + ["link_to_here/model.yaml"],
+        ["fit", "run.bag", "--holdout", "hardlink", "--model", "model.yaml", "--force", "-o"]
+        + ["symlink"],
+        ["add", "motor_lag", "run.bag", "--model", "model.yaml", "--force", "-o", "model.yaml"],
+        ["add", "effect.yaml", "run.bag", "--model", "model.yaml", "--force", "-o", "effect.yaml"],
+        ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],
+        ["diagnose", "out/diagnosis.json", "--model", "model.yaml", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/run.png", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/fit.csv", "--force", "-o", "out"],
+        SIMULATE + ["model.yaml"],
+        SIMULATE + ["steps.csv"],
+        ["import", "steps.csv", "effect.yaml", "--force", "-o", "steps.csv"],
+    ],
+)
+def test_an_input_is_never_overwritten_even_with_force(here, capsys, arguments):
+    (here / "symlink").symlink_to("run.bag")
+    os.link(str(here / "run.bag"), str(here / "hardlink"))
+    (here / "link_to_here").symlink_to(here)
+    (here / "steps.csv").write_text("time,left,right\n0,1,0\n1,0,1\n")
+    (here / "effect.yaml").write_text("{name: motor_lag, tau: 0.05}")
+    (here / "out").mkdir()
+    for name in ("improved.yaml", "report.html", "run.png", "fit.csv"):
+        shutil.copy(str(MODEL), str(here / "out" / name))
+    (here / "out" / "run.wrench.fit.csv").symlink_to("fit.csv")
+    shutil.copy(str(here / "run.bag"), str(here / "out" / "diagnosis.json"))
+    before = contents(here), contents(here / "out")
+    fails(capsys, arguments, "is read by this command", "name another output")
+    assert before == (contents(here), contents(here / "out"))
+
+
+def test_programs_refuse_to_overwrite_what_they_read(here, capsys):
+    (here / "way.csv").write_text("time,x,y\n0,0,0\n5,1,0\n10,1,1\n")
+    before = contents(here)
+    options = ["--model", "model.yaml", "--force"]
+    picture = ["--reference", "way.csv", "--picture", "way.csv"]
+    runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
+    fails(capsys, options + picture, "way.csv is read", run=runs(track))
+    fails(capsys, options + ["-o", "model.yaml"], "model.yaml is read", run=runs(tune))
+    more = ["--references", "way.csv:speed=0.5", "-o", "gains.yaml", "--picture", "way.csv"]
+    fails(capsys, options + more, "way.csv is read", run=runs(tune))
+    assert before == contents(here)
+
+
+def test_only_regular_files_are_replaced(here, capsys):
+    os.mkfifo(str(here / "pipe"))
+    (here / "folder").mkdir()
+    fails(capsys, FIT + ["pipe"], "not a regular file")
+    fails(capsys, FIT + ["folder"], "is a folder")
+    fails(capsys, FIT + ["nowhere/f.yaml"], "no folder")
+
+
+@pytest.mark.parametrize("code", [errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS])
+def test_files_are_written_where_there_are_no_hard_links(tmp_path, monkeypatch, code):
+    def no_links(*_, **__):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "link", no_links)
+    path = tmp_path / "new.json"
+    files.write_json(str(path), {"a": 1})
+    assert path.read_text().split() == ["{", '"a":', "1", "}"]
+    with pytest.raises(errors.IdentifyError, match="exists"):
+        files.write_json(str(path), {})
+    with pytest.raises(errors.IdentifyError, match="come to exist meanwhile"):
+        with files.new_file(str(tmp_path / "late.json")) as temporary:
+            (tmp_path / "late.json").write_text("somebody else's")
+            open(temporary, "w").close()
+    assert (tmp_path / "late.json").read_text() == "somebody else's"
+    assert sorted(contents(tmp_path)) == ["late.json", "new.json"]
