@@ -88,7 +88,7 @@ class LiveBuffer:
             chosen = list(self._messages)
         newest = chosen[-1][0]
         with files.new_file(path) as temporary:
-            with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+            with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
                 for at, topic, message in chosen:
                     if (newest - at).to_sec() <= last:
                         bag.write("/" + topic, message, at)

@@ -13,6 +13,7 @@ DRIVE_PERIOD = 0.5  # between records of when the drive began [s]
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
+CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
 
 
 def write(run, path, axes="x, z, -y", force=False):
@@ -29,7 +30,7 @@ def write(run, path, axes="x, z, -y", force=False):
 
     counts = {}
     with files.new_file(path, force) as temporary:
-        with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+        with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=CHUNK) as bag:
             for received, topic, stamp, message in _in_order(run, axes):
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = time(stamp)

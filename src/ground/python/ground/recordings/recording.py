@@ -2,8 +2,6 @@
 import csv
 import math
 import os
-import shutil
-import tempfile
 from dataclasses import dataclass, field
 from typing import List
 
@@ -11,6 +9,8 @@ import numpy as np
 
 from ground import _core, files
 from ground.errors import IdentifyError
+from ground.recordings import bags
+from ground.recordings.bag_reader import BagReader
 
 CSV_RECEIVED = "%time"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
@@ -41,13 +41,12 @@ def read_bag(path, axes="x, z, -y"):
     Poses come from a mocap PoseStamped (by `axes` to world_ned) where there is one, else from a
     PointStamped `pose` or `eta` (x, y, psi), else from ground_msgs/State. Raises IdentifyError.
     """
-    import rosbag
-
+    if os.path.isdir(path):
+        raise IdentifyError("%s: a folder, not a bag; name the bags in it" % path)
     if not os.path.isfile(path):
         raise IdentifyError("%s: no such file" % path)
-    warnings = []
-    bag = _open_bag(path, warnings)
-    with bag:
+    with BagReader(path) as bag:
+        warnings = bag.warnings
         info = bag.get_type_and_topic_info().topics
         pose_topic = _choose(info, path, "poses", _pose_rank)
         control_topic = _choose(info, path, "controls", _control_rank)
@@ -56,25 +55,22 @@ def read_bag(path, axes="x, z, -y"):
         drives = {}
         mapping = _core.AxisMapping(axes)
         lost = 0
-        try:
-            for topic, message, received in bag.read_messages(
-                [pose_topic, control_topic] + drive_topics
-            ):
-                stamp = message.header.stamp.to_sec()
-                if topic in drive_topics:
-                    drives[message.began.to_sec()] = stamp
-                    continue
-                delays[topic].append((received - message.header.stamp).to_sec())
-                if topic == control_topic:
-                    controls.append((stamp,) + _control(message))
+        for topic, message, received in bag.read_messages(
+            [pose_topic, control_topic] + drive_topics
+        ):
+            stamp = message.header.stamp.to_sec()
+            if topic in drive_topics:
+                drives[message.began.to_sec()] = stamp
+                continue
+            delays[topic].append((received - message.header.stamp).to_sec())
+            if topic == control_topic:
+                controls.append((stamp,) + _control(message))
+            else:
+                pose = _pose(message, mapping)
+                if pose is None:
+                    lost += 1
                 else:
-                    pose = _pose(message, mapping)
-                    if pose is None:
-                        lost += 1
-                    else:
-                        poses.append((stamp,) + pose)
-        except (rosbag.ROSBagException, OSError, ValueError) as error:
-            warnings.append("the bag is damaged: read as far as it goes (%s)" % error)
+                    poses.append((stamp,) + pose)
     if lost:
         warnings.append("%d poses are invalid and were left out" % lost)
     source = "%s (%s), %s (%s)" % (
@@ -88,35 +84,6 @@ def read_bag(path, axes="x, z, -y"):
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(np.median(delays[pose_topic]) - np.median(delays[control_topic]))
     return recording
-
-
-def _open_bag(path, warnings):
-    """Opens a bag; one that was not closed or is cut short is mended in a copy."""
-    import rosbag
-
-    try:
-        return rosbag.Bag(path)
-    except rosbag.ROSBagUnindexedException:
-        pass
-    except (rosbag.ROSBagException, OSError, ValueError) as error:
-        with open(path, "rb") as file:
-            if file.read(7) != b"#ROSBAG":
-                raise IdentifyError("%s: not a bag (%s)" % (path, error))
-    warnings.append("the bag is cut short or was not closed: read as far as it goes")
-    copy = tempfile.NamedTemporaryFile(suffix=".bag")
-    with open(path, "rb") as file:
-        shutil.copyfileobj(file, copy)
-    copy.flush()
-    try:
-        bag = rosbag.Bag(copy.name, "a", allow_unindexed=True)
-        for _ in bag.reindex():
-            pass
-        bag.close()
-        return rosbag.Bag(copy.name)
-    except Exception as error:  # rosbag raises whatever its parsing meets
-        raise IdentifyError("%s: not a readable bag (%s)" % (path, error))
-    finally:
-        copy.close()
 
 
 def _pose_rank(name, kind):
@@ -287,7 +254,7 @@ def import_csv(controls_path, pose_path, bag_path, force=False):
             "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:
-        with rosbag.Bag(temporary, "w", compression="lz4") as bag:
+        with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
             for topic, rows in series.items():
                 for sequence, (stamp, receipt, point) in enumerate(zip(*rows)):
                     message = PointStamped()

@@ -1,0 +1,496 @@
+"""Reads bags record by record from the start, without their index: also bags that are cut or damaged.
+
+A bag of format 2.0 (wiki.ros.org/Bags/Format/2.0) is a file header, chunks of messages, each followed by
+its index, and the connections (topics with their types) once more at the end. rosbag needs the end;
+this reader needs none of it, takes every message that is there, checks it against what the file says
+twice, and says what was lost.
+"""
+import bz2
+import enum
+import mmap
+import re
+from collections import Counter, OrderedDict, namedtuple
+
+import numpy as np
+
+from ground.errors import IdentifyError
+
+MAGIC = b"#ROSBAG V2.0\n"
+FILE_OP, INDEX_OP, CHUNK_OP, INFO_OP, CONNECTION_OP = 3, 4, 5, 6, 7
+NEEDED = {  # a field that every record of a kind has
+    FILE_OP: b"index_pos",
+    INDEX_OP: b"count",
+    CHUNK_OP: b"compression",
+    INFO_OP: b"chunk_pos",
+    CONNECTION_OP: b"topic",
+}
+# The header of a message and the length of its data; the order of the fields is the writer's.
+MESSAGE = re.compile(
+    rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
+)
+OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # of records that are not inside of chunks
+LONGEST_HEADER = 1 << 16  # of a record [bytes]
+BEFORE_OP = 120  # at most, from the start of a record to its field op [bytes]
+MOST_OPEN = 16  # chunks whose contents are kept
+LARGEST_BLOCK = 4 << 20  # of LZ4 [bytes]
+LONGEST_CHUNK_HEADER = 200  # [bytes]
+BZ2_MAGIC, LZ4_MAGIC = b"BZh9", b"\x04\x22\x4d\x18"
+LZ4_HEADER = 7  # of a frame [bytes]
+
+Record = namedtuple("Record", "op fields start data end")  # end: of what is there, maybe cut
+Topic = namedtuple("Topic", "msg_type message_count")
+Topics = namedtuple("Topics", "topics")
+Connection = namedtuple("Connection", "topic msg_type md5sum definition")
+
+
+class State(enum.Enum):
+    """What is known of the contents of a chunk."""
+
+    PLAIN = 0  # has no checksum
+    CHECKED = 1  # the checksum is right, or the chunk is cut at the end of the file
+    DOUBTFUL = 2  # the checksum is wrong
+
+
+class BagReader:
+    """The messages of a bag. Raises IdentifyError when the file is no bag of format 2.0.
+
+    warnings: what is wrong with the bag, a sentence each, complete when its messages have been read.
+    """
+
+    def __init__(self, path):
+        self.path = path
+        self.warnings = []
+        self._lost = []  # (bytes, where) that could not be read
+        self._contradictions = 0  # between messages and the index of their chunk
+        self._claims = {}  # number of a connection -> its Connections, as often as they are there
+        self._chunks = []
+        self._open = OrderedDict()  # number of a chunk -> contents, of those that were read last
+        self._found = {}  # number of a connection -> arrays of (time [ns], chunk, offset, size)
+        with open(path, "rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                file.seek(0)
+                old = file.read(7) == MAGIC[:7]
+                raise IdentifyError(
+                    "%s: %s"
+                    % (path, "a bag, but not of format 2.0: see rosbag fix" if old else "not a bag")
+                )
+            self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._scan()
+        self._connections = {n: _agreed(claims) for n, claims in self._claims.items()}
+        self._conclude()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._open.clear()
+        self._data.close()
+
+    def get_type_and_topic_info(self):
+        """Type and number of messages by topic, as rosbag.Bag gives them; the type of a topic that has
+        several is their names with " and " between them."""
+        kinds, counts = {}, Counter()
+        for number, connection in self._connections.items():
+            count = sum(map(len, self._found.get(number, ())))
+            counts[connection.topic] += count
+            if count or connection.topic not in kinds:
+                kinds.setdefault(connection.topic, set()).add(connection.msg_type)
+        return Topics({t: Topic(" and ".join(sorted(k)), counts[t]) for t, k in kinds.items()})
+
+    def read_messages(self, topics):
+        """Yields topic, message and time of receipt (genpy.Time), in the order of receipt."""
+        import genpy
+
+        chosen = [n for n, c in self._connections.items() if c.topic in topics and n in self._found]
+        if not chosen:
+            return
+        tables = [np.concatenate(self._found[n]) for n in chosen]
+        numbers = np.repeat(chosen, [len(t) for t in tables])
+        rows = np.column_stack([np.concatenate(tables), numbers])
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        kinds = {n: message_class(self._connections[n]) for n in chosen}
+        unreadable = 0
+        for time, chunk, offset, size, number in rows.tolist():
+            try:
+                message = kinds[number]()
+                message.deserialize(self._contents(chunk)[offset : offset + size])
+            except Exception:  # genpy raises whatever its parsing meets
+                unreadable += 1
+                continue
+            yield self._connections[number].topic, message, genpy.Time(*divmod(time, 10**9))
+        if unreadable:
+            self.warnings.append(
+                "the bag is damaged: %d messages do not fit their type, left out" % unreadable
+            )
+
+    def _scan(self):
+        """Finds all chunks and their messages."""
+        self._size = len(self._data)
+        self._index_at = None  # where the file header says that the chunks end; 0: it never was closed
+        self._ends_early = False
+        records, position = [], len(MAGIC)
+        while position < self._size:
+            records.append(self._whole_record(position))
+            position = records[-1].end
+        for record in records:
+            if record.op == CONNECTION_OP:
+                self._take_connection(self._data, record)
+            elif record.op == FILE_OP:
+                if record.fields.get(b"encryptor"):
+                    raise IdentifyError("%s: the bag is encrypted; decrypt it first" % self.path)
+                self._index_at = _number(record.fields.get(b"index_pos", b""))
+        indices = {}  # of each chunk: records that tell its messages
+        for record in records:
+            if record.op == CHUNK_OP:
+                self._chunks.append(record)
+            elif record.op == INDEX_OP and self._chunks:
+                indices.setdefault(len(self._chunks) - 1, []).append(record)
+        doubtful = []
+        for number in range(len(self._chunks)):
+            contents, state = self._unpacked(number)
+            if state is not State.DOUBTFUL:
+                # What is compressed has a checksum: it needs no index. That of the last chunk of a
+                # bag that is cut may be cut, too.
+                last = self._ends_early and number == len(self._chunks) - 1
+                needed = state is State.PLAIN and not last
+                self._read_chunk(number, contents, indices.get(number, []) if needed else [])
+            else:
+                doubtful.append(number)
+        self._doubtful = bool(doubtful) and not self._found
+        for number in doubtful:
+            if self._doubtful:
+                self._read_chunk(number, self._contents(number), [])
+            else:
+                chunk = self._chunks[number]
+                self._lost.append((chunk.end - chunk.data, chunk.start))
+
+    def _whole_record(self, position):
+        """The record at a place of the file. One that makes no sense is taken for a chunk whose header
+        is lost; a chunk that is cut or says a wrong length ends where the next record begins."""
+        record = _record(self._data, position, self._size)
+        if record is None:
+            record = Record(CHUNK_OP, {}, position, position, self._size + 1)
+        if record.end <= self._size and (record.op != CHUNK_OP or self._goes_on(record.end)):
+            return record
+        following = _next_record(self._data, max(record.data, position + 1), self._size)
+        self._ends_early = self._ends_early or following is None
+        end = self._size if following is None else following.start
+        if record.op == CHUNK_OP:
+            self._contradictions += following is not None
+            return record._replace(end=end)
+        # an index that is cut, or that says a wrong length
+        self._contradictions += following is not None
+        return record._replace(op=None, end=end)
+
+    def _goes_on(self, position):
+        """Whether the file ends at a place, or a record begins there."""
+        return position == self._size or _record(self._data, position, self._size) is not None
+
+    def _contents(self, number):
+        if number not in self._open:
+            self._open[number] = self._unpacked(number)[0]
+            if len(self._open) > MOST_OPEN:
+                self._open.popitem(last=False)
+        self._open.move_to_end(number)
+        return self._open[number]
+
+    def _unpacked(self, number):
+        """What is in a chunk, as far as it can be had, and its State."""
+        record = self._chunks[number]
+        packed = self._data[record.data : record.end]
+        kind = record.fields.get(b"compression", b"")
+        for magic, unpack in ((BZ2_MAGIC, _from_bz2), (LZ4_MAGIC, _from_lz4)):
+            # if what the header says of the compression is lost, the contents say it
+            at = packed.find(magic, 0, LONGEST_CHUNK_HEADER)
+            if at >= 0 and kind != b"none":
+                return unpack(packed[at:], record.end == self._size)
+        return packed, State.PLAIN
+
+    def _read_chunk(self, number, contents, indices):
+        """Takes the messages of a chunk, settled with what the records of its index say of them."""
+        offsets, connections, times, starts, sizes = [], [], [], [], []
+        position, last, size = 0, 0, len(contents)
+        missing = _number(self._chunks[number].fields.get(b"size", b"")) - size
+        if missing > 0:
+            self._lost.append((missing, self._chunks[number].start))
+        match, number_of = MESSAGE.match, int.from_bytes
+        while position < size:
+            message = match(contents, position)
+            if message:
+                connection, time, length = message.groups()
+                start = message.end()
+                end = start + number_of(length, "little")
+                if end <= size and connection and time:
+                    offsets.append(position)
+                    connections.append(connection)
+                    times.append(time)
+                    starts.append(start)
+                    sizes.append(end - start)
+                    last, position = start, end
+                    continue
+            record = None if message else _record(contents, position, size)
+            if record and record.op == CONNECTION_OP and record.end <= size:
+                self._take_connection(contents, record)
+                last, position = record.data, record.end
+                continue
+            position = last = self._skip(number, contents, position, last, size)
+        seconds = np.frombuffer(b"".join(times), "<u4").astype(np.int64).reshape(-1, 2)
+        found = np.empty((len(offsets), 5), np.int64)  # offset, connection, time [ns], start, size
+        found[:, 0], found[:, 3], found[:, 4] = offsets, starts, sizes
+        found[:, 1] = np.frombuffer(b"".join(connections), "<u4")
+        found[:, 2] = seconds @ [10**9, 1]
+        if indices:
+            found = self._settled(contents, found, indices)
+        for connection in np.unique(found[:, 1]):
+            rows = found[found[:, 1] == connection]
+            entry = np.column_stack([rows[:, 2], np.full(len(rows), number), rows[:, 3:]])
+            self._found.setdefault(int(connection), []).append(entry)
+
+    def _skip(self, number, contents, position, last, size):
+        """Where to go on after a record that makes no sense; what came before it may have been longer
+        than it says."""
+        following = MESSAGE.search(contents, min(last + 1, position + 1))
+        if following and following.start() == position:
+            following = MESSAGE.search(contents, position + 1)
+        end = following.start() if following else size
+        record = self._chunks[number]
+        if following is None and record.end == self._size:
+            self._ends_early = True
+        if end > position:
+            self._lost.append((end - position, record.start))
+        else:
+            self._contradictions += 1
+        return end
+
+    def _settled(self, contents, found, indices):
+        """The messages of a chunk when its index agrees, or after both are settled: a message that is
+        of another topic by the index is left out, one that was swallowed by a wrong length is taken,
+        and of two times of receipt the one nearer to the other messages' is right."""
+        tables = []
+        for index in indices:
+            count = (index.end - index.data) // 12
+            entries = np.frombuffer(self._data[index.data : index.data + 12 * count], "<u4")
+            entries = entries.astype(np.int64).reshape(-1, 3)
+            of = Counter(found[np.isin(found[:, 0], entries[:, 2]), 1].tolist())
+            told = of.most_common(1)[0][0] if of else -1
+            times = entries[:, :2] @ [10**9, 1]
+            tables.append(np.column_stack([entries[:, 2], np.full(count, told), times]))
+        told = np.concatenate(tables)
+        told = told[np.argsort(told[:, 0], kind="stable")]
+        if np.array_equal(told, found[:, :3]):
+            return found
+        messages = {row[0]: row for row in found.tolist()}
+        middle = int(np.median(found[:, 2])) if len(found) else 0
+        for at, connection, time in told.tolist():
+            message = messages.get(at)
+            swallowed = MESSAGE.match(contents, at) if message is None else None
+            if message == [at, connection, time] + (message or [])[3:]:
+                continue
+            self._contradictions += 1
+            if swallowed and swallowed.group(1) and _number(swallowed.group(1)) == connection:
+                start, size = swallowed.end(), _number(swallowed.group(3))
+                if start + size <= len(contents):
+                    messages[at] = [at, connection, time, start, size]
+            elif message and message[1] != connection:
+                del messages[at]
+            elif message:
+                message[2] = min(message[2], time, key=lambda t: abs(t - middle))
+        self._contradictions += len(set(messages) - set(told[:, 0].tolist()))
+        return np.array(sorted(messages.values()), np.int64).reshape(-1, 5)
+
+    def _take_connection(self, data, record):
+        """Topic and type are in a connection's record, and once more in what the publisher said."""
+        number = record.fields.get(b"conn", b"")
+        said = _fields(data, record.data, record.end) or {}
+        claims = self._claims.setdefault(_number(number), [])
+        for fields in (record.fields, said):
+            claims.append(
+                Connection(
+                    *(
+                        fields[name].decode("utf-8", "replace") if name in fields else None
+                        for name in (b"topic", b"type", b"md5sum", b"message_definition")
+                    )
+                )
+            )
+
+    def _conclude(self):
+        """Puts into words what is wrong with the file."""
+        lost = sum(size for size, _ in self._lost)
+        self._contradictions += self._index_at is None
+        cut = self._ends_early or self._index_at == 0 or (self._index_at or 0) >= self._size
+        if cut:
+            missing = max(0, (self._index_at or 0) - self._size)
+            what = []
+            if missing:
+                what.append("%d bytes or more are missing at its end" % missing)
+            if lost:
+                what.append("%d bytes of messages are lost" % lost)
+            self.warnings.append(
+                "the bag is cut short or was not closed: read as far as it goes (%s)"
+                % (", ".join(what) or "only the index is missing, no message")
+            )
+        elif lost:
+            self.warnings.append(
+                "the bag is damaged: %d bytes of messages are lost at %d places, the first at byte %d"
+                % (lost, len(self._lost), self._lost[0][1])
+            )
+        if self._doubtful:
+            self.warnings.append(
+                "the bag is damaged: its only part has a wrong checksum; what can be read of it is "
+                "used, and may be wrong"
+            )
+        if self._contradictions:
+            self.warnings.append(
+                "the bag is damaged: messages and index contradict each other at %d places"
+                % self._contradictions
+            )
+        if any(len(set(c)) > 2 for c in self._claims.values()):
+            self.warnings.append("the bag is damaged: it says different things of one topic")
+
+
+def message_class(connection):
+    """The class of a connection's messages: the installed one where it is the same, else one made from
+    the definition in the bag; None where neither can be."""
+    import genpy.dynamic
+    import roslib.message
+
+    try:
+        installed = roslib.message.get_message_class(connection.msg_type)
+    except Exception:  # of a name that is no type's
+        installed = None
+    if installed is not None and installed._md5sum == connection.md5sum:
+        return installed
+    try:
+        made = genpy.dynamic.generate_dynamic(connection.msg_type, connection.definition)
+        made = made[connection.msg_type]
+    except Exception:  # genpy raises whatever its parsing meets
+        return installed if installed is not None and connection.md5sum is None else None
+    if installed is not None and installed._md5sum == made._md5sum:
+        return installed
+    return made if made._md5sum == connection.md5sum else None
+
+
+def _agreed(claims):
+    """The Connection that most of what is said of it comes to."""
+    fields = []
+    for values in zip(*claims):
+        known = Counter(v for v in values if v is not None)
+        fields.append(known.most_common(1)[0][0] if known else "")
+    return Connection(*fields)
+
+
+def _number(text):
+    """Little-endian, of up to eight bytes."""
+    return int.from_bytes(text[:8], "little")
+
+
+def _fields(data, start, end):
+    """Name to value of the fields of a header; None where they make no sense."""
+    fields = {}
+    while start < end:
+        size = _number(data[start : start + 4])
+        start += 4
+        if size > end - start:
+            return None
+        name, equals, value = bytes(data[start : start + size]).partition(b"=")
+        if not equals:
+            return None
+        fields[name] = value
+        start += size
+    return fields
+
+
+def _record(data, start, size):
+    """The Record at a place; None where there is none. Its end may be beyond the size."""
+    length = _number(data[start : start + 4])
+    at = start + 4 + length
+    if not 0 < length <= LONGEST_HEADER or at + 4 > size:
+        return None
+    fields = _fields(data, start + 4, at)
+    if not fields or len(fields.get(b"op", b"")) != 1:
+        return None
+    op = fields[b"op"][0]
+    if NEEDED.get(op) not in fields:
+        return None
+    return Record(op, fields, start, at + 4, at + 4 + _number(data[at : at + 4]))
+
+
+def _next_record(data, start, size):
+    """The first whole record from a place on that is not inside of a chunk; None without one."""
+    for found in OP_FIELD.finditer(data, start):
+        for at in range(found.start() - 4, max(start, found.start() - BEFORE_OP) - 1, -1):
+            record = _record(data, at, size)
+            if record and record.data > found.end() and record.op == found.group(1)[0]:
+                if record.end <= size or record.op == CHUNK_OP:
+                    return record
+    return None
+
+
+def _from_bz2(packed, _):
+    """What bz2 gives until it meets its end, a cut or a wrong checksum (it has one for each block)."""
+    unpacked, tool = bytearray(), bz2.BZ2Decompressor()
+    try:
+        for start in range(0, len(packed), 4096):
+            unpacked += tool.decompress(packed[start : start + 4096])
+            if tool.eof:
+                break
+    except (OSError, ValueError, EOFError):
+        pass
+    return bytes(unpacked), State.CHECKED
+
+
+def _from_lz4(packed, is_last):
+    """What an LZ4 frame holds, as far as it goes, and its State."""
+    import roslz4
+
+    blocks, position, size = [], LZ4_HEADER, -1
+    while size and position + 4 <= len(packed):
+        size = _number(packed[position : position + 4]) & 0x7FFFFFFF
+        blocks.append(position)
+        position += 4 + size
+    if size == 0 and position + 4 <= len(packed):  # what follows the end mark is the checksum
+        try:
+            return roslz4.decompress(packed), State.CHECKED
+        except (OSError, ValueError, MemoryError):  # the checksum is wrong, or what it is of
+            is_last = False
+    unpacked = bytearray()
+    for at in blocks:
+        size = _number(packed[at : at + 4])
+        block = packed[at + 4 : at + 4 + (size & 0x7FFFFFFF)]
+        if size >> 31:
+            unpacked += block  # is not compressed
+        elif not _unpack_block(block, unpacked):
+            break
+    return bytes(unpacked), State.CHECKED if is_last else State.DOUBTFUL
+
+
+def _unpack_block(block, unpacked):
+    """Appends what a block of LZ4 holds, up to where it is cut or makes no sense (gives False then)."""
+    position, size, most = 0, len(block), len(unpacked) + LARGEST_BLOCK
+
+    def length(value):
+        nonlocal position
+        while value >= 15 and position < size:
+            more = block[position]
+            position += 1
+            value += more
+            if more < 255:
+                break
+        return value
+
+    while position < size and len(unpacked) < most:
+        token = block[position]
+        position += 1
+        literals = length(token >> 4)
+        unpacked += block[position : position + literals]
+        position += literals
+        if position >= size:
+            return position == size
+        back = _number(block[position : position + 2])
+        position += 2
+        if not 0 < back <= len(unpacked) or position > size:
+            return False
+        copied = min(length(token & 15) + 4, most)
+        pattern = unpacked[len(unpacked) - back : len(unpacked) - back + copied]
+        unpacked += (pattern * (copied // len(pattern) + 1))[:copied]
+    return True
