@@ -50,9 +50,9 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
 
     model = _core.load_model(str(model))
     clock = 15.0
-    bits = np.array(_core.make_prbs(9, seed), float)
     edges = np.arange(int(duration * clock)) / clock
-    inputs = np.column_stack([edges, strength * bits[: len(edges)], np.ones(len(edges))])
+    bits = np.resize(np.array(_core.make_prbs(9, seed), float), (len(edges), 2))
+    inputs = np.column_stack([edges, strength * bits, np.ones(len(edges))])
     times = np.arange(0, duration, 0.01)
     run = _core.simulate(model, inputs, times, np.zeros(3), np.array(nu, float))
     random = np.random.default_rng(seed)

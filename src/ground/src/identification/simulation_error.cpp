@@ -111,9 +111,10 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
       windows.push_back({run_index, first, last});
   };
   int first = -1;
-  const int count = static_cast<int>(run.times.size());
-  for (int i = 0; i < count; ++i) {
-    if (run.times[i] < from || run.times[i] > to) continue;
+  const auto begin = std::lower_bound(run.times.begin(), run.times.end(), from);
+  const auto end = std::upper_bound(begin, run.times.end(), to);
+  const int count = static_cast<int>(end - run.times.begin());
+  for (int i = static_cast<int>(begin - run.times.begin()); i < count; ++i) {
     if (first >= 0 && run.times[i] - run.times[i - 1] > max_gap) {
       add(first, i - 1);
       first = i;
@@ -123,7 +124,7 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
       add(first, i);
       first = i;
     }
-    if (i + 1 == count || run.times[i + 1] > to) add(first, i);
+    if (i + 1 == count) add(first, i);
   }
   return windows;
 }

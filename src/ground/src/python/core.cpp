@@ -79,6 +79,14 @@ std::vector<double> driveStarts(const std::vector<double>& times, const std::vec
   return clock.starts();
 }
 
+/// The times as an array that shares the run's memory.
+py::array timesOf(const py::object& self) {
+  const auto& run = self.cast<const RunData&>();
+  py::array_t<double> times(static_cast<py::ssize_t>(run.times.size()), run.times.data(), self);
+  times.attr("setflags")(py::arg("write") = false);
+  return std::move(times);
+}
+
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
                      const Vector3<double>& nu, const std::vector<double>& drives) {
@@ -449,7 +457,7 @@ PYBIND11_MODULE(_core, module) {
            py::arg("inputs"), py::arg("poses") = RunData().poses,
            py::arg("noise") = RunData().noise, py::arg("drives") = std::vector<double>())
       .def_readonly("name", &RunData::name)
-      .def_readonly("times", &RunData::times)
+      .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
       .def_readonly("nu", &RunData::nu)
       .def_readonly("poses", &RunData::poses)

@@ -1,55 +1,81 @@
-"""How well a fit predicts what it has not seen: runs, and blocks of time, left out one by one."""
+"""How well a fit predicts what it has not seen: runs, and blocks of time, held out of it."""
 import numpy as np
 
 from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
+FOLDS = 10  # of blocks, at most: bounds the number of refits, whatever the length of the runs
+RUN_FOLDS = 20  # of runs, at most
 
 
-def leave_one_run_out(runs, fit, length=windows.WINDOW):
-    """The fit without each run and its error on that run: [(fit's result, error)], one a run.
+def leave_runs_out(runs, fit, whole, length=windows.WINDOW, most=RUN_FOLDS, say=None):
+    """Fits without some of the runs, and their errors on those: [(fit's result, error)], one a run.
 
-    `fit(windows)` fits to windows of `runs` (_core.RunData) of `length` seconds.
+    Each run is held out once: alone, or, of more than `most` runs, together with every `most`-th
+    other one. `fit(windows, initial)` fits to windows of `length` seconds of `runs` (_core.RunData)
+    from initial states of the windows; `whole` is its result over windows.cut(runs, length).
+    say(sentence): progress.
     """
-    to_fit, to_test = windows.cut(runs, length), windows.cut(runs)
-    parts = [
-        ([w for w in to_fit if w.run == i], [w for w in to_test if w.run == i])
-        for i in range(len(runs))
+    cut = windows.cut(runs, length)
+    folds = [w.run % most for w in cut]
+    results = _refits(cut, folds, fit, whole["initial"], say)
+    return [
+        (results[i % most], windows.error([run], results[i % most]["model"]))
+        for i, run in enumerate(runs)
     ]
-    return _leave_one_out(runs, parts, fit)
 
 
-def leave_one_block_out(runs, models, fit, block=BLOCK, length=windows.WINDOW):
-    """Errors on blocks of time: of models as they are, and of fits to all the other blocks.
+def leave_blocks_out(runs, models, fit, block=BLOCK, length=windows.WINDOW, most=FOLDS, say=None):
+    """Errors on blocks of time: of models as they are, and of fits that have not seen the blocks.
 
-    Returns {"models": one error a model, "heldout": error}, over the same windows; None when there
-    are less than two blocks to fit to. `fit` and `length` as in leave_one_run_out.
+    Up to `most` blocks are held out one by one; of more blocks every `most`-th one together. `fit`,
+    `length` and `say` as in leave_runs_out; without initial states fit begins at measured ones.
+    Returns {"models": one error a model, "heldout": error, "blocks", "folds": how many}, all errors
+    over the same windows; None when there is nothing left to fit to without some fold.
     """
-    parts = []
-    for i, run in enumerate(runs):
-        start, end = run.times[0], run.times[-1]
-        edges = np.linspace(start, end, max(1, int(round((end - start) / block))) + 1)
-        for a, b in zip(edges[:-1], edges[1:]):
-            to_test = windows.cut_part(run, i, a, b)
-            if to_test:
-                parts.append((windows.cut_part(run, i, a, b, length), to_test))
-    if sum(bool(to_fit) for to_fit, _ in parts) < 2:
+    blocks = _blocks(runs, block, length)
+    folds = [number % most for number in range(len(blocks))]
+    to_fit = [w for fitted, _ in blocks for w in fitted]
+    of_fit = [fold for fold, (fitted, _) in zip(folds, blocks) for _ in fitted]
+    if len(set(of_fit)) < 2:
         return None
-    weights = [sum(w.last - w.first + 1 for w in to_test) for _, to_test in parts]
-    errors = [error for _, error in _leave_one_out(runs, parts, fit)]
-    every = [w for _, to_test in parts for w in to_test]
+    whole = fit(to_fit, ())
+    results = _refits(to_fit, of_fit, fit, whole["initial"], say)
+    errors, samples = [], []
+    for fold in sorted(set(folds)):
+        tested = [w for f, (_, test) in zip(folds, blocks) if f == fold for w in test]
+        errors.append(windows.error(runs, results.get(fold, whole)["model"], tested))
+        samples.append(sum(w.last - w.first + 1 for w in tested))
+    every = [w for _, tested in blocks for w in tested]
     return {
         "models": [windows.error(runs, model, every) for model in models],
-        "heldout": float(np.average(errors, weights=weights)),
+        "heldout": float(np.average(errors, weights=samples)),
+        "blocks": len(blocks),
+        "folds": len(errors),
     }
 
 
-def _leave_one_out(runs, parts, fit):
-    """`parts`: windows to fit to and windows to test on, of each part."""
-    results = []
-    for at, (_, out) in enumerate(parts):
-        result = fit([w for i, (rest, _) in enumerate(parts) if i != at for w in rest])
-        results.append((result, windows.error(runs, result["model"], out)))
+def _blocks(runs, duration, length):
+    """Windows to fit to and windows to test on of each block that has any of the latter."""
+    blocks = []
+    for i, run in enumerate(runs):
+        start, end = run.times[0], run.times[-1]
+        edges = np.linspace(start, end, max(1, int(round((end - start) / duration))) + 1)
+        for a, b in zip(edges[:-1], edges[1:]):
+            tested = windows.cut_part(run, i, a, b)
+            if tested:
+                blocks.append((windows.cut_part(run, i, a, b, length), tested))
+    return blocks
+
+
+def _refits(cut, folds, fit, initial, say):
+    """Results of fits without each fold, by fold; folds: of each window; initial: its state."""
+    results = {}
+    for fold in sorted(set(folds)):
+        if say:
+            say("fitting without part %d of %d" % (len(results) + 1, len(set(folds))))
+        rest = [k for k, f in enumerate(folds) if f != fold]
+        results[fold] = fit([cut[k] for k in rest], [initial[k] for k in rest])
     return results
 
 

@@ -14,6 +14,7 @@ CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw
 CONTACT_NOISE = 6.0  # nor less than this many times its noise
 CONTACT_MARGIN = 0.1  # left out before and after one [s]
 LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
+LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
 IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
 
 
@@ -275,19 +276,19 @@ def _reply(recording, motion):
     scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
     others = _smooth_terms(motion.nu[middle])
 
-    def misfit(lag):
-        X = np.column_stack([_commands_at(recording, times - lag), others])
-        coefficients = np.linalg.lstsq(X, wanted, rcond=None)[0]
-        return np.abs((wanted - X @ coefficients) / scale).mean(), coefficients
+    def regression(lag, some=slice(None)):
+        X = np.column_stack([_commands_at(recording, times[some] - lag), others[some]])
+        coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
+        return np.abs((wanted[some] - X @ coefficients) / scale).mean(), coefficients
 
+    spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
+    lag = LAGS[int(np.argmin([regression(lag, spread)[0] for lag in LAGS]))]
+    misfit, coefficients = regression(lag)
     without = np.linalg.lstsq(others, wanted, rcond=None)[0]
-    base = np.abs((wanted - others @ without) / scale).mean()
-    misfits = [misfit(lag)[0] for lag in LAGS]
-    best = int(np.argmin(misfits))
-    share = 1 - misfits[best] / base
+    share = 1 - misfit / np.abs((wanted - others @ without) / scale).mean()
     if share < 0.1:
         return None
-    return {"lag": float(LAGS[best]), "share": float(share), "coefficients": misfit(LAGS[best])[1]}
+    return {"lag": float(lag), "share": float(share), "coefficients": coefficients}
 
 
 def _smooth_terms(nu):

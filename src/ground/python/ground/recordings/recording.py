@@ -62,7 +62,7 @@ def read_bag(path, axes="x, z, -y"):
             if topic in drive_topics:
                 drives[message.began.to_sec()] = stamp
                 continue
-            delays[topic].append((received - message.header.stamp).to_sec())
+            delays[topic].append(received.to_sec() - stamp)
             if topic == control_topic:
                 controls.append((stamp,) + _control(message))
             else:

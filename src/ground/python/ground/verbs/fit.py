@@ -60,7 +60,8 @@ def configure(parser):
         "--block",
         type=common.positive,
         default=validation.BLOCK,
-        help="length of the blocks of time that are held out one by one [s] (%(default)s)",
+        help="length of the blocks of time that are held out, in %d parts at most [s] (%%(default)s)"
+        % validation.FOLDS,
     )
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
@@ -77,17 +78,22 @@ def run(arguments):
     result = _fit(arguments, runs, model, cut, arguments.starts)
     fitted = result["model"]
 
-    def refit(part):
-        return _fit(arguments, runs, fitted, part)
+    def refit(part, initial):
+        # From near by, and with the same outliers: so a refit costs a few steps.
+        width = result["width"] if np.isfinite(result["width"]) else 0.0
+        return _fit(arguments, runs, fitted, part, near=True, width=width, initial=initial)
 
-    common.progress(arguments, "fitting again without each block of time")
+    def say(text):
+        common.progress(arguments, text)
+
+    say("holding out blocks of time")
     errors = {
         "before": windows.error(runs, model),
         "after": windows.error(runs, fitted),
         "heldout_runs": None,
         "blocks": _blocks(
-            validation.leave_one_block_out(
-                runs, (model, fitted), refit, arguments.block, arguments.window
+            validation.leave_blocks_out(
+                runs, (model, fitted), refit, arguments.block, arguments.window, say=say
             )
         ),
         "holdout": None,
@@ -99,7 +105,8 @@ def run(arguments):
         }
     each = []
     if len(runs) > 1:
-        each = _each(arguments, runs, fitted, refit)
+        say("holding out runs")
+        each = _each(arguments, runs, result, refit, say)
         samples = [len(r.times) for r in runs]
         errors["heldout_runs"] = float(
             np.average([e["heldout_error"] for e in each], weights=samples)
@@ -130,23 +137,23 @@ def run(arguments):
     return report
 
 
-def _fit(arguments, runs, model, cut, starts=1):
+def _fit(arguments, runs, model, cut, starts=1, **options):
     objective = getattr(_core.Objective, arguments.objective.replace("-", "_"))
     target = getattr(_core.Target, arguments.target)
     try:
-        return windows.problem(runs, cut, target).fit(model, arguments.free, objective, starts)
+        problem = windows.problem(runs, cut, target)
+        return problem.fit(model, arguments.free, objective, starts, **options)
     except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
 
 
-def _each(arguments, runs, fitted, refit):
-    """Each run fitted by itself, and held out of a fit to the others (the thesis's table 3.2)."""
+def _each(arguments, runs, result, refit, say):
+    """Each run fitted by itself, and held out of a fit to others (the thesis's table 3.2)."""
     rows = []
-    every = windows.cut(runs, arguments.window)
-    for i, (others, error) in enumerate(
-        validation.leave_one_run_out(runs, refit, arguments.window)
-    ):
-        alone = refit([w for w in every if w.run == i])
+    held_out = validation.leave_runs_out(runs, refit, result, arguments.window, say=say)
+    for i, (others, error) in enumerate(held_out):
+        run = [runs[i]]
+        alone = _fit(arguments, run, result["model"], windows.cut(run, arguments.window))
         rows.append(
             {
                 "run": runs[i].name,
@@ -204,15 +211,23 @@ def _errors(arguments, report):
     """What the error is of, and the error of the start values, of the fit, and held out."""
     errors, thesis = report["error"], report["thesis_objective"]
     several = "all runs; held out: each by a fit to the others"
+    if len(report["runs"]) > validation.RUN_FOLDS:
+        several = "all runs; held out: in %d parts" % validation.RUN_FOLDS
     yield several if report["runs"] else "the run", (
         errors["before"],
         errors["after"],
         errors["heldout_runs"],
     )
     if errors["blocks"]:
-        yield "blocks of %g s, each by a fit to the rest" % arguments.block, errors[
-            "blocks"
-        ].values()
+        blocks = errors["blocks"]
+        how = ", each by a fit to the rest"
+        if blocks["folds"] < blocks["count"]:
+            how = " in %d parts, by fits to the rest" % blocks["folds"]
+        yield "blocks of %g s%s" % (arguments.block, how), (
+            blocks["before"],
+            blocks["after"],
+            blocks["heldout"],
+        )
     if errors["holdout"]:
         before, after = errors["holdout"].values()
         yield "the runs given with --holdout", (before, None, after)
@@ -224,7 +239,13 @@ def _blocks(found):
     if found is None:
         return None
     before, after = found["models"]
-    return {"before": before, "after": after, "heldout": found["heldout"]}
+    return {
+        "before": before,
+        "after": after,
+        "heldout": found["heldout"],
+        "count": found["blocks"],
+        "folds": found["folds"],
+    }
 
 
 def _table(names, rows):
