@@ -211,27 +211,27 @@ TEST(OneOriginOfTime, ALiveComparisonThatIsStartedInTheMiddlePredictsTheSimulate
 }
 
 TEST(OneOriginOfTime, APlanReckonsWithTheThrustOfThatTime) {
-  // The same motion and command, early and late in a drive: the observer and the plan believe in
-  // the thrust of then.
-  const Model model = sagging(20);
-  ReferenceParams params;
-  params.kind = "line";
-  params.speed = 0.4;
-  params.end = {50, 0};
-  params.smooth = false;
-  const ReferencePtr reference = makeReference(params);
-  double thrust[2];
-  for (const int late : {0, 1}) {
-    PredictiveControl control(model, {});
+  // A steady motion against drag takes more input late in a drive than at its beginning.
+  Model model = sagging(20);
+  model.setValue("X_u", 0.05);
+  ReferenceParams line;
+  line.kind = "line";
+  line.speed = 0.4;
+  line.end = {50, 0};
+  line.smooth = false;
+  const ReferencePtr reference = makeReference(line);
+  PredictiveParams params;
+  params.iterations = 50;
+  for (const double elapsed : {0.0, 20.0}) {
+    PredictiveControl control(model, params);
     Observation seen;
-    seen.stamp = seen.now = 1;
-    seen.state.nu << 0.2, 0, 0;
+    seen.stamp = seen.now = seen.reference_start = 1000;
+    seen.state.nu << line.speed, 0, 0;
     seen.reference = reference.get();
-    seen.drive_start = late ? -39 : 1;
-    thrust[late] = control.decide(seen).sum();
+    seen.drive_start = seen.now - elapsed;
+    const double input = 0.05 * line.speed / (model.body.k * std::exp(-elapsed / 20));
+    EXPECT_NEAR(control.decide(seen).sum(), input, 0.1 * input) << elapsed;
   }
-  EXPECT_LT(thrust[0], 1.9);
-  EXPECT_GT(thrust[1], 1.3 * thrust[0]);
 }
 
 TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
@@ -283,7 +283,7 @@ TEST(OneOriginOfTime, FormulasSeeTheSameT) {
   EXPECT_EQ(room.state().nu.x(), 0);
   room.command(0, 0, 1);
   room.advance(1005.2);
-  EXPECT_NEAR(room.derivative().nu.x(), 0.001 * 0.2 / model.body.m, 1e-5);
+  EXPECT_NEAR(room.derivative().nu.x(), 0.001 * 0.2 / model.body.m, 1e-4);
 }
 
 }  // namespace

@@ -29,10 +29,11 @@ class Recording:
     control_times: np.ndarray  # (m,) [s]
     controls: np.ndarray  # (m, 3) left, right, lift, 0..1
     source: str  # which topics it came from
-    drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # (k, 2) [s]: when the
-    # newest drive began, and as of when that was so; as recorded, a row for each drive
     clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
+    # (k, 2) [s], a row for each drive that was recorded: when it began, and until when it was said to
+    # be the newest; the sender's word, as in ground_msgs/Drive
+    drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
 
 
 def read_bag(path, axes="x, z, -y"):
