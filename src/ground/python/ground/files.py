@@ -62,9 +62,11 @@ def new_file(path, force=False):
     """Gives a temporary name beside `path`, which becomes `path` when the block ends well."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
-    temporary = None
     try:
         handle, temporary = tempfile.mkstemp(os.path.splitext(name)[1], ".ground-", folder)
+    except OSError as error:
+        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
+    try:
         os.close(handle)
         yield temporary
         os.chmod(temporary, 0o644)
@@ -79,9 +81,8 @@ def new_file(path, force=False):
             raise  # of another file that was read meanwhile
         raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
     finally:
-        if temporary:
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(temporary)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
 
 
 def _move(temporary, path):

@@ -16,6 +16,7 @@ CSV_RECEIVED = "%time"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
 CSV_STAMP = "field.header.stamp"
 JUMP_BACK = 0.5  # no message is late by more [s]
+FARTHEST = 1e4  # that a pose can be away [m]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
@@ -68,7 +69,7 @@ def read_bag(path, axes="x, z, -y"):
                 controls.append((stamp,) + _control(message))
             else:
                 pose = _pose(message, mapping)
-                if pose is None:
+                if pose is None or max(map(abs, pose[:2])) > FARTHEST:
                     lost += 1
                 else:
                     poses.append((stamp,) + pose)

@@ -1,0 +1,237 @@
+"""Whatever fails in reading and writing ends in one line and status 1; only --debug shows a traceback."""
+import contextlib
+import os
+import resource
+import runpy
+import shutil
+import tempfile
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
+from test_identify import write_csv
+
+import rosbag
+from ground import cli, errors
+from ground.recordings import bags
+from ground.verbs import info, track, tune
+
+SCRIPTS = ROOT / "src" / "ground" / "scripts"
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """A folder with a run of 3 s, as a plain bag, as the recorder writes it, and as CSV; and a model."""
+    folder = tmp_path_factory.mktemp("sample")
+    write_bag(folder / "plain.bag", duration=3, seed=2)
+    options = dict(compression="lz4", chunk_threshold=bags.CHUNK)
+    with rosbag.Bag(str(folder / "plain.bag")) as source:
+        with rosbag.Bag(str(folder / "small.bag"), "w", **options) as bag:
+            for topic, message, time in source.read_messages():
+                bag.write(topic, message, time)
+    write_bag(folder / "run.bag", duration=7, seed=2)
+    times, eta, inputs = simulate_run(duration=3)
+    write_csv(folder / "controls.csv", inputs[:, 0], inputs[:, 1:])
+    write_csv(folder / "pose.csv", times, eta)
+    shutil.copy(str(MODEL), str(folder / "model.yaml"))
+    return folder
+
+
+@pytest.fixture
+def here(sample, tmp_path, monkeypatch):
+    """An empty working folder with links to the sample."""
+    for path in sample.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fails(capsys, arguments, *words, run=cli.main):
+    capsys.readouterr()
+    assert run([str(a) for a in arguments]) == 1
+    said = capsys.readouterr().err
+    assert "Traceback" not in said and "unexpected" not in said and said.count("\n") == 1, said
+    for word in words:
+        assert word in said, said
+    return said
+
+
+WRITING = {
+    "import": ["import", "controls.csv", "pose.csv", "-o", "out.bag"],
+    "simulate": ["simulate", "--model", "model.yaml", "--input", "prbs", "--duration", "3"]
+    + ["-o", "out.bag"],
+    "fit": ["fit", "run.bag", "--model", "model.yaml", "-o", "out.yaml"],
+    "add": ["add", "motor_lag", "run.bag", "--model", "model.yaml", "-o", "out.yaml"],
+    "compare": ["compare", "run.bag", "--model", "model.yaml", "--numbers", "-o", "out"],
+}
+
+
+def left(folder):
+    """Regular files in a folder and those below it, also hidden ones."""
+    return [p.name for p in folder.rglob("*") if p.is_file() and not p.is_symlink()]
+
+
+@pytest.mark.parametrize("damage, count", [("flip", 240), ("cut", 60)])
+def test_a_damaged_bag_gives_no_traceback(here, capsys, damage, count):
+    random = np.random.default_rng(7)
+    for number in range(count):
+        data = bytearray((here / ("plain.bag" if number % 2 else "small.bag")).read_bytes())
+        if damage == "cut":
+            del data[int(random.integers(1, len(data))) :]
+        else:
+            data[int(random.integers(len(data)))] ^= 1 << int(random.integers(8))
+        (here / "damaged.bag").write_bytes(data)
+        capsys.readouterr()
+        status = cli.main(["info", "damaged.bag"])
+        said = capsys.readouterr().err
+        assert status in (0, 1), number
+        assert "Traceback" not in said and "unexpected" not in said, (number, said)
+        failures = [line for line in said.splitlines() if line.startswith("identify info:")]
+        assert len(failures) == status, (number, said)
+        if damage == "cut":
+            assert said, number
+
+
+@pytest.mark.parametrize("verb", list(WRITING))
+def test_a_full_disk_is_one_line_and_leaves_nothing_half_there(here, capsys, verb):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # no file may grow beyond that, as if there were no more room
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, before[1]))
+    try:
+        status = cli.main(WRITING[verb])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = capsys.readouterr().err
+    assert status == 1 and said.count("\n") == 1 and "Traceback" not in said, said
+    assert "cannot be written" in said and "out" in said
+    assert left(here) == []
+
+
+def test_output_that_nobody_takes_is_one_line(here, capsys):
+    with open("/dev/full", "w") as full:
+        with contextlib.redirect_stdout(full):
+            assert cli.main(["info", "run.bag"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "No space left" in said
+
+
+@pytest.mark.parametrize("verb", list(WRITING))
+def test_a_folder_that_is_read_only_is_one_line(here, capsys, monkeypatch, verb):
+    if verb == "compare":
+        (here / "out").mkdir()
+    # root may write everywhere: what the system would say to others
+    monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)
+    fails(capsys, WRITING[verb], "cannot be written to")
+
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied", "somewhere/.ground-1")
+
+    monkeypatch.setattr(os, "access", lambda path, mode: True)
+    monkeypatch.setattr(tempfile, "mkstemp", refuse)
+    fails(capsys, WRITING[verb], "Permission denied")
+    assert left(here) == []
+
+
+def test_what_is_no_file_is_one_line(here, capsys):
+    fit = ["fit", "run.bag", "--model", "model.yaml", "-o"]
+    fails(capsys, fit + ["x" * 300 + ".yaml"], "name", "shorter")
+    fails(capsys, fit + ["/proc/out.yaml"], "/proc/out.yaml")
+    fails(capsys, ["info", "."], "a folder, not a bag")
+    fails(capsys, ["info", "x" * 300], "no such file")
+    fails(capsys, ["fit", ".", "--model", "model.yaml", "-o", "out.yaml"], "a folder, not a bag")
+    fails(capsys, ["fit", "run.bag", "--model", ".", "-o", "out.yaml"], "model file")
+    fails(capsys, ["fit", "run.bag", "--model", "run.bag", "-o", "out.yaml"], "run.bag")
+    fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "run.bag"], "folder")
+    fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "x" * 300], "folder")
+    fails(capsys, ["import", ".", "pose.csv", "-o", "out.bag"], "Is a directory")
+    fails(capsys, ["import", "run.bag", "pose.csv", "-o", "out.bag"], "run.bag")
+    fails(capsys, ["add", "./run.yaml", "run.bag", "--model", "model.yaml", "-o", "o"], "run.yaml")
+    (here / "bytes.yaml").write_bytes(b"name: \xff\xfe\n")
+    (here / "date.yaml").write_text("name: 2001-99-99\n")
+    for name in ("bytes.yaml", "date.yaml"):
+        fails(capsys, ["add", name, "run.bag", "--model", "model.yaml", "-o", "o.yaml"], name)
+        options = ["--model", "model.yaml", "--gains", name]
+        fails(capsys, options, name, run=lambda argv: cli.program(track, argv))
+        fails(capsys, options + ["-o", "g"], name, run=lambda argv: cli.program(tune, argv))
+    assert sorted(left(here)) == ["bytes.yaml", "date.yaml"]
+
+
+def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
+    written, write = [], rosbag.Bag.write
+
+    def interrupted(*arguments, **options):
+        written.append(1)
+        if len(written) > 50:
+            raise KeyboardInterrupt
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(rosbag.Bag, "write", interrupted)
+    assert fails(capsys, WRITING["import"]) == "identify import: interrupted\n"
+    assert left(here) == []
+
+
+@pytest.mark.parametrize(
+    "error, words",
+    [
+        (MemoryError(), "memory"),
+        (KeyboardInterrupt(), "interrupted"),
+        (OSError(28, "No space left on device", "there/x"), "there/x: No space left on device; make"),
+        (ZeroDivisionError("some\ndefect"), "unexpected ZeroDivisionError: some defect; --debug"),
+    ],
+)
+def test_only_debug_shows_a_traceback(capsys, monkeypatch, error, words):
+    def fail(_):
+        raise error
+
+    monkeypatch.setattr(info, "run", fail)
+    for arguments, environment in ((["info", "a"], {}), (["info", "a", "--debug"], {})):
+        assert cli.main(arguments) == 1
+        said = capsys.readouterr().err
+        assert words in said.splitlines()[-1]
+        assert ("Traceback" in said) == ("--debug" in arguments)
+        assert "--debug" in arguments or said.count("\n") == 1
+    monkeypatch.setenv("GROUND_DEBUG", "1")
+    assert cli.main(["info", "a"]) == 1 and "Traceback" in capsys.readouterr().err
+
+
+def script(monkeypatch, name, *arguments):
+    """Exit status of a program, run in this process."""
+    monkeypatch.setattr("sys.argv", [name] + [str(a) for a in arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+    return ended.value.code or 0
+
+
+@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "track", "tune"])
+def test_every_program_takes_debug(monkeypatch, capsys, name):
+    assert script(monkeypatch, name, "--help") == 0
+    assert "--debug" in capsys.readouterr().out
+
+
+def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:%d" % free_port())
+    (tmp_path / "file").write_text("")
+    for arguments in (
+        ("record", "--dir", tmp_path / "file"),
+        ("record", "--dir", "/proc/nowhere"),
+        ("record", "--dir", tmp_path / ("x" * 300)),
+        ("demo", "--out", tmp_path / "file"),
+        ("parameters", "--list"),
+        ("identify", "info", tmp_path),
+        ("track", "--model", tmp_path),
+        ("tune", "--model", tmp_path, "-o", tmp_path / "g.yaml"),
+    ):
+        capsys.readouterr()
+        assert script(monkeypatch, *arguments) == 1, arguments
+        said = capsys.readouterr().err
+        assert said.startswith(arguments[0]) and said.count("\n") == 1, said
+
+
+def test_ctrl_c_while_a_program_loads_is_no_traceback(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "main", interrupted)
+    assert script(monkeypatch, "identify", "info", "a") == 1
+    assert capsys.readouterr().err == "identify: interrupted\n"
+    assert errors.guarded("any", lambda: 0) == 0
