@@ -12,7 +12,7 @@ installed := build/.installed
 SEED ?= 1
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults install clean
+  bench-soak bench-table bench-faults bench-damage install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -79,6 +79,10 @@ bench-table: build
 # Every fault three times, and its worst case.
 bench-faults: build
 	@$(in_workspace) test/bench/faults.py
+
+# Bags cut and bits flipped at random, through info, fit and compare. OPTIONS="--cuts 50 --flips 100"
+bench-damage: build
+	@$(in_workspace) test/bench/damage.py $(OPTIONS)
 
 # Effects hidden in the simulated craft, diagnosed; goes on where it was interrupted. OPTIONS="--help"
 bench-hidden: build

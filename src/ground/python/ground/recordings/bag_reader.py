@@ -139,6 +139,7 @@ class BagReader:
                 if record.fields.get(b"encryptor"):
                     raise IdentifyError("%s: the bag is encrypted; decrypt it first" % self.path)
                 self._index_at = _number(record.fields.get(b"index_pos", b""))
+        self._has_end = any(record.op == INFO_OP for record in records)
         indices = {}  # of each chunk: records that tell its messages
         for record in records:
             if record.op == CHUNK_OP:
@@ -316,10 +317,13 @@ class BagReader:
     def _conclude(self):
         """Puts into words what is wrong with the file."""
         lost = sum(size for size, _ in self._lost)
-        self._contradictions += self._index_at is None
-        cut = self._ends_early or self._index_at == 0 or (self._index_at or 0) >= self._size
+        index_at = self._index_at
+        if self._has_end and not self._ends_early and not 0 < (index_at or 0) < self._size:
+            self._contradictions += 1  # all is there: only the file header is damaged
+            index_at = None
+        cut = self._ends_early or index_at is not None and not 0 < index_at < self._size
         if cut:
-            missing = max(0, (self._index_at or 0) - self._size)
+            missing = max(0, (index_at or 0) - self._size)
             what = []
             if missing:
                 what.append("%d bytes or more are missing at its end" % missing)
