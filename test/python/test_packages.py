@@ -1,0 +1,74 @@
+"""What the packages say of themselves: dependencies, licence, what a build can do without."""
+import re
+import subprocess
+import xml.etree.ElementTree
+
+from conftest import ROOT
+
+PACKAGES = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
+# Debian packages whose key in package.xml is not their name without lib, python3 and dev.
+KEYS = {
+    "googletest": "gtest",
+    "libdynamic-reconfigure-config-init-mutex-dev": "dynamic_reconfigure",
+    "libeigen3-dev": "eigen",
+    "libnodeletlib-dev": "nodelet",
+    "libnodeletlib-tools": "nodelet",
+    "libros-rosgraph-msgs-dev": "rosgraph_msgs",
+    "protobuf-compiler": "protobuf",
+}
+# What no package of the workspace depends on.
+TOOLS = {
+    # to build and to try it by hand
+    *("cmake", "g++", "make", "git", "catkin-tools", "ros-core", "ros-core-dev", "python3-venv"),
+    # screenshots and pages that the tests look at
+    *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
+}
+
+
+def dependencies():
+    found = set()
+    for path in PACKAGES:
+        for element in xml.etree.ElementTree.parse(str(path)).getroot():
+            if element.tag.endswith("depend"):
+                found.add(element.text)
+    return found
+
+
+def keys_of(package):
+    """Names under which a package.xml may have a Debian package."""
+    bare = re.sub(r"^(lib|python3-)|(-dev)$", "", package)
+    return {package, KEYS.get(package), bare, bare.replace("-", "_")}
+
+
+def test_package_xml_has_what_debian_needs():
+    lines = (ROOT / ".ci" / "debian-packages.txt").read_text().splitlines()
+    packages = [line for line in lines if line and not line.startswith("#")]
+    known = dependencies()
+    missing = [p for p in packages if p not in TOOLS and not keys_of(p) & known]
+    assert missing == [], "neither in a package.xml nor among the tools of this test"
+    assert TOOLS <= set(packages) and set(KEYS) <= set(packages)
+    assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
+
+
+def test_the_licence_is_there():
+    text = (ROOT / "LICENSE").read_text()
+    for path in PACKAGES:
+        package = xml.etree.ElementTree.parse(str(path)).getroot()
+        assert text.startswith(package.find("license").text + " License")
+        assert package.find("maintainer").text in text
+
+
+def test_a_build_needs_no_benchmark(tmp_path):
+    configure = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), "-DCATKIN_ENABLE_TESTING=OFF"]
+    configure += ["-DCMAKE_DISABLE_FIND_PACKAGE_benchmark=ON", "-DGROUND_WIDE=OFF"]
+    result = run(*configure)
+    assert result.returncode == 0, result.stdout
+    result = run("cmake", "--build", str(tmp_path), "--target", "benchmarks")
+    assert result.returncode != 0
+    assert "install libbenchmark-dev" in result.stdout
+
+
+def run(*command):
+    return subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
+    )
