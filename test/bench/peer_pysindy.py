@@ -107,7 +107,10 @@ def name_effect(case):
 
 def main():
     warnings.filterwarnings("ignore")
-    for case in np.load(sys.argv[1], allow_pickle=True)["cases"]:
+    with open(sys.argv[1]) as file:
+        cases = json.load(file)
+    for runs in cases:
+        case = [{name: np.array(value) for name, value in run.items()} for run in runs]
         begin = time.perf_counter()
         effect = name_effect(case)
         print(json.dumps({"named": effect, "seconds": time.perf_counter() - begin}), flush=True)

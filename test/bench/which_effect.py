@@ -53,8 +53,9 @@ def main():
         recordings.append([as_arrays(r) for r in cases.runs(truth, "varied", 1.0, arguments.seed)])
     if arguments.peers:
         with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "cases.npz")
-            np.savez(path, cases=np.array(recordings, dtype=object))
+            path = os.path.join(folder, "cases.json")
+            with open(path, "w") as file:
+                json.dump(recordings, file, default=np.ndarray.tolist)
             script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "peer_pysindy.py")
             environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
             result = subprocess.run(

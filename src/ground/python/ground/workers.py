@@ -14,7 +14,7 @@ def takes_scheduler(parser):
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="of a Dask cluster to work on (default: all cores of this computer)",
+        help="of a Dask cluster to work on, in a network you trust (default: all cores of this computer)",
     )
 
 
@@ -24,8 +24,9 @@ class Workers:
     scheduler: address of a Dask scheduler, None for this computer; its workers need this package (start
     them where setup.bash was sourced). processes: of this computer, rather than threads, for work that
     holds the interpreter; then, and on a cluster, functions have to be those of modules and items and
-    results picklable. modules: files that a cluster's workers need besides this package. Raises
-    IdentifyError when the scheduler does not answer.
+    results picklable. Pickles travel between the processes, on a cluster over its network: whoever can
+    talk to the scheduler runs code here. modules: files that a cluster's workers need besides this
+    package. Raises IdentifyError when the scheduler does not answer.
     """
 
     def __init__(self, scheduler=None, processes=False, count=None, modules=()):

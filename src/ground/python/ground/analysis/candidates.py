@@ -60,7 +60,7 @@ def from_file(path):
     try:
         with open(path) as file:
             entry = yaml.safe_load(file)
-    except (OSError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
     if isinstance(entry, list) and len(entry) == 1:
         entry = entry[0]

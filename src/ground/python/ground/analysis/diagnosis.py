@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from ground.analysis import candidates as effects, evidence, study
-from ground.analysis.unfinished import Unfinished
+from ground.analysis.unfinished import Unfinished, can_be_kept
 from ground.errors import IdentifyError
 from ground.recordings import windows
 
@@ -59,6 +59,7 @@ def bootstrap(trials, costs):
         trial.inclusion = float(count / RESAMPLES)
 
 
+@can_be_kept
 @dataclass
 class Trial:
     """An effect in the model, refitted."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates
+from ground.analysis.unfinished import can_be_kept
 from ground.errors import IdentifyError
 from ground.recordings import repair, windows
 
@@ -18,6 +19,7 @@ BETTER = 0.99  # of the error on held-out windows: what makes another length wor
 FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
+@can_be_kept
 @dataclass
 class Fit:
     """A model fitted to all windows of a study."""

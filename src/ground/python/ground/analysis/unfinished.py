@@ -1,23 +1,45 @@
-"""What long work has finished so far, so that the next try need not do it again."""
-import hashlib
-import os
-import pickle
-import shutil
-import threading
+"""What long work has finished so far, so that the next try need not do it again.
 
-from ground import files
+Kept are data only: a file holds arrays (NumPy's npz without objects) and a tree in JSON that refers to
+them, after the SHA-256 of both. What somebody else puts into the folder is never run: a file that is
+damaged, or holds anything else, is ignored and its part computed again.
+"""
+import contextlib
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import re
+import threading
+import zipfile
+
+import numpy as np
+
+from ground import _core, files
+from ground.errors import IdentifyError
+
+NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
+_classes = {}  # name -> dataclass
+
+
+def can_be_kept(cls):
+    """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays, models,
+    lists, tuples and dictionaries of these, and other such classes."""
+    _classes[cls.__name__] = cls
+    return cls
 
 
 class Unfinished:
     """Results of the parts of one piece of work, kept in a folder until all of it is done.
 
-    folder: None keeps nothing. identity: whatever the results depend on, can be pickled; results of
-    other work are not taken for those of this one.
+    folder: None keeps nothing. identity: whatever the results depend on, of what can be kept; results
+    of other work are not taken for those of this one.
     """
 
     def __init__(self, folder=None, identity=None):
         self._folder = folder
-        self._identity = pickle.dumps(identity) if folder else b""
+        self._identity = _packed(identity) if folder else b""
         self._lock = threading.Lock()
         self.taken = 0  # results of an earlier try
         if folder:
@@ -28,22 +50,94 @@ class Unfinished:
         if not self._folder:
             return compute()
         name = hashlib.sha256(self._identity + repr(part).encode()).hexdigest()
-        path = os.path.join(self._folder, name)
+        path = os.path.join(self._folder, name + ".npz")
         try:
             with open(path, "rb") as file:
-                found = pickle.load(file)
+                found = _unpacked(file.read())
+        except Exception:
+            pass  # never finished, damaged or foreign: what parsing then raises can be anything
+        else:
             with self._lock:
                 self.taken += 1
             return found
-        except Exception:
-            pass  # never finished, or damaged: what a pickle then raises can be anything
         found = compute()
-        with files.new_file(path, force=True) as temporary:
-            with open(temporary, "wb") as file:
-                pickle.dump(found, file)
+        # what cannot be kept is computed once more the next time
+        with contextlib.suppress(IdentifyError, OSError):
+            with files.new_file(path, force=True) as temporary:
+                with open(temporary, "wb") as file:
+                    file.write(_packed(found))
         return found
 
     def done(self):
-        """All is finished: nothing need be kept."""
-        if self._folder:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        """All is finished: nothing need be kept. Files of others stay."""
+        if not self._folder:
+            return
+        with contextlib.suppress(OSError):
+            for name in os.listdir(self._folder):
+                if NAME.fullmatch(name):
+                    os.unlink(os.path.join(self._folder, name))
+            os.rmdir(self._folder)
+
+
+def _packed(value):
+    """The bytes of a file."""
+    arrays = []
+    tree = json.dumps(_tree(value, arrays)).encode()
+    buffer = io.BytesIO()
+    np.savez(buffer, np.frombuffer(tree, np.uint8), *arrays)
+    return hashlib.sha256(buffer.getvalue()).digest() + buffer.getvalue()
+
+
+def _unpacked(contents):
+    """The value in the bytes of a file; raises ValueError, or whatever parsing meets, if bad."""
+    digest, contents = contents[:32], contents[32:]
+    if hashlib.sha256(contents).digest() != digest:
+        raise ValueError("the checksum is wrong")
+    buffer = io.BytesIO(contents)
+    with zipfile.ZipFile(buffer) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > len(contents):
+            raise ValueError("the arrays are compressed")
+    with np.load(buffer, allow_pickle=False) as found:
+        arrays = [found["arr_%d" % i] for i in range(len(found.files))]
+    return _value(json.loads(arrays[0].tobytes().decode()), arrays[1:])
+
+
+def _tree(value, arrays):
+    """A value as JSON has it; what JSON has no word for is a map of its kind to its contents."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise TypeError("an array of objects cannot be kept")
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, (list, tuple)):
+        return {type(value).__name__: [_tree(item, arrays) for item in value]}
+    if isinstance(value, dict):
+        return {"dict": [[_tree(k, arrays), _tree(v, arrays)] for k, v in value.items()]}
+    if isinstance(value, _core.Model):
+        return {"model": value.format()}
+    name = type(value).__name__
+    if _classes.get(name) is not type(value):
+        raise TypeError("a %s cannot be kept" % name)
+    fields = {f.name: _tree(getattr(value, f.name), arrays) for f in dataclasses.fields(value)}
+    return {"object": [name, fields]}
+
+
+def _value(tree, arrays):
+    """The reverse of _tree."""
+    if not isinstance(tree, dict):
+        return tree
+    ((kind, contents),) = tree.items()
+    if kind == "array":
+        return arrays[contents]
+    if kind == "dict":
+        return {_value(k, arrays): _value(v, arrays) for k, v in contents}
+    if kind == "model":
+        return _core.parse_model(contents, "a result that was kept")
+    if kind == "object":
+        name, fields = contents
+        return _classes[name](**{k: _value(v, arrays) for k, v in fields.items()})
+    return {"list": list, "tuple": tuple}[kind](_value(item, arrays) for item in contents)

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import threading
 import time
+import traceback
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -28,7 +29,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from ground import files
-from ground.errors import IdentifyError
+from ground.errors import IdentifyError, sentence
 from ground.recordings import bags
 from ground.reports import words
 
@@ -136,8 +137,9 @@ class IdentificationNode:
             began = time.monotonic()
             try:
                 response = self._run(task, request, began)
-            except (IdentifyError, OSError) as error:
-                response = IdentifyResponse(success=False, message=str(error))
+            except Exception as error:
+                rospy.logdebug("%s: %s", task, traceback.format_exc())
+                response = IdentifyResponse(success=False, message=sentence(error))
             state = Status.DONE if response.success else Status.FAILED
             self._say(state, task, response.message, began)
             return response

@@ -9,7 +9,7 @@ import numpy as np
 
 from ground import _core, files
 from ground.errors import IdentifyError
-from ground.recordings import bags
+from ground.recordings import bags, plausibility
 from ground.recordings.bag_reader import BagReader
 
 CSV_RECEIVED = "%time"
@@ -53,7 +53,7 @@ def read_bag(path, axes="x, z, -y"):
         pose_topic = _choose(info, path, "poses", _pose_rank)
         control_topic = _choose(info, path, "controls", _control_rank)
         drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
-        poses, controls, delays = [], [], {pose_topic: [], control_topic: []}
+        poses, controls, receipts = [], [], {pose_topic: [], control_topic: []}
         drives = {}
         mapping = _core.AxisMapping(axes)
         lost = 0
@@ -64,15 +64,15 @@ def read_bag(path, axes="x, z, -y"):
             if topic in drive_topics:
                 drives[message.began.to_sec()] = stamp
                 continue
-            delays[topic].append(received.to_sec() - stamp)
             if topic == control_topic:
                 controls.append((stamp,) + _control(message))
             else:
                 pose = _pose(message, mapping)
                 if pose is None or max(map(abs, pose[:2])) > FARTHEST:
                     lost += 1
-                else:
-                    poses.append((stamp,) + pose)
+                    continue
+                poses.append((stamp,) + pose)
+            receipts[topic].append(received.to_sec())
     if lost:
         warnings.append("%d poses are invalid and were left out" % lost)
     source = "%s (%s), %s (%s)" % (
@@ -81,10 +81,22 @@ def read_bag(path, axes="x, z, -y"):
         control_topic,
         info[control_topic].msg_type,
     )
+    for what, topic, rows in (("poses", pose_topic, poses), ("controls", control_topic, controls)):
+        stamps, count, error = plausibility.mend_stamps([r[0] for r in rows], receipts[topic])
+        if count:
+            rows[:] = [(stamp,) + row[1:] for stamp, row in zip(stamps, rows)]
+            warnings.append(
+                "the bag may be damaged: %d stamps of the %s contradict the recorder's clock by up to "
+                "%.3f s and were replaced" % (count, what, error)
+            )
+    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
     recording = _checked(path, poses, controls, source, warnings)
     recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
-    recording.clock_offset = float(np.median(delays[pose_topic]) - np.median(delays[control_topic]))
+    recording.clock_offset = float(
+        np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
+        - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
+    )
     return recording
 
 

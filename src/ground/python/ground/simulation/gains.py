@@ -53,9 +53,9 @@ def read(path):
     try:
         with open(path) as file:
             values = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
-    except yaml.YAMLError as error:
+    except (ValueError, yaml.YAMLError) as error:
         raise IdentifyError("%s: is no YAML (%s)" % (path, error))
     if not isinstance(values, dict):
         raise IdentifyError("%s: it has to be lines of NAME: NUMBER" % path)

@@ -1,6 +1,8 @@
 """identify diagnose: which physical effect a model lacks."""
 import os
 
+import numpy as np
+
 from ground import files, origin
 from ground.analysis import candidates
 from ground.analysis.unfinished import Unfinished
@@ -115,7 +117,8 @@ def run(arguments):
 def _kept(arguments, runs, model, tried):
     """What an interrupted diagnosis of the same has left in the folder."""
     neutral = [(c.name, c.add(model).format()) for c in tried]
-    identity = (runs, model.format(), neutral, arguments.budget, origin.versions())
+    measured = [(r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.poses, r.noise) for r in runs]
+    identity = (measured, model.format(), neutral, arguments.budget, origin.versions())
     return Unfinished(os.path.join(arguments.output, ".unfinished"), identity)
 
 

@@ -1,0 +1,65 @@
+"""What cannot have been recorded so: single stamps and commands that a damaged file has changed.
+
+A bag without compression has no checksum. A flipped bit shows only where the file says the same thing
+twice, or where one message is unlike all others.
+"""
+import numpy as np
+
+MIN_STAMP_ERROR = 0.015  # of a stamp against the recorder's clock [s]
+REGULAR = 0.25  # part of that error by which the times of receipt may be uneven
+MAX_SHARE = 0.01  # of stamps that may be wrong; more of them are the way a system works
+NEIGHBOURS = 2  # messages on each side that a message is held against
+MAX_LEVELS = 8  # of commands that switch between levels
+MIN_COMMANDS = 30  # that make levels recognisable
+LEVEL_SHARE = 0.98  # of them that are at a level
+CHANNELS = ("left", "right", "lift")
+
+
+def mend_stamps(stamps, received):
+    """Stamps [s] with single ones replaced that contradict the recorder's clock although that is even
+    around them; how many, and the largest error [s].
+
+    stamps, received: (n,) in the order of receipt, on clocks that may differ by a constant or drift.
+    """
+    stamps, received = np.array(stamps, float), np.asarray(received, float)
+    if len(stamps) < 2 * NEIGHBOURS + 2:
+        return stamps, 0, 0.0
+    typical = _median_around(received - stamps)
+    error = np.abs(received - stamps - typical)
+    steps = np.diff(received)
+    uneven = np.abs(np.diff(steps))  # of a time of receipt between its two neighbours
+    uneven = 0.5 * np.concatenate([uneven[:1], uneven, uneven[-1:]])
+    wrong = (error > MIN_STAMP_ERROR) & (uneven < REGULAR * error)
+    count = int(wrong.sum())
+    if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
+        return stamps, 0, 0.0
+    stamps[wrong] = (received - typical)[wrong]
+    return stamps, count, float(error[wrong].max())
+
+
+def lone_commands(times, controls):
+    """Sentences about commands whose value no other command has, where all others switch between a few
+    levels. times: (m,) [s]; controls: (m, 3) left, right, lift."""
+    if len(controls) < MIN_COMMANDS:
+        return
+    for channel, values in zip(CHANNELS, np.asarray(controls).T):
+        levels, counts = np.unique(values, return_counts=True)
+        often = counts > 2
+        lone = levels[counts == 1]
+        if (
+            0 < len(lone) <= 2
+            and often.sum() <= MAX_LEVELS
+            and counts[often].sum() >= LEVEL_SHARE * len(values)
+        ):
+            at = [int(np.flatnonzero(values == value)[0]) for value in lone]
+            yield "the command %s is %s, a value that no other command has: the bag may be damaged" % (
+                channel,
+                " and ".join("%g at %.2f s" % (values[i], times[i] - times[0]) for i in at),
+            )
+
+
+def _median_around(values):
+    """The median of each value and its neighbours."""
+    padded = np.pad(values, NEIGHBOURS, mode="reflect")
+    width = 2 * NEIGHBOURS + 1
+    return np.median([padded[i : i + len(values)] for i in range(width)], axis=0)

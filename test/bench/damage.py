@@ -1,0 +1,166 @@
+#!/usr/bin/python3
+"""Bags that are cut or have a bit flipped, at random, through info, fit and compare.
+
+Small bags of one run as they are written by the recorder, by rosbag with lz4 in one chunk, and without
+compression. Counts tracebacks, runs that take too long, and fits that move by more than 3 standard errors
+without a word on standard error; exit status 1 when there is any.
+"""
+import argparse
+import collections
+import contextlib
+import io
+import json
+import multiprocessing
+import os
+import pathlib
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+import rosbag
+from ground import cli
+from ground.recordings import bags
+
+MODEL = pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+KINDS = {
+    "recorder": dict(compression="lz4", chunk_threshold=bags.CHUNK),
+    "lz4": dict(compression="lz4"),
+    "plain": dict(),
+}
+LONGEST = 20.0  # of a run [s]
+HUNG = 120.0  # after which a run is given up [s]
+CHANGED = 3.0  # standard errors
+Run = collections.namedtuple("Run", "status seconds out err")
+Case = collections.namedtuple("Case", "kind damage number")
+
+
+def run(*arguments):
+    """Runs a verb in this process; status None: it raised."""
+    out, err, start = io.StringIO(), io.StringIO(), time.monotonic()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = cli.main([str(a) for a in arguments])
+        except BaseException as error:  # whatever comes out is what we look for
+            status = None
+            err.write("raised %r" % error)
+    return Run(status, time.monotonic() - start, out.getvalue(), err.getvalue())
+
+
+def three(bag, folder):
+    """Runs of info, fit and compare on a bag."""
+    fitted = os.path.join(folder, "fitted.yaml")
+    return [
+        run("info", bag, "--json"),
+        run("fit", bag, "--model", MODEL, "-o", fitted, "--force", "--json"),
+        run("compare", bag, "--model", MODEL, "-o", folder, "--numbers", "--force", "--json"),
+    ]
+
+
+def parameters(fit):
+    """Value and standard error of the fitted parameters by name."""
+    found = json.loads(fit.out)["parameters"].items()
+    return {n: (p["value"], (p["ci95"][1] - p["ci95"][0]) / 3.92) for n, p in found}
+
+
+def damaged(data, case):
+    random = np.random.default_rng([case.number, case.damage == "cut"])
+    if case.damage == "cut":
+        return data[: int(random.integers(1, len(data)))]
+    flipped = bytearray(data)
+    flipped[int(random.integers(len(data)))] ^= 1 << int(random.integers(8))
+    return bytes(flipped)
+
+
+def examine(task):
+    """What is wrong with the runs on a damaged bag: a set of words; and the largest change."""
+    case, source, wanted = task
+    with tempfile.TemporaryDirectory() as folder:
+        bag = os.path.join(folder, os.path.basename(source))
+        with open(source, "rb") as file, open(bag, "wb") as out:
+            out.write(damaged(file.read(), case))
+        runs = three(bag, folder)
+    found, said, moved = set(), "", 0.0
+    for one in runs:
+        if one.status not in (0, 1) or "Traceback" in one.err or "unexpected" in one.err:
+            found.add("traceback")
+            said = one.err
+        if one.status == 1 and one.err.strip().count("\n") > 4:
+            found.add("many lines")
+            said = one.err
+        if one.seconds > LONGEST:
+            found.add("slow")
+    fit = runs[1]
+    if fit.status == 0:
+        now = parameters(fit)
+        moved = max(abs(now[n][0] - value) / error for n, (value, error) in wanted.items())
+        found.add("warned" if fit.err else "read without a word")
+        if moved > CHANGED:
+            found.add("changed" if fit.err else "changed silently")
+    else:
+        found.add("refused")
+        said = said or fit.err
+    return case, found, moved, said.strip(), max(one.seconds for one in runs)
+
+
+def write(folder):
+    """Bags of every kind of one run; their paths."""
+    source = os.path.join(folder, "source.bag")
+    options = ["--input", "prbs", "--duration", "6", "--rate", "60", "-o", source]
+    assert run("simulate", "--model", MODEL, *options).status == 0
+    paths = {}
+    for kind, options in KINDS.items():
+        paths[kind] = os.path.join(folder, kind + ".bag")
+        with rosbag.Bag(source) as bag, rosbag.Bag(paths[kind], "w", **options) as out:
+            for topic, message, at in bag.read_messages():
+                if topic in (bags.POSE, bags.CONTROLS):
+                    out.write(topic, message, at)
+    return paths
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cuts", type=int, default=500)
+    parser.add_argument("--flips", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--show", action="store_true", help="show every bag that is read otherwise")
+    arguments = parser.parse_args()
+    worst = ("traceback", "many lines", "slow", "hung", "changed silently")
+    counts = collections.defaultdict(collections.Counter)
+    longest = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        paths, wanted = write(folder), {}
+        for kind in arguments.kinds:
+            wanted[kind] = parameters(three(paths[kind], folder)[1])
+        tasks = []
+        for damage, count in (("cut", arguments.cuts), ("flip", arguments.flips)):
+            for number in range(arguments.first, arguments.first + count):
+                kind = arguments.kinds[number % len(arguments.kinds)]
+                tasks.append((Case(kind, damage, number), paths[kind], wanted[kind]))
+        with multiprocessing.Pool(arguments.jobs) as pool:
+            waiting = [(task[0], pool.apply_async(examine, (task,))) for task in tasks]
+            for case, result in waiting:
+                try:
+                    case, found, moved, said, seconds = result.get(HUNG + len(tasks) * LONGEST)
+                except multiprocessing.TimeoutError:
+                    found, moved, said, seconds = {"hung"}, 0.0, "", HUNG
+                longest = max(longest, seconds)
+                for name in found:
+                    counts[case.kind, case.damage][name] += 1
+                if found & set(worst) or arguments.show:
+                    print("%s: %s, %.1f SE; %s" % (case, sorted(found), moved, said), flush=True)
+    rows = ["refused", "warned", "read without a word", "changed"] + list(worst)
+    columns = sorted(counts)
+    print("%-22s" % "" + "".join("%16s" % " ".join(c) for c in columns) + "%9s" % "all")
+    for name in rows:
+        each = [counts[c][name] for c in columns]
+        print("%-22s" % name + "".join("%16d" % n for n in each) + "%9d" % sum(each))
+    print("%d cuts, %d flips; longest run %.1f s" % (arguments.cuts, arguments.flips, longest))
+    return 1 if any(counts[c][name] for c in columns for name in worst) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,160 @@
+"""What an interrupted diagnosis has left in its folder: read as data, never run."""
+import dataclasses
+import hashlib
+import io
+import os
+import pickle
+
+import numpy as np
+import pytest
+from conftest import MODEL
+
+from ground import _core
+from ground.analysis import diagnosis, study, unfinished
+
+PLANTED = []
+
+
+class Malicious:
+    def __reduce__(self):
+        return PLANTED.append, ("run",)
+
+
+def a_trial():
+    model = _core.load_model(str(MODEL))
+    model.add_effect("motor_lag")
+    parameters = {"k": {"name": "k", "value": 0.1, "ci95": (0.05, np.inf), "identified": True}}
+    fit = study.Fit(model, parameters, np.arange(3.0), np.ones(3), np.array([0.1, np.nan]))
+    screened = {"gain": 0.1, "step": np.array([1e-3]), "blocks": 7, "seen": np.float64(0.2)}
+    trial = diagnosis.Trial("motor_lag", model, [], screened, 1 / 3, 1.0, 0.1, -3.0, None)
+    trial.fit, trial.costs = fit, np.random.default_rng(1).normal(size=(2, 3))
+    return trial
+
+
+def same(a, b):
+    assert type(a) is type(b) or isinstance(a, np.generic), (a, b)
+    if isinstance(a, np.ndarray):
+        np.testing.assert_array_equal(a, b)
+    elif isinstance(a, _core.Model):
+        assert a.format() == b.format()
+    elif isinstance(a, dict):
+        assert list(a) == list(b)
+        [same(a[key], b[key]) for key in a]
+    elif isinstance(a, (list, tuple)):
+        assert len(a) == len(b)
+        [same(x, y) for x, y in zip(a, b)]
+    elif dataclasses.is_dataclass(a):
+        [same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a)]
+    else:
+        assert a == b
+
+
+def kept(folder, value, identity="this work"):
+    """What is given for a part, and whether it was computed."""
+    computed = []
+
+    def compute():
+        computed.append(1)
+        return value
+
+    return unfinished.Unfinished(str(folder), identity).result("part", compute), bool(computed)
+
+
+def test_results_come_back_bit_by_bit(tmp_path):
+    for name, value in (("trial", a_trial()), ("fit", a_trial().fit), ("none", None)):
+        first, computed = kept(tmp_path / name, value)
+        assert computed
+        again, computed = kept(tmp_path / name, "another")
+        assert not computed
+        same(value, again)
+        assert kept(tmp_path / name, "another", "other work") == ("another", True)
+
+
+def files_of(folder):
+    return [folder / name for name in os.listdir(str(folder))]
+
+
+def with_digest(contents):
+    return hashlib.sha256(contents).digest() + contents
+
+
+def objects():
+    buffer = io.BytesIO()
+    np.savez(buffer, np.array([Malicious()], dtype=object))
+    return buffer.getvalue()
+
+
+def compressed():
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, np.zeros(10**6))
+    return buffer.getvalue()
+
+
+def test_a_malicious_pickle_in_the_folder_is_never_run(tmp_path):
+    PLANTED.clear()
+    pickled = pickle.dumps(Malicious())
+    kept(tmp_path, 1.5)
+    (path,) = files_of(tmp_path)
+    for contents in (pickled, with_digest(pickled), objects(), with_digest(objects())):
+        for name in (path, tmp_path / path.stem):  # now, and as they were called formerly
+            name.write_bytes(contents)
+        assert kept(tmp_path, 2.5) == (2.5, True)
+        assert kept(tmp_path, 3.5) == (2.5, False)  # replaced by what was computed
+    assert not PLANTED
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda data: b"",
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:-1] + bytes([data[-1] ^ 1]),
+        lambda data: bytes(32) + data[32:],
+        lambda data: with_digest(b"no archive"),
+        lambda data: with_digest(compressed()),
+        lambda data: unfinished._packed(1)[:32] + data[32:],
+    ],
+)
+def test_what_is_damaged_or_foreign_is_computed_again(tmp_path, spoil):
+    kept(tmp_path, a_trial())
+    (path,) = files_of(tmp_path)
+    path.write_bytes(spoil(path.read_bytes()))
+    assert kept(tmp_path, 2.5) == (2.5, True)
+
+
+def test_what_is_not_data_is_not_kept(tmp_path):
+    work = unfinished.Unfinished(str(tmp_path), "this work")
+    for value in (Malicious(), np.array([Malicious()])):
+        with pytest.raises(TypeError, match="cannot be kept"):
+            work.result("part", lambda: value)
+    assert not files_of(tmp_path)
+
+
+def test_files_of_others_stay(tmp_path):
+    folder = tmp_path / ".unfinished"
+    kept(folder, 1.5)
+    (folder / "notes.txt").write_text("mine")
+    work = unfinished.Unfinished(str(folder), "this work")
+    work.done()
+    assert [p.name for p in files_of(folder)] == ["notes.txt"]
+    (folder / "notes.txt").unlink()
+    work.done()
+    assert not folder.exists()
+
+
+def test_work_goes_on_where_nothing_can_be_kept(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(unfinished.files.tempfile, "mkstemp", full)
+    assert kept(tmp_path, 1.5) == (1.5, True)
+
+
+def test_nothing_in_the_package_unpickles():
+    package = os.path.dirname(unfinished.__file__) + "/.."
+    for folder, _, names in os.walk(package):
+        for name in names:
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name)) as file:
+                    text = file.read()
+                assert "import pickle" not in text and "allow_pickle=True" not in text, name
