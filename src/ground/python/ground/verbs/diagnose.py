@@ -117,7 +117,10 @@ def run(arguments):
 def _kept(arguments, runs, model, tried):
     """What an interrupted diagnosis of the same has left in the folder."""
     neutral = [(c.name, c.add(model).format()) for c in tried]
-    measured = [(r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.poses, r.noise) for r in runs]
+    measured = [
+        (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
+        for r in runs
+    ]
     identity = (measured, model.format(), neutral, arguments.budget, origin.versions())
     return Unfinished(os.path.join(arguments.output, ".unfinished"), identity)
 
