@@ -121,6 +121,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "bag_dir:=%s" % bags,
         "experiment:=short",
         "exit_when_done:=true",
+        "heading_offset:=0.25",
         "port:=%d" % port,
     ) as launch:
         launch.wait(timeout=60)
@@ -133,6 +134,8 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     ).stdout
     for topic in ("/controls", "/state", "/vrpn_client_node/hovercraft/pose", "/sender/status"):
         assert topic + " " in info
+    measured = identify("info", str(bag[0])).stdout
+    assert "heading_offset 0.25 rad (recorded in the bag)" in measured
 
     with roslaunch(
         tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"
@@ -154,6 +157,14 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
                 )
 
         wait_for(predicted, 40, "a predicted path")
+        settings = subprocess.run(
+            ["rostopic", "echo", "-n", "1", "/mocap_state/settings"],
+            stdout=subprocess.PIPE,
+            env=launch.env,
+            timeout=10,
+            universal_newlines=True,
+        ).stdout
+        assert "heading_offset: 0.25" in settings, "the replayed run is measured as it was"
 
 
 def nodes_of(*arguments):

@@ -60,7 +60,7 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
     )
     found = messages(path)
     assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
-    assert set(found) == {POSE, "/controls", TRUTH, DRIVE}
+    assert set(found) == {POSE, "/controls", TRUTH, DRIVE, "/mocap_state/settings"}
     kinds = {topic: rows[0][1]._type for topic, rows in found.items()}
     assert kinds[POSE] == "geometry_msgs/PoseStamped"
     assert kinds["/controls"] == "ground_msgs/Controls"

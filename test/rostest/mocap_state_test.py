@@ -11,7 +11,7 @@ import rospy
 import rostest
 import tf2_ros
 from geometry_msgs.msg import PoseStamped, Quaternion
-from ground_msgs.msg import State
+from ground_msgs.msg import MocapSettings, State
 from nav_msgs.msg import Odometry
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -245,7 +245,14 @@ class MocapStateTest(unittest.TestCase):
         self.play(0.3, rate_of_turn=0.0)
         harness.wait_for(self.valid_now, 1, "a valid state")
         self.assertAlmostEqual(self.state.message.eta[2], -0.5, 6)
+        # Whoever analyses the run has to know, and from which pose on.
+        settings = harness.Latest("mocap_state/settings", MocapSettings)
+        harness.wait_for(lambda: settings.message, 5, "the latched settings")
+        self.assertEqual((settings.message.axes, settings.message.heading_offset), ("x, z, -y", 0.5))
+        last = self.state.message.header.stamp
         client.update_configuration({"heading_offset": 0.0, "estimator": "kalman"})
+        harness.wait_for(lambda: settings.message.heading_offset == 0, 5, "the new settings")
+        self.assertEqual(settings.message.header.stamp, last)
         client.close()
 
 

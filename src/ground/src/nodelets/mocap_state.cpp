@@ -1,21 +1,25 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <ground/MocapStateConfig.h>
+#include <ground_msgs/MocapSettings.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Odometry.h>
 #include <nodelet/nodelet.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
+#include <xmlrpcpp/XmlRpcException.h>
 
 #include <array>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
@@ -27,11 +31,13 @@ namespace ground {
 
 /// Motion capture poses to the state of the craft.
 ///
-/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), and those of MocapState.cfg, live.
-/// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, and on tf world ->
-/// world_ned (z down) -> hovercraft. Repeated and late poses, and up to three in a row that cannot
-/// be, are passed over in silence; without poses, or with a pose that is frozen, it says so with
-/// invalid states at 10 Hz.
+/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), those of MocapState.cfg, live, and
+/// recorded (optional): the settings of a run that is played, a list of from [s], axes and
+/// heading_offset [rad], each for poses stamped after `from`, the first for those before, too.
+/// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, ~settings (axes and
+/// heading_offset, latched), and on tf world -> world_ned (z down) -> hovercraft. Repeated and late
+/// poses, and up to three in a row that cannot be, are passed over in silence; without poses, or
+/// with a pose that is frozen, it says so with invalid states at 10 Hz.
 class MocapState : public nodelet::Nodelet {
  public:
   ~MocapState() override {
@@ -61,7 +67,9 @@ class MocapState : public nodelet::Nodelet {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     axes_ = optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack);
+    loadRecorded(nh);
     mapping_ = AxisMapping(axes_);
+    settings_publisher_ = nh.advertise<ground_msgs::MocapSettings>("settings", 1, true);
     state_publisher_ = topics.advertise<ground_msgs::State>("state", 4);
     odometry_publisher_ = topics.advertise<nav_msgs::Odometry>("odometry", 4);
     static_broadcaster_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
@@ -77,6 +85,25 @@ class MocapState : public nodelet::Nodelet {
     thread_ = std::thread([this] { watch(); });
     subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose,
                                    this, ros::TransportHints().tcpNoDelay());
+  }
+
+  void loadRecorded(ros::NodeHandle& nh) {
+    XmlRpc::XmlRpcValue list;
+    if (!nh.getParam("recorded", list)) return;
+    try {
+      for (int i = 0; i < list.size(); ++i) {
+        XmlRpc::XmlRpcValue& entry = list[i];
+        recorded_.push_back({entry["from"], entry["axes"], entry["heading_offset"]});
+        AxisMapping(recorded_.back().axes, recorded_.back().heading_offset);
+      }
+    } catch (const XmlRpc::XmlRpcException& error) {
+      throw std::runtime_error("parameter recorded is no list of from, axes and heading_offset: " +
+                               error.getMessage());
+    }
+    if (recorded_.empty()) return;
+    axes_ = recorded_.front().axes;
+    nh.setParam("axes", axes_);
+    nh.setParam("heading_offset", recorded_.front().heading_offset);
   }
 
   static EstimatorParams params(const Config& c) {
@@ -104,13 +131,9 @@ class MocapState : public nodelet::Nodelet {
 
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const bool turned = c.heading_offset != heading_offset_;
-    heading_offset_ = c.heading_offset;
-    mapping_ = AxisMapping(axes_, heading_offset_);
-    for (const auto& estimator : estimators_) {
-      estimator->setParams(params(c));
-      if (turned) estimator->reset();
-    }
+    for (const auto& estimator : estimators_) estimator->setParams(params(c));
+    if (c.heading_offset != wanted_offset_) measureBy(axes_, c.heading_offset);
+    wanted_offset_ = c.heading_offset;
     // Both always run, so that a change between them does not interrupt the state.
     active_ = c.estimator == "kalman" ? 0 : 1;
     timeout_ = duration(c.timeout);
@@ -120,8 +143,30 @@ class MocapState : public nodelet::Nodelet {
     wake_.notify_all();
   }
 
+  /// Takes other settings from the next pose on.
+  void measureBy(const std::string& axes, double heading_offset) {
+    mapping_ = AxisMapping(axes, heading_offset);
+    axes_ = axes;
+    for (const auto& estimator : estimators_) estimator->reset();
+    auto settings = boost::make_shared<ground_msgs::MocapSettings>();
+    settings->header.stamp = stamp_.isZero() ? ros::Time::now() : stamp_;
+    settings->axes = axes;
+    settings->heading_offset = heading_offset;
+    settings_publisher_.publish(settings);
+  }
+
+  /// Follows the settings of the run that is played.
+  void follow(double stamp) {
+    std::size_t now = recorded_.size() - 1;
+    while (now > 0 && stamp <= recorded_[now].from) --now;
+    if (now == followed_) return;
+    followed_ = now;
+    measureBy(recorded_[now].axes, recorded_[now].heading_offset);
+  }
+
   void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (!recorded_.empty()) follow(pose->header.stamp.toSec());
     if (repeats(pose->pose)) return;
     const StateEstimate& estimate = take(*pose);
     if (!estimate.used && (estimate.ignored || estimate.valid)) {
@@ -267,8 +312,16 @@ class MocapState : public nodelet::Nodelet {
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards all data that follows
+  /// Settings of a recorded run.
+  struct Recorded {
+    double from;  ///< for poses stamped after this [s]
+    std::string axes;
+    double heading_offset;  ///< [rad]
+  };
+  std::vector<Recorded> recorded_;  ///< of the run that is played; empty when none is
+  std::size_t followed_ = 0;        ///< of `recorded_`, the one that holds
   std::string axes_;
-  double heading_offset_ = 0;
+  double wanted_offset_ = std::numeric_limits<double>::quiet_NaN();  ///< parameter heading_offset
   AxisMapping mapping_;
   const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{
       makeKalmanEstimator({}), makeFiniteDifferenceEstimator({})};
@@ -289,7 +342,7 @@ class MocapState : public nodelet::Nodelet {
   std::thread thread_;
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> static_broadcaster_;
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;
-  ros::Publisher state_publisher_, odometry_publisher_;
+  ros::Publisher state_publisher_, odometry_publisher_, settings_publisher_;
   ros::Subscriber subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };

@@ -17,7 +17,7 @@ import traceback
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from ground_msgs.msg import Controls, Drive, IdentificationStatus
+from ground_msgs.msg import Controls, Drive, IdentificationStatus, MocapSettings
 from ground_msgs.srv import (
     Identify,
     IdentifyResponse,
@@ -35,10 +35,12 @@ from ground.reports import words
 
 Status = IdentificationStatus
 PATIENCE = 5.0  # with a process that was asked to end [s]
+MOST_SETTINGS = 1000  # changes of the mocap's settings that are remembered
 
 
 class LiveBuffer:
-    """The last seconds of poses and commands, and of when the drive began, as they came."""
+    """The last seconds of poses and commands, and of when the drive began, as they came, with the settings
+    of the mocap."""
 
     TOPICS = {bags.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
     REQUIRED = [bags.POSE.lstrip("/"), "controls"]
@@ -47,10 +49,20 @@ class LiveBuffer:
         self.seconds = seconds
         self._lock = threading.Lock()
         self._messages = collections.deque()  # (receipt rospy.Time, topic, message)
+        self._settings = collections.deque(maxlen=MOST_SETTINGS)
         self._subscribers = [
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
             for topic, kind in self.TOPICS.items()
         ]
+        self._settings_subscriber = rospy.Subscriber(
+            bags.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
+        )
+
+    def _take_settings(self, message):
+        with self._lock:
+            if self._settings and message.header.stamp < self._settings[-1].header.stamp:
+                self._settings.clear()  # a bag that begins again
+            self._settings.append(message)
 
     def _take(self, message, topic):
         now = rospy.Time.now()
@@ -86,18 +98,21 @@ class LiveBuffer:
                 "poses and commands of %.1f s have come so far, not of %g s" % (covered, last)
             )
         with self._lock:
-            chosen = list(self._messages)
+            chosen, settings = list(self._messages), list(self._settings)
         newest = chosen[-1][0]
+        chosen = [row for row in chosen if (newest - row[0]).to_sec() <= last]
         with files.new_file(path) as temporary:
             with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
+                for message in settings:
+                    bag.write(bags.SETTINGS, message, chosen[0][0])
                 for at, topic, message in chosen:
-                    if (newest - at).to_sec() <= last:
-                        bag.write("/" + topic, message, at)
+                    bag.write("/" + topic, message, at)
 
 
 class IdentificationNode:
-    """Parameters: model (model file, required), bag_dir and output (folders), axes ("x, z, -y"), keep
-    (seconds of live topics that can be asked for, 120). Subscribes: pose, controls and drive. Services: ~fit,
+    """Parameters: model (model file, required), bag_dir and output (folders), axes and heading_offset
+    (in place of those that were recorded, or that mocap_state has), keep (seconds of live topics that
+    can be asked for, 120). Subscribes: pose, controls, drive, mocap_state/settings. Services: ~fit,
     ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger), ~offer (ground_msgs/OfferModel).
     Publishes, latched: ~status, ~result (JSON, as the command line prints it) and ~model (the path of
     the newest model).
@@ -109,7 +124,11 @@ class IdentificationNode:
         self.model = _existing(rospy.get_param("~model", ""), "model")
         self._bag_dir = _folder(rospy.get_param("~bag_dir", "~/ground_bags"))
         self._output = _folder(rospy.get_param("~output", "~/ground_models"))
-        self._axes = rospy.get_param("~axes", "x, z, -y")
+        self._settings = []
+        for name in ("axes", "heading_offset"):
+            value = str(rospy.get_param("~" + name, "recorded"))
+            if value != "recorded":
+                self._settings.append("--%s=%s" % (name.replace("_", "-"), value))
         keep = rospy.get_param("~keep", 120.0)
         if not isinstance(keep, (int, float)) or not 0 < keep < math.inf:
             raise IdentifyError("parameter keep is %s, not a number of seconds" % keep)
@@ -168,7 +187,7 @@ class IdentificationNode:
             {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}[task],
         )
         command = [self._program, task] + ([request.effect] if task == "add" else []) + recordings
-        command += ["--model", model, "--axes", self._axes, "--json", "--progress"]
+        command += ["--model", model, "--json", "--progress"] + self._settings
         command += ["-o", folder if task == "diagnose" else made]
         result = json.loads(self._execute(task, command, began))
         if task != "diagnose":

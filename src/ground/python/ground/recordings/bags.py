@@ -2,8 +2,10 @@
 import numpy as np
 
 from ground import _core, files
+from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
+SETTINGS = "/mocap_state/settings"
 CONTROLS = "/controls"
 DRIVE = "/drive"
 TRUTH = "/simulator/truth"
@@ -16,10 +18,11 @@ NS = 10**9
 CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
 
 
-def write(run, path, axes="x, z, -y", force=False):
+def write(run, path, axes=AXES, heading_offset=0.0, force=False):
     """Writes a SimulatedRun to a bag; the same run gives the same bytes.
 
-    Poses are in the mocap's axes. Header stamps are times of measurement, record times those of
+    Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
+    the craft; the bag says so. Header stamps are times of measurement, record times those of
     delivery. Gives the number of messages by topic; raises IdentifyError when the file exists.
     """
     import genpy
@@ -31,7 +34,7 @@ def write(run, path, axes="x, z, -y", force=False):
     counts = {}
     with files.new_file(path, force) as temporary:
         with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=CHUNK) as bag:
-            for received, topic, stamp, message in _in_order(run, axes):
+            for received, topic, stamp, message in _in_order(run, axes, heading_offset):
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = time(stamp)
                 bag.write(topic, message, time(received))
@@ -39,12 +42,16 @@ def write(run, path, axes="x, z, -y", force=False):
     return counts
 
 
-def _in_order(run, axes):
+def _in_order(run, axes, heading_offset):
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
+    from ground_msgs.msg import MocapSettings
+
+    start = run.truth_times[:1]
     drives = _drives(run)
     series = [
+        (SETTINGS, start, start, [MocapSettings(axes=axes, heading_offset=heading_offset)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
-        (POSE, run.delivered, run.pose_times, _poses(run, axes)),
+        (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
         (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
         (DRIVE, drives[:, 1], drives[:, 1], _drive_records(drives)),
@@ -58,10 +65,10 @@ def _in_order(run, axes):
         yield at, series[which][0], stamp, message
 
 
-def _poses(run, axes):
+def _poses(run, axes, heading_offset):
     from geometry_msgs.msg import PoseStamped
 
-    mapping = _core.AxisMapping(axes)
+    mapping = _core.AxisMapping(axes, heading_offset)
     for eta in run.eta:
         message = PoseStamped()
         message.header.frame_id = "mocap"

@@ -25,6 +25,7 @@ def facts(d):
     noise = poses["noise"]
     yield "recorded", when(d)
     yield "source", d["source"]
+    yield "measured", _measured(d["settings"])
     spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
     yield "usable", "%.2f of %.2f s: %s" % (
         d["usable"]["duration"],
@@ -52,6 +53,24 @@ def facts(d):
         yield "reply", "the craft's motion follows the commands by %.0f ms" % (
             1e3 * d["reply"]["lag"]
         )
+
+
+def _measured(settings):
+    """By which settings poses became world_ned, and where these are from."""
+    sources = settings["sources"]
+    words = {
+        "axes": "axes '%s' (%s)" % (settings["axes"], sources["axes"]),
+        "heading_offset": "heading_offset %g rad (%s)"
+        % (settings["heading_offset"], sources["heading_offset"]),
+    }
+    text = ", ".join(words[name] for name in settings["taken"]) or "as states, corrected already"
+    for change in settings["changes"] if settings["taken"] else ():
+        text += "; from %.2f s on axes '%s', heading_offset %g rad" % (
+            change["time"],
+            change["axes"],
+            change["heading_offset"],
+        )
+    return text
 
 
 def findings(d):

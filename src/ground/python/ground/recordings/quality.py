@@ -172,6 +172,7 @@ class Run:
         return {
             "name": recording.name,
             "source": recording.source,
+            "settings": recording.settings.describe(self.zero),
             "begins": float(stamps.min()),
             "warnings": recording.warnings,
             "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),

@@ -7,9 +7,9 @@ from typing import List
 
 import numpy as np
 
-from ground import _core, files
+from ground import files
 from ground.errors import IdentifyError
-from ground.recordings import bags, plausibility
+from ground.recordings import bags, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
 
 CSV_RECEIVED = "%time"
@@ -35,13 +35,16 @@ class Recording:
     # (k, 2) [s], a row for each drive that was recorded: when it began, and until when it was said to
     # be the newest; the sender's word, as in ground_msgs/Drive
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
 
 
-def read_bag(path, axes="x, z, -y"):
+def read_bag(path, axes=None, heading_offset=None):
     """The recording in a bag: ground's own topics or those of the original system.
 
-    Poses come from a mocap PoseStamped (by `axes` to world_ned) where there is one, else from a
-    PointStamped `pose` or `eta` (x, y, psi), else from ground_msgs/State. Raises IdentifyError.
+    Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`
+    (x, y, psi), else from ground_msgs/State. Mocap poses become world_ned by the settings that were
+    recorded with the run, or by `axes` and `heading_offset` [rad] where given; planar ones take the
+    heading offset; states are corrected already. Raises IdentifyError.
     """
     if os.path.isdir(path):
         raise IdentifyError("%s: a folder, not a bag; name the bags in it" % path)
@@ -55,7 +58,8 @@ def read_bag(path, axes="x, z, -y"):
         drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
         poses, controls, receipts = [], [], {pose_topic: [], control_topic: []}
         drives = {}
-        mapping = _core.AxisMapping(axes)
+        kind = info[pose_topic].msg_type
+        settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
         lost = 0
         for topic, message, received in bag.read_messages(
             [pose_topic, control_topic] + drive_topics
@@ -67,7 +71,7 @@ def read_bag(path, axes="x, z, -y"):
             if topic == control_topic:
                 controls.append((stamp,) + _control(message))
             else:
-                pose = _pose(message, mapping)
+                pose = _pose(message, settings)
                 if pose is None or max(map(abs, pose[:2])) > FARTHEST:
                     lost += 1
                     continue
@@ -92,12 +96,23 @@ def read_bag(path, axes="x, z, -y"):
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
     recording = _checked(path, poses, controls, source, warnings)
     recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)
+    recording.settings = settings
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(
         np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
         - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
     )
     return recording
+
+
+def read_settings(path, axes=None, heading_offset=None):
+    """The settings.Settings by which the mocap's poses in a bag become world_ned, or the given ones in
+    their place. Raises IdentifyError."""
+    if not os.path.isfile(path):
+        raise IdentifyError("%s: no such file" % path)
+    with BagReader(path) as bag:
+        kind = "geometry_msgs/PoseStamped"
+        return measured.settings_of(bag, path, kind, axes, heading_offset)
 
 
 def _pose_rank(name, kind):
@@ -137,14 +152,16 @@ def _choose(info, path, what, rank):
     return same[0]
 
 
-def _pose(message, mapping):
+def _pose(message, settings):
     kind = message._type
     if kind == "geometry_msgs/PoseStamped":
         p, q = message.pose.position, message.pose.orientation
+        mapping = settings.mapping(message.header.stamp)
         planar = mapping.to_planar((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
         return None if planar is None else tuple(planar)
     if kind == "geometry_msgs/PointStamped":
-        return (message.point.x, message.point.y, message.point.z)
+        psi = settings.heading(message.header.stamp, message.point.z)
+        return (message.point.x, message.point.y, psi)
     return tuple(message.eta) if message.valid else None
 
 

@@ -30,8 +30,8 @@ def run(arguments):
     candidate = candidates.named(arguments.effect)
     extended = candidate.add(model)
     common.progress(arguments, "reading the recordings")
-    runs = common.prepare(arguments, model)[1]
-    held = common.held_out(arguments, model, runs)[1]
+    prepared, runs = common.prepare(arguments, model)
+    held = common.held_out(arguments, model, prepared)[1]
 
     common.progress(arguments, "fitting %s without %s, and with it" % (model.name, candidate.name))
     on_runs = study.Study(runs)

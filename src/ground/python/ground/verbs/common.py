@@ -7,13 +7,19 @@ import numpy as np
 
 from ground import _core, files, origin
 from ground.errors import IdentifyError
-from ground.recordings import quality, recording as recordings
+from ground.recordings import quality, recording as recordings, settings
 
 
 def reads_bags(parser):
     parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run")
     parser.add_argument(
-        "--axes", default="x, z, -y", help="world_ned x, y, z in the mocap's axes (%(default)s)"
+        "--axes", help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES
+    )
+    parser.add_argument(
+        "--heading-offset",
+        type=angle,
+        metavar="RAD",
+        help="measured minus true heading, taken off the measured one [rad] (as recorded, else 0)",
     )
 
 
@@ -76,19 +82,26 @@ def seconds(text):
     return value
 
 
+def angle(text):
+    value = float(text)
+    if not np.isfinite(value):
+        raise argparse.ArgumentTypeError("%s is not an angle [rad]" % text)
+    return value
+
+
 def say(arguments, text=""):
     if not arguments.json:
         print(text)
 
 
-def read(arguments, bags=None):
-    """The recordings in the bags; IdentifyError when one cannot be read or is given twice."""
+def read(arguments, bags=None, others=()):
+    """The recordings in the bags; IdentifyError when one cannot be read or is given twice.
+
+    Warns of runs that were measured by different settings, of these and of `others` (recordings).
+    """
     found, bags = [], bags or arguments.bags
     for path in bags:
-        try:
-            found.append(recordings.read_bag(path, arguments.axes))
-        except ValueError as error:
-            raise IdentifyError("--axes: %s" % error)
+        found.append(recordings.read_bag(path, arguments.axes, arguments.heading_offset))
         for warning in found[-1].warnings:
             print("%s: %s" % (path, warning), file=sys.stderr)
     names = [r.name for r in found]
@@ -97,6 +110,9 @@ def read(arguments, bags=None):
             recording.name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
     if len({r.name for r in found}) < len(found):
         raise IdentifyError("the same bag is given twice")
+    different = settings.differences(list(others) + found)
+    if different and different != settings.differences(others):
+        print("note: %s" % different, file=sys.stderr)
     return found
 
 
@@ -107,14 +123,15 @@ def load(path):
         raise IdentifyError(str(error))
 
 
-def prepare(arguments, model, bags=None):
-    """Every bag (of the arguments, if none are given) read and repaired.
+def prepare(arguments, model, bags=None, others=()):
+    """Every bag (of the arguments, if none are given) read and repaired; `others`: as for read.
 
     Returns quality.Run and the _core.RunData of the part that is asked for, of each.
     """
     if not model.input_max > 0:
         raise IdentifyError("the model's input_max is not positive")
-    runs = [quality.Run(r) for r in read(arguments, bags)]
+    runs = [quality.Run(r) for r in read(arguments, bags, others)]
+    note_heading_offset(model, runs)
     return runs, [data(arguments, run, model) for run in runs]
 
 
@@ -122,10 +139,31 @@ def data(arguments, run, model):
     return run.data(model, arguments.start, arguments.end, arguments.all)
 
 
-def held_out(arguments, model, runs):
-    """What prepare gives of the runs given with --holdout; IdentifyError when one is among `runs`."""
-    prepared, held = prepare(arguments, model, arguments.holdout) if arguments.holdout else ([], [])
-    if {r.name for r in held} & {r.name for r in runs}:
+def note_heading_offset(model, runs):
+    """Says what a model's heading_offset means for runs whose heading is corrected already."""
+    if "heading_offset" not in model.effects:
+        return
+    corrected = [r.recording for r in runs if any(r.recording.settings.values("heading_offset") or ())]
+    if corrected:
+        print(
+            "note: heading_offset %s is taken off the headings of %s before the model sees them; the "
+            "model's effect heading_offset is what is left of it"
+            % (
+                " then ".join("%g" % v for v in corrected[0].settings.values("heading_offset")),
+                ", ".join(r.name for r in corrected),
+            ),
+            file=sys.stderr,
+        )
+
+
+def held_out(arguments, model, fitted):
+    """What prepare gives of the runs given with --holdout; IdentifyError when one is among those
+    `fitted` to (quality.Run)."""
+    if not arguments.holdout:
+        return [], []
+    others = [r.recording for r in fitted]
+    prepared, held = prepare(arguments, model, arguments.holdout, others)
+    if {r.name for r in held} & {r.name for r in others}:
         raise IdentifyError("a run is given both to fit to and to hold out")
     return prepared, held
 

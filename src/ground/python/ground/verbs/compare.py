@@ -87,6 +87,8 @@ def run(arguments):
     }
     evaluations = {label: {"fit": [], "held_out": []} for label in labels}
     prepared, inspected = [quality.Run(recording) for recording in found], []
+    for _, model in models:
+        common.note_heading_offset(model, prepared)
     found_out = _inspect_all(arguments, models, prepared, bags)
     for recording, bag, output, studies in zip(prepared, bags, outputs, found_out):
         for one in studies:

@@ -53,7 +53,7 @@ def run(arguments):
     tried = _candidates(arguments, model)
     common.progress(arguments, "reading the recordings")
     prepared, runs = common.prepare(arguments, model)
-    prepared_held, held = common.held_out(arguments, model, runs)
+    prepared_held, held = common.held_out(arguments, model, prepared)
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:

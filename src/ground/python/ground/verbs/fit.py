@@ -71,7 +71,7 @@ def run(arguments):
     model = common.load(arguments.model)
     common.progress(arguments, "reading the recordings")
     prepared, runs = common.prepare(arguments, model)
-    held = common.held_out(arguments, model, runs)[1]
+    held = common.held_out(arguments, model, prepared)[1]
 
     common.progress(arguments, "fitting %s" % model.name)
     cut = windows.cut(runs, arguments.window)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ground import _core, files
 from ground.recordings import bags
+from ground.recordings.settings import AXES
 from ground.simulation import experiments
 from ground.verbs import common
 
@@ -163,7 +164,14 @@ def configure(parser):
     mocap = parser.add_argument_group("motion capture")
     _add_numbers(mocap, MOCAP, _core.MocapParams())
     mocap.add_argument(
-        "--axes", default="x, z, -y", help="world_ned x, y, z in the mocap's axes (%(default)s)"
+        "--axes", default=AXES, help="world_ned x, y, z in the mocap's axes (%(default)s)"
+    )
+    mocap.add_argument(
+        "--heading-offset",
+        type=_number,
+        default=0.0,
+        metavar="RAD",
+        help="of the rigid body against the craft; recorded with the run, like the axes (0)",
     )
     defaults = _core.TrackingParams()
     tracking = parser.add_argument_group("tracking")
@@ -198,11 +206,13 @@ def run(arguments):
     mocap = _filled(_core.MocapParams(), MOCAP, arguments)
     start = arguments.start_pose, arguments.start_velocity
     try:
-        _core.AxisMapping(arguments.axes)
+        _core.AxisMapping(arguments.axes, arguments.heading_offset)
         run = experiments.simulate(model, drive, name, *start, mocap, arguments.seed, believed)
     except ValueError as error:
         arguments.refuse(str(error))
-    counts = bags.write(run, arguments.output, arguments.axes, arguments.force)
+    counts = bags.write(
+        run, arguments.output, arguments.axes, arguments.heading_offset, arguments.force
+    )
     result = {
         "bag": arguments.output,
         "input": arguments.input,

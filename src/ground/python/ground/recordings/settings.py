@@ -1,0 +1,202 @@
+"""How poses of the mocap were turned into world_ned: recorded with the run, or given by the user.
+
+mocap_state publishes its settings latched, so that every part of a split recording begins with them;
+the parameter file beside the bag has those with which the run began.
+"""
+import bisect
+import math
+import os
+import re
+from dataclasses import dataclass, replace
+from typing import Dict, List, Tuple
+
+import yaml
+
+from ground import _core
+from ground.errors import IdentifyError
+
+TYPE = "ground_msgs/MocapSettings"
+# what poses of a type take: states were corrected when they were recorded, points are planar already
+TAKES = {
+    "geometry_msgs/PoseStamped": ("axes", "heading_offset"),
+    "geometry_msgs/PointStamped": ("heading_offset",),
+    "ground_msgs/State": (),
+}
+AXES = "x, z, -y"  # of OptiTrack, y up: what mocap_state takes when nothing is set
+PART = re.compile(r"(_\d+)?\.bag(\.active)?$")  # end of the name of a part of a recording
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One way to turn poses of the mocap into world_ned."""
+
+    since: int  # it holds for poses stamped after this [ns]
+    axes: str  # world_ned x, y, z in the mocap's axes
+    heading_offset: float  # measured minus true heading [rad]
+
+
+def _check(setting, source):
+    """The _core.AxisMapping of a setting; IdentifyError names where one that makes no sense is from."""
+    try:
+        return _core.AxisMapping(setting.axes, setting.heading_offset)
+    except ValueError as error:
+        raise IdentifyError("%s: %s" % (source, error))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of a run, in order of time; the first one holds for all poses before, too."""
+
+    changes: Tuple[Setting, ...]
+    sources: Dict[str, str]  # where axes and heading_offset are from, in words
+    taken: Tuple[str, ...]  # which of them the poses of the run take
+
+    def __post_init__(self):
+        mappings = [_check(s, self.sources["axes"]) for s in self.changes]
+        object.__setattr__(self, "_mappings", mappings)
+        object.__setattr__(self, "_sinces", [s.since for s in self.changes])
+
+    def _index(self, stamp):
+        return max(0, bisect.bisect_left(self._sinces, stamp.to_nsec()) - 1)
+
+    def mapping(self, stamp):
+        """The _core.AxisMapping of a pose stamped `stamp` (genpy.Time)."""
+        return self._mappings[self._index(stamp)]
+
+    def heading(self, stamp, measured):
+        """True heading [rad] of a measured one, for poses that are planar already."""
+        offset = self.changes[self._index(stamp)].heading_offset
+        return math.remainder(measured - offset, 2 * math.pi) if offset else measured
+
+    def values(self, name):
+        """Of axes or heading_offset, in order of time; None where the run takes none."""
+        values = [getattr(s, name) for s in self.changes]
+        kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
+        return tuple(kept) if name in self.taken else None
+
+    def describe(self, zero):
+        """As plain values; times are those since `zero` [s]."""
+        return {
+            "axes": self.changes[0].axes,
+            "heading_offset": self.changes[0].heading_offset,
+            "sources": self.sources,
+            "taken": list(self.taken),
+            "changes": [
+                {
+                    "time": 1e-9 * s.since - zero,
+                    "axes": s.axes,
+                    "heading_offset": s.heading_offset,
+                }
+                for s in self.changes[1:]
+            ],
+        }
+
+
+def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
+    """The Settings of poses of type `kind` in the open rosbag.Bag at `path`.
+
+    They are `axes` and `heading_offset` [rad] where given, else those in the bag, else those in the
+    parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
+    and what the poses do not take; raises IdentifyError for axes that are no frame.
+    """
+    warnings = [] if warnings is None else warnings
+    taken, given = TAKES[kind], {"axes": axes, "heading_offset": heading_offset}
+    source = "recorded in the bag"
+    changes = _in_bag(bag, path)
+    if not changes:
+        changes, source = _beside(path, warnings)
+    sources = dict.fromkeys(given, source)
+    for name, value in given.items():
+        if value is None:
+            continue
+        option = "--" + name.replace("_", "-")
+        _check(Setting(0, axes or AXES, heading_offset or 0.0), option)
+        if name in taken:
+            changes = [replace(s, **{name: value}) for s in changes]
+            sources[name] = option
+        else:
+            warnings.append(
+                "%s changes nothing: the bag has %s"
+                % (option, "planar poses" if taken else "states, corrected when it was recorded")
+            )
+    return Settings(tuple(_distinct(changes)), sources, taken)
+
+
+def default():
+    """The default settings, for poses of no bag."""
+    sources = {"axes": "default", "heading_offset": "default"}
+    return Settings((Setting(0, AXES, 0.0),), sources, ())
+
+
+def differences(recordings):
+    """A line that names recordings by their settings where these differ; empty where they do not."""
+    parts = []
+    for name in ("axes", "heading_offset"):
+        groups = {}
+        for recording in recordings:
+            values = recording.settings.values(name)
+            if values is not None:
+                groups.setdefault(values, []).append(recording.name)
+        if len(groups) > 1:
+            parts += [
+                "%s %s for %s" % (name, " then ".join("%s" % v for v in values), ", ".join(names))
+                for values, names in groups.items()
+            ]
+    return "the runs were measured by different settings: " + "; ".join(parts) if parts else ""
+
+
+def _in_bag(bag, path):
+    topics = [
+        topic
+        for topic, entry in bag.get_type_and_topic_info().topics.items()
+        if entry.msg_type == TYPE and entry.message_count > 0
+    ]
+    if len(topics) > 1:
+        raise IdentifyError(
+            "%s: several topics could be the settings of the mocap: %s" % (path, ", ".join(topics))
+        )
+    found = []
+    for _, message, _ in bag.read_messages(topics) if topics else ():
+        found.append(Setting(message.header.stamp.to_nsec(), message.axes, message.heading_offset))
+    return sorted(found, key=lambda s: s.since)
+
+
+def _distinct(changes):
+    """Without those that change nothing: every part of a recording repeats the last one."""
+    kept: List[Setting] = []
+    for s in changes:
+        if not kept or (s.axes, s.heading_offset) != (kept[-1].axes, kept[-1].heading_offset):
+            kept.append(s)
+    return kept
+
+
+def _beside(path, warnings):
+    """Settings by the parameters beside a bag, a list of one, and where they are from."""
+    for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
+        if not os.path.isfile(name):
+            continue
+        try:
+            with open(name) as file:
+                parameters = yaml.load(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
+            warnings.append(
+                "%s: cannot be read, so that axes and heading_offset are the defaults (%s)"
+                % (name, str(error).splitlines()[0])
+            )
+            continue
+        for node in _nodes(parameters, "mocap_state"):
+            axes, offset = node.get("axes", AXES), node.get("heading_offset", 0.0)
+            if isinstance(axes, str) and isinstance(offset, (int, float)):
+                return [Setting(0, axes, float(offset))], "recorded in %s" % os.path.basename(name)
+    return [Setting(0, AXES, 0.0)], "default"
+
+
+def _nodes(parameters, name):
+    """Parameters of nodes of that name, in any namespace."""
+    if not isinstance(parameters, dict):
+        return
+    for key, value in parameters.items():
+        if key == name and isinstance(value, dict):
+            yield value
+        else:
+            yield from _nodes(value, name)

@@ -1,0 +1,204 @@
+"""Settings of the measurement travel with the run: axes and heading_offset, as recorded or as given."""
+import json
+
+import numpy as np
+import pytest
+import yaml
+from conftest import MODEL, simulate_run, write_bag
+
+from ground import _core, cli
+from ground.errors import IdentifyError
+from ground.recordings import recording
+
+TURNED = "y, -x, z"  # a mocap whose z is down
+OFFSET = 0.5
+
+
+@pytest.fixture
+def verb(capsys):
+    """Runs a verb of identify in this process; gives what --json prints and standard error."""
+
+    def run(*arguments, status=0):
+        found = cli.main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        assert found == status, err
+        return (json.loads(out) if "--json" in arguments else out), err
+
+    return run
+
+
+def mocap_bag(path, settings=(), offset=0.0, axes="x, z, -y", seed=1, turned_at=np.inf, **options):
+    """A bag of mocap poses of a body that is turned by `offset` [rad], from `turned_at` [s] on by
+    twice that; settings: rows of since [s], axes and heading_offset as mocap_state publishes them."""
+    import genpy
+    import rosbag
+    from geometry_msgs.msg import PoseStamped
+    from ground_msgs.msg import Controls
+
+    times, eta, inputs = simulate_run(seed=seed, **options)
+    with rosbag.Bag(str(path), "w") as bag:
+        start = genpy.Time.from_sec(1000)
+        for since, *how in settings:
+            from ground_msgs.msg import MocapSettings
+
+            message = MocapSettings(None, *how)
+            message.header.stamp = genpy.Time.from_sec(1000 + since)
+            bag.write("/mocap_state/settings", message, max(start, message.header.stamp))
+        for t, row in zip(times, eta):
+            mapping = _core.AxisMapping(axes, offset * (1 if t < turned_at else 2))
+            position, orientation = mapping.to_mocap(row, 0.04)
+            pose = PoseStamped()
+            pose.header.stamp = genpy.Time.from_sec(1000 + t)
+            p, q = pose.pose.position, pose.pose.orientation
+            p.x, p.y, p.z = position
+            q.x, q.y, q.z, q.w = orientation
+            bag.write("/vrpn_client_node/hovercraft/pose", pose, pose.header.stamp)
+        for t, left, right, lift in inputs:
+            controls = Controls(None, left, right, lift)
+            controls.header.stamp = genpy.Time.from_sec(1000 + t)
+            bag.write("/controls", controls, controls.header.stamp)
+    return str(path)
+
+
+def parameters_beside(bag, **mocap_state):
+    """The file of parameters that record writes beside `DATE_EXPERIMENT_0.bag`."""
+    path = bag[: -len("_0.bag")] + ".yaml"
+    with open(path, "w") as file:
+        yaml.safe_dump({"controller": {"rate": 50.0}, "mocap_state": mocap_state}, file)
+    return path
+
+
+def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path, verb):
+    bag = mocap_bag(tmp_path / "run_0.bag", axes=TURNED, offset=OFFSET)
+    parameters_beside(bag, axes=TURNED, heading_offset=OFFSET)
+    model = ["--model", MODEL, "--json"]
+    fitted = verb("fit", bag, *model, "-o", tmp_path / "fit.yaml")[0]
+    assert fitted["parameters"]["k"]["value"] == pytest.approx(0.062, rel=0.03)
+    compared = verb("compare", bag, "--numbers", *model, "-o", tmp_path / "compared")[0]
+    assert compared["pooled"]["tiny_whoover"]["all"]["error"] < 0.2
+    added = verb("add", "heading_offset", bag, *model, "-o", tmp_path / "added.yaml")[0]
+    left = added["parameters"]["heading_offset.psi0"]["value"]
+    assert abs(left) < 0.02, "what was corrected is corrected again"
+    found = verb(
+        "diagnose", bag, *model, "-o", tmp_path / "found", "--only", "heading_offset", "motor_lag"
+    )[0]
+    assert found["verdict"] == "complete"
+    described = verb("info", bag, "--json")[0][0]["settings"]
+    assert (described["axes"], described["heading_offset"]) == (TURNED, OFFSET)
+    assert set(described["sources"].values()) == {"recorded in run.yaml"}
+
+
+def test_settings_in_the_bag_come_before_those_beside_it(tmp_path):
+    bag = mocap_bag(tmp_path / "run_0.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
+    parameters_beside(bag, axes=TURNED, heading_offset=0.1)
+    read = recording.read_bag(bag)
+    assert read.settings.values("heading_offset") == (OFFSET,)
+    assert set(read.settings.sources.values()) == {"recorded in the bag"}
+    assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
+
+
+def test_a_heading_offset_that_changes_during_the_run_is_followed(tmp_path, verb):
+    settings = [(-5, "x, z, -y", OFFSET), (3.999, "x, z, -y", 2 * OFFSET)]
+    bag = mocap_bag(tmp_path / "run.bag", settings, OFFSET, turned_at=4.0)
+    times, eta, _ = simulate_run()
+    read = recording.read_bag(bag)
+    off = np.angle(np.exp(1j * (read.eta[:, 2] - eta[:, 2])))
+    assert np.abs(off).max() < 1e-6
+    text = verb("info", bag)[0]
+    assert "heading_offset 0.5 rad (recorded in the bag)" in text
+    assert "from 4.00 s on axes 'x, z, -y', heading_offset 1 rad" in text
+
+
+def test_a_part_of_a_recording_begins_with_the_settings_of_the_one_before(tmp_path):
+    # rosbag record repeats latched messages in every part: their stamp is from long before.
+    bag = mocap_bag(tmp_path / "run_1.bag", [(-600, "x, z, -y", OFFSET)] * 2, OFFSET)
+    read = recording.read_bag(bag)
+    assert len(read.settings.changes) == 1
+    assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
+
+
+def test_the_command_line_comes_before_what_was_recorded(tmp_path, verb):
+    bag = mocap_bag(tmp_path / "run_0.bag", [(-5, TURNED, 0.1)], OFFSET)
+    out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
+    assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
+    assert recording.read_bag(bag, "x, z, -y", OFFSET).eta[0, 2] == pytest.approx(0, abs=0.03)
+    err = verb("info", bag, "--axes", "x, y, y", status=1)[1]
+    assert err.count("\n") == 1 and "--axes" in err and "right-handed" in err
+
+
+def test_bags_without_settings_are_read_as_before(tmp_path, verb):
+    bag = mocap_bag(tmp_path / "run_0.bag")
+    assert "axes 'x, z, -y' (default), heading_offset 0 rad (default)" in verb("info", bag)[0]
+    (tmp_path / "run.yaml").write_text("mocap_state: [")
+    err = verb("info", bag)[1]
+    assert err.count("\n") == 1 and "run.yaml" in err
+    planar = write_bag(tmp_path / "planar.bag")
+    text, err = verb("info", planar, "--axes", TURNED)
+    assert "measured    heading_offset 0 rad (default)" in text
+    assert "--axes changes nothing: the bag has planar poses" in err
+
+
+def test_runs_that_were_measured_by_different_settings_are_named(tmp_path, verb):
+    bags = [
+        mocap_bag(tmp_path / ("%s.bag" % name), [(-5, "x, z, -y", offset)], offset, seed=seed)
+        for name, offset, seed in (("a", 0.0, 1), ("b", 0.0, 2), ("c", OFFSET, 3))
+    ]
+    err = verb("info", *bags)[1]
+    assert err == (
+        "note: the runs were measured by different settings: heading_offset 0.0 for a, b; "
+        "heading_offset 0.5 for c\n"
+    )
+    assert "different settings" not in verb("info", *bags[:2])[1]
+    fit = ["fit", *bags[:2], "--model", MODEL, "-o", tmp_path / "fit.yaml"]
+    assert verb(*fit, "--holdout", bags[2])[1].count("different settings") == 1
+
+
+def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, verb):
+    model = _core.load_model(str(MODEL))
+    model.add_effect("heading_offset")
+    model.set_value("heading_offset.psi0", 0.02)
+    path = str(tmp_path / "model.yaml")
+    _core.save_model(model, path, False)
+    bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
+    err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
+    assert "heading_offset 0.5 is taken off" in err and "what is left of it" in err
+
+
+def test_simulate_records_its_settings(tmp_path, verb):
+    bag = str(tmp_path / "run.bag")
+    how = ["--axes", TURNED, "--heading-offset", OFFSET]
+    verb("simulate", "--model", MODEL, "--input", "prbs", "--duration", 4, "-o", bag, *how)
+    read = recording.read_bag(bag)
+    assert [(s.axes, s.heading_offset) for s in read.settings.changes] == [(TURNED, OFFSET)]
+    assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
+
+
+def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
+    import rosbag
+    import rospy
+
+    from ground.nodes import identification_node
+
+    clock = [rospy.Time(1000)]
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(rospy.Time, "now", lambda: clock[0])
+    source = mocap_bag(tmp_path / "source.bag", [(-600, "x, z, -y", OFFSET)], OFFSET)
+    buffer = identification_node.LiveBuffer(120.0)
+    with rosbag.Bag(source) as bag:
+        for topic, message, clock[0] in bag.read_messages():
+            if topic == "/mocap_state/settings":
+                buffer._take_settings(message)
+            else:
+                buffer._take(message, topic[1:])
+    path = str(tmp_path / "live.bag")
+    monkeypatch.setattr(buffer, "covered", lambda: 5.0)
+    buffer.write(path, 5.0)
+    live, all_of_it = recording.read_bag(path), recording.read_bag(source)
+    assert live.settings.values("heading_offset") == (OFFSET,)
+    assert np.array_equal(live.eta, all_of_it.eta[-len(live.eta) :])
+
+
+def test_no_settings_of_a_bag_end_in_a_traceback(tmp_path):
+    bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
+    with pytest.raises(IdentifyError, match="recorded in the bag"):
+        recording.read_bag(bag)
