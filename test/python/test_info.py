@@ -188,6 +188,30 @@ def test_rest_and_the_time_without_lift_are_not_used():
     assert run.spans[-1][1] == pytest.approx(moving[-1, 0] - 0.5, abs=0.05)
 
 
+def test_live_changes_are_listed(tmp_path):
+    import genpy
+    import rosbag
+    from ground_msgs.msg import LiveChange
+
+    path = write_bag(tmp_path / "run.bag")
+    rows = [
+        (3.5, "controller", "model", "old.yaml", "new.yaml"),
+        (2.25, "controller", "k_e", "0.0069", "0.01"),
+    ]
+    with rosbag.Bag(str(path), "a") as bag:
+        for time, *row in rows:
+            change = LiveChange(None, *row)
+            change.header.stamp = genpy.Time.from_sec(1000 + time)
+            bag.write("/live_changes", change, genpy.Time.from_sec(1000 + time))
+    words = ("time", "node", "name", "before", "after")
+    assert info(path)["changes"] == [
+        dict(zip(words, (pytest.approx(row[0]),) + row[1:])) for row in sorted(rows)
+    ]
+    text = identify("info", path).stdout
+    assert "- changed at 2.25 s: controller: k_e 0.0069 -> 0.01" in text
+    assert "- changed at 3.50 s: controller: model old.yaml -> new.yaml" in text
+
+
 def test_the_same_inputs_in_two_runs_are_noticed():
     runs = []
     for name, seed, skip, repeats in (

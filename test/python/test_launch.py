@@ -10,7 +10,7 @@ import subprocess
 import xml.etree.ElementTree
 
 import pytest
-from conftest import ROOT, free_port, identify, wait_for
+from conftest import ROOT, free_port, identify, located, wait_for
 
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
@@ -116,7 +116,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     with roslaunch(
         tmp_path / "log",
         "sim_prbs.launch",
-        "duration:=3",
+        "duration:=6",
         "record:=true",
         "bag_dir:=%s" % bags,
         "experiment:=short",
@@ -124,6 +124,9 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "heading_offset:=0.25",
         "port:=%d" % port,
     ) as launch:
+        wait_for(lambda: list(bags.glob("*_short_0.bag.active")), 30, "the recording")
+        change = [located("parameters"), "visualizer", "rate=7.5"]
+        assert subprocess.run(change, env=launch.env, timeout=30).returncode == 0
         launch.wait(timeout=60)
     bag = list(bags.glob("*_short_0.bag"))
     assert len(bag) == 1, (tmp_path / "log").read_text()
@@ -132,10 +135,18 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     info = subprocess.run(
         ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
-    for topic in ("/controls", "/state", "/vrpn_client_node/hovercraft/pose", "/sender/status"):
+    for topic in (
+        "/controls",
+        "/state",
+        "/vrpn_client_node/hovercraft/pose",
+        "/sender/status",
+        "/mocap_state/parameter_updates",
+        "/visualizer/parameter_updates",
+    ):
         assert topic + " " in info
     measured = identify("info", str(bag[0])).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
+    assert "s: visualizer: rate 10 -> 7.5" in measured
 
     with roslaunch(
         tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"

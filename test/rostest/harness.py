@@ -66,6 +66,9 @@ class Latest:
         self._keep = keep
         self._subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
 
+    def connections(self):
+        return self._subscriber.get_num_connections()
+
     def _take(self, message):
         self.message = message
         if self._keep:

@@ -9,6 +9,9 @@ import unittest
 
 import rospy
 import rostest
+from ground_msgs.msg import Controls, LiveChange
+from ground_msgs.srv import LoadModel
+from rosgraph_msgs.msg import Log
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
@@ -71,9 +74,36 @@ class ParametersTest(unittest.TestCase):
         ):
             self.assertIsNotNone(re.search(line, listed.stdout, re.M), line)
 
+        log = harness.Latest("/rosout", Log, keep=True)
+        changes = harness.Latest("live_changes", LiveChange, keep=True)
+        harness.wait_for(lambda: changes.connections() and log.connections() > 1, 10, "connections")
         done = parameters("controller", "k_e=0.125", "reference=line")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("/controller k_e = 0.125", done.stdout)
+        # It leaves a trace: what was changed, from what, to what.
+        harness.wait_for(lambda: len(changes.all) >= 2, 5, "the changes")
+        seen = sorted((c.node, c.name, c.before, c.after) for _, c in changes.all)
+        before = seen[0][2]
+        self.assertEqual(
+            seen,
+            [
+                ("controller", "k_e", before, "0.125"),
+                ("controller", "reference", "circle", "line"),
+            ],
+        )
+        line = "controller: k_e %s -> 0.125, reference circle -> line" % before
+        harness.wait_for(lambda: line in [m.msg for _, m in log.all], 5, "a line in the log")
+
+        model = rospy.get_param("/controller/model")
+        other = os.path.join(CFG, "hovercraft", "tiny_whoover_4_1.yaml")
+        answer = rospy.ServiceProxy("/controller/load_model", LoadModel)(file=other)
+        self.assertTrue(answer.success, answer.message)
+        harness.wait_for(lambda: len(changes.all) == 3, 5, "the model's change")
+        change = changes.message
+        self.assertEqual(
+            (change.node, change.name, change.before, change.after),
+            ("controller", "model", model, other),
+        )
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
         self.assertEqual(rospy.get_param("/controller/reference"), "line")
 
@@ -89,6 +119,18 @@ class ParametersTest(unittest.TestCase):
             self.assertRegex(refused.stderr, reason)
             self.assertNotIn("Traceback", refused.stderr)
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
+
+    def test_the_wanted_inputs_are_told(self):
+        # Far from its circle the backstepping law wants more than there is.
+        controls = harness.Latest("controls", Controls, keep=True)
+        wanted = harness.Latest("controls/wanted", Controls, keep=True)
+        harness.wait_for(lambda: len(wanted.all) > 50, 30, "wanted inputs")
+        sent = [(c.left, c.right) for _, c in controls.all]
+        limited = [
+            (min(max(c.left, 0.0), 1.0), min(max(c.right, 0.0), 1.0)) for _, c in wanted.all[5:-5]
+        ]
+        self.assertTrue(all(inputs in sent for inputs in limited))
+        self.assertTrue(any(c.left < 0 or c.left > 1 for _, c in wanted.all))
 
     def test_edited_with_the_arrow_keys(self):
         import pexpect

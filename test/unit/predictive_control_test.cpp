@@ -189,7 +189,9 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
     const Vector2<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
     control.commanded(t, chosen, 1);
     const long made = allocations - before;
-    ASSERT_TRUE(chosen.minCoeff() >= 0 && chosen.maxCoeff() <= truth.body.input_max);
+    const double most = truth.body.input_max;
+    ASSERT_TRUE(chosen.minCoeff() >= 0 && chosen.maxCoeff() <= most);
+    ASSERT_EQ(control.wanted().cwiseMax(0.0).cwiseMin(most), chosen) << t;
     inputs.add(t, chosen.x(), chosen.y(), 1);
     look(t, (simulation.state().eta.head<2>() - reference.at(t).p).norm(), made);
   }
@@ -204,16 +206,21 @@ TEST(PredictiveControl, WorksWithinItsBoundsAndAllocatesNothing) {
   const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
   RigidState<double> start;
   start.eta << -2, 2, 3;  // far off, so that other plans are tried
-  int searched = 0;
+  int searched = 0, beyond_at_first = 0, beyond_at_last = 0;
   track(model, control, *circle, start, 20, [&](double t, double error, long made) {
     EXPECT_EQ(made, 0) << t;
     EXPECT_LE(control.improvements(), params.iterations + params.search_iterations);
     searched += control.improvements() > params.iterations;
+    const bool beyond = control.wanted().minCoeff() < 0 || control.wanted().maxCoeff() > 1;
+    beyond_at_first += beyond && t < 3;
+    beyond_at_last += beyond && t > 15;
     if (t > 15) {
       EXPECT_LT(error, 1e-3) << t;
     }
   });
   EXPECT_GT(searched, 20);
+  EXPECT_GT(beyond_at_first, 75) << "of 150 decisions far from the circle";
+  EXPECT_EQ(beyond_at_last, 0) << "on the circle it does not saturate";
 }
 
 TEST(PredictiveControl, AWrongModelLeavesNoLastingError) {

@@ -326,6 +326,19 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
   EXPECT_NEAR(errors[95], 0.52, 0.08);
 }
 
+TEST(BacksteppingControl, SaysWhatItWantedBeforeTheBounds) {
+  const Model model = tinyWhoover();
+  const TrackingLaw law(model.body);
+  BacksteppingControl control(model.body, TrackingGains());
+  const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
+  Observation seen;
+  seen.reference = circle.get();
+  const Vector2<double> inputs = control.decide(seen);
+  EXPECT_EQ(control.wanted(), law.run(seen.state, circle->at(0), TrackingGains()).wanted);
+  EXPECT_NE(control.wanted(), inputs) << "far from the circle it saturates";
+  EXPECT_EQ(control.wanted().cwiseMax(0.0).cwiseMin(model.body.input_max), inputs);
+}
+
 TEST(TrackingGains, RefuseNonsense) {
   EXPECT_EQ(TrackingGains().validate(), "");
   TrackingGains gains;

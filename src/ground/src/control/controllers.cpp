@@ -13,12 +13,14 @@ class OpenLoop : public TrackingController {
       : input_max_(model.body.input_max),
         signal_(makePrbs(params.prbs_order, params.prbs_seed), params.prbs) {}
   Vector2<double> decide(const Observation& seen) override {
-    return input_max_ * signal_.at(seen.now - seen.reference_start);
+    return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
   }
+  Vector2<double> wanted() const override { return wanted_; }
 
  private:
   double input_max_;
   PrbsSignal signal_;
+  Vector2<double> wanted_ = Vector2<double>::Zero();
 };
 
 }  // namespace

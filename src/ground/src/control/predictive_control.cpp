@@ -153,6 +153,7 @@ void PredictiveControl::search() {
 }
 
 Vector2<double> PredictiveControl::decide(const Observation& seen) {
+  wanted_.setZero();
   observer_.countFrom(seen.drive_start);
   observer_.measure(seen.stamp, seen.state);
   const double acts = seen.now + observer_.delay();
@@ -186,6 +187,7 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
     has_plan_ = false;
     return Vector2<double>::Zero();
   }
+  wanted_ = plan_->wanted();
   return plan_->inputs().front();
 }
 

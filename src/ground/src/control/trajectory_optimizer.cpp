@@ -65,6 +65,7 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   states_.assign(count + 1, State::Zero());
   tried_states_ = states_;
   references_.resize(count);
+  unbounded_.setConstant(std::numeric_limits<double>::quiet_NaN());
   linear_.assign(count, {Square::Identity(), Drive::Zero()});
   gains_.assign(count, Gain::Zero());
 }
@@ -75,6 +76,7 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   t_ = t;
   lift_ = lift;
   missing_ = missing;
+  unbounded_.setConstant(std::numeric_limits<double>::quiet_NaN());
   states_[0] = tried_states_[0] = start;
   std::copy(references.begin(), references.end(), references_.begin());
 }
@@ -175,6 +177,15 @@ double TrajectoryOptimizer::error() const {
   return std::sqrt(sum / steps());
 }
 
+Vector2<double> TrajectoryOptimizer::wanted() const {
+  Vector2<double> wanted = inputs_.front();
+  for (int i = 0; i < 2; ++i) {
+    if (wanted(i) <= 0 && unbounded_(i) < 0) wanted(i) = unbounded_(i);
+    if (wanted(i) >= input_max_ && unbounded_(i) > input_max_) wanted(i) = unbounded_(i);
+  }
+  return wanted;
+}
+
 bool TrajectoryOptimizer::backward() {
   const double scale = 1 / (input_max_ * input_max_);
   State gradient = State::Zero();
@@ -221,6 +232,7 @@ bool TrajectoryOptimizer::backward() {
     std::array<bool, 2> free{};
     const Vector2<double> change =
         boxMinimum(damped, Qu, -input, Vector2<double>::Constant(input_max_) - input, free);
+    if (k == 0) unbounded_ = input - damped.inverse() * Qu;
     Gain gain = Gain::Zero();
     if (free[0] && free[1]) {
       gain.noalias() = -damped.inverse() * Qux;

@@ -43,6 +43,7 @@ class PredictiveControl : public TrackingController {
   void reset() override;
   void commanded(double time, const Vector2<double>& thrusters, double lift) override;
   Vector2<double> decide(const Observation& observation) override;
+  Vector2<double> wanted() const override { return wanted_; }
 
   /// Of the last decision.
   int improvements() const { return improvements_; }
@@ -72,6 +73,7 @@ class PredictiveControl : public TrackingController {
   std::array<Seed, 14> seeds_;
   std::size_t next_seed_ = 0;
   int improvements_ = 0;
+  Vector2<double> wanted_ = Vector2<double>::Zero();
 };
 
 }  // namespace ground

@@ -27,6 +27,9 @@ class TrackingController {
   /// Inputs left, right, in the model's units, inside 0..input_max; not finite when it is at a
   /// loss.
   virtual Vector2<double> decide(const Observation& observation) = 0;
+  /// Inputs left, right that the last decision wanted before they were limited to 0..input_max, in
+  /// the model's units: where it does not saturate, those that it gave.
+  virtual Vector2<double> wanted() const = 0;
 };
 
 }  // namespace ground

@@ -56,12 +56,16 @@ class BacksteppingControl : public TrackingController {
   void setGains(const TrackingGains& gains) { gains_ = gains; }
   Vector2<double> decide(const Observation& seen) override {
     const double t = std::max(0.0, seen.stamp - seen.reference_start);
-    return law_.run(seen.state, seen.reference->at(t), gains_).inputs;
+    const TrackingLaw::Output out = law_.run(seen.state, seen.reference->at(t), gains_);
+    wanted_ = out.wanted;
+    return out.inputs;
   }
+  Vector2<double> wanted() const override { return wanted_; }
 
  private:
   TrackingLaw law_;
   TrackingGains gains_;
+  Vector2<double> wanted_ = Vector2<double>::Zero();
 };
 
 }  // namespace ground

@@ -45,6 +45,9 @@ class TrajectoryOptimizer {
   /// One iteration; whether the cost fell.
   bool improve();
   double cost() const { return cost_; }
+  /// The plan's first inputs, and where one of them is at a bound, what the last iteration's quadratic
+  /// problem would take instead if that step had no bounds; in the model's units.
+  Vector2<double> wanted() const;
   /// Root mean square of the position error along the plan [m].
   double error() const;
   const std::vector<State>& states() const { return states_; }  ///< start and after every step
@@ -80,6 +83,7 @@ class TrajectoryOptimizer {
   std::vector<Gain> gains_;
   double cost_ = 0;
   double damping_ = 0;
+  Vector2<double> unbounded_;  ///< first inputs of the last iteration without bounds; NaN before it
 };
 
 }  // namespace ground

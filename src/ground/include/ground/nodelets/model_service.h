@@ -3,6 +3,7 @@
 #include <ground_msgs/LoadModel.h>
 #include <ros/ros.h>
 
+#include <cstring>
 #include <functional>
 #include <memory>
 #include <string>
@@ -10,11 +11,13 @@
 
 #include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/live_changes.h"
 
 namespace ground {
 
 /// Service by which a nodelet takes another model file while it runs. The file is read in a thread
-/// of its own: a slow disk holds nothing else.
+/// of its own: a slow disk holds nothing else. What was taken is logged and published
+/// (LiveChanges).
 class ModelService {
  public:
   /// Puts a sound model in place; what it throws refuses it, and the nodelet keeps the old one.
@@ -25,14 +28,17 @@ class ModelService {
       : callbacks_(std::make_unique<CallbackThread>()) {
     using Load = ground_msgs::LoadModel;
     const std::string full = nh.resolveName(name);
-    const auto serve = [full, take = std::move(take)](Load::Request& request,
-                                                      Load::Response& response) {
+    // load_model takes the place of parameter model, load_model2 that of model2.
+    const std::string parameter = name.substr(std::strlen("load_"));
+    const auto file = std::make_shared<std::string>(nh.param<std::string>(parameter, ""));
+    const auto serve = [full, parameter, file, changes = LiveChanges(nh), take = std::move(take)](
+                           Load::Request& request, Load::Response& response) {
       try {
         const Model model = loadModel(request.file);
         take(model, request.file);
         response.success = true;
         response.message = model.name + " of " + request.file;
-        ROS_INFO("%s: %s", full.c_str(), response.message.c_str());
+        changes.report({{parameter, std::exchange(*file, request.file), request.file}});
       } catch (const std::exception& error) {
         response.success = false;
         response.message = std::string("refused, the old model stays: ") + error.what();

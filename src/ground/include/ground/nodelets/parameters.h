@@ -6,12 +6,15 @@
 #include <boost/thread/recursive_mutex.hpp>
 #include <cmath>
 #include <functional>
+#include <iomanip>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/live_changes.h"
 
 namespace ground {
 
@@ -34,8 +37,9 @@ T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T&
 }
 
 /// Parameters that a person tunes while the nodelet runs: a dynamic_reconfigure server that
-/// refuses bad values with a reason and keeps the old ones, instead of clamping them. It has a
-/// thread of its own: what takes long to validate holds nothing else.
+/// refuses bad values with a reason and keeps the old ones, instead of clamping them. Accepted
+/// changes are logged and published (LiveChanges). It has a thread of its own: what takes long to
+/// validate holds nothing else.
 template <class Config>
 class LiveParameters {
  public:
@@ -47,7 +51,10 @@ class LiveParameters {
 
   /// Throws std::runtime_error when the values on the parameter server are bad.
   LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
-      : name_(nh.getNamespace()), validate_(std::move(validate)), apply_(std::move(apply)) {
+      : name_(nh.getNamespace()),
+        changes_(nh),
+        validate_(std::move(validate)),
+        apply_(std::move(apply)) {
     checkTypes(nh);
     using Server = dynamic_reconfigure::Server<Unclamped>;
     server_ = std::make_unique<Server>(mutex_, callbacks_.handle(nh));
@@ -105,11 +112,40 @@ class LiveParameters {
     return reason.empty() && validate_ ? validate_(config) : reason;
   }
 
+  /// What differs from one configuration to another, values as text.
+  static std::vector<LiveChanges::Change> differences(const Config& from, const Config& to) {
+    dynamic_reconfigure::Config before, after;
+    from.__toMessage__(before);
+    to.__toMessage__(after);
+    std::vector<LiveChanges::Change> found;
+    const auto compare = [&found](const auto& olds, const auto& news) {
+      const auto text = [](const auto& value) {
+        std::ostringstream stream;
+        stream << std::setprecision(10) << value;
+        return stream.str();
+      };
+      for (std::size_t i = 0; i < news.size(); ++i)
+        if (olds[i].value != news[i].value)
+          found.push_back({news[i].name, text(olds[i].value), text(news[i].value)});
+    };
+    compare(before.doubles, after.doubles);
+    compare(before.ints, after.ints);
+    compare(before.strs, after.strs);
+    const auto word = [](bool value) { return value ? "true" : "false"; };
+    for (std::size_t i = 0; i < after.bools.size(); ++i)
+      if (before.bools[i].value != after.bools[i].value)
+        found.push_back(
+            {after.bools[i].name, word(before.bools[i].value), word(after.bools[i].value)});
+    return found;
+  }
+
   void change(Config& config) {
     refusal_ = wrong(config);
     if (refusal_.empty()) {
+      const auto changes = differences(current_, config);
       current_ = config;
       apply_(config);
+      if (live_) changes_.report(changes);
     } else {
       if (live_)
         ROS_ERROR("%s: parameters refused, the old ones kept: %s", name_.c_str(),
@@ -119,6 +155,7 @@ class LiveParameters {
   }
 
   std::string name_;
+  LiveChanges changes_;
   Validate validate_;
   Apply apply_;
   Config current_ = Config::__getDefault__();  ///< guarded by mutex_

@@ -25,8 +25,10 @@ namespace ground {
 ///
 /// Parameters: model (model file, required) and those of Config, all live; a change of the
 /// reference starts it anew. Service: ~load_model (another model file, also while it drives).
-/// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it). Publishes
-/// besides: reference, path/reference (latched). A reference that the craft cannot follow is warned of, also in the answer of ~start and in ~status.
+/// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it).
+/// Publishes besides: reference, path/reference (latched), controls/wanted (the inputs before they
+/// are limited, of full scale). A reference that the craft cannot follow is warned of, also in the
+/// answer of ~start and in ~status.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
@@ -49,6 +51,7 @@ class ReferenceTracking : public Controller {
     epoch_ = ros::Time::now();
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
+    wanted_publisher_ = topics.advertise<ground_msgs::Controls>("controls/wanted", 4);
     path_publisher_ = topics.advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
@@ -150,7 +153,19 @@ class ReferenceTracking : public Controller {
     seen.reference_start = seconds(reference_start_);
     seen.drive_start = drive_.origin(seen.now);
     seen.lift = config_.lift;
-    return controller_->decide(seen) / model_.body.input_max;
+    const Vector2<double> inputs = controller_->decide(seen) / model_.body.input_max;
+    publishWanted(controller_->wanted() / model_.body.input_max);
+    return inputs;
+  }
+
+  void publishWanted(const Vector2<double>& wanted) {
+    auto message = boost::make_shared<ground_msgs::Controls>();
+    message->header.stamp = ros::Time::now();
+    message->header.frame_id = getName();
+    message->left = wanted.x();
+    message->right = wanted.y();
+    message->lift = config_.lift;
+    wanted_publisher_.publish(message);
   }
 
   void published(const ros::Time& stamp, double left, double right, double lift) override {
@@ -206,7 +221,7 @@ class ReferenceTracking : public Controller {
   DriveClock drive_;           ///< on the controller's clock
   ros::Time published_;        ///< stamp of the newest message of the reference
   std::unique_ptr<TrackingController> controller_;
-  ros::Publisher reference_publisher_, path_publisher_;
+  ros::Publisher reference_publisher_, path_publisher_, wanted_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   ros::Subscriber drive_subscriber_;  ///< last: its callback uses what is above

@@ -9,6 +9,7 @@ DRIVES_BY = {  # what is assumed when nothing in the recording says when the dri
     "start": "; assumed: no command has lift",
 }
 MOST_NAMED = 4  # of gaps and the like; the rest is counted
+MOST_CHANGES = 30  # live ones that are listed, likewise
 
 
 def when(d):
@@ -140,6 +141,16 @@ def findings(d):
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
             d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
         )
+    for change in d["changes"][:MOST_CHANGES]:
+        yield "changed at %.2f s: %s: %s %s -> %s" % (
+            change["time"],
+            change["node"],
+            change["name"],
+            change["before"] or "''",
+            change["after"] or "''",
+        )
+    if len(d["changes"]) > MOST_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(d["changes"]) - MOST_CHANGES)
     if d["same_inputs_as"]:
         yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
 

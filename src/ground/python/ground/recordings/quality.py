@@ -173,6 +173,7 @@ class Run:
             "name": recording.name,
             "source": recording.source,
             "settings": recording.settings.describe(self.zero),
+            "changes": [change.describe(self.zero) for change in recording.changes],
             "begins": float(stamps.min()),
             "warnings": recording.warnings,
             "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),

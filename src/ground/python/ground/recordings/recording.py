@@ -9,7 +9,7 @@ import numpy as np
 
 from ground import files
 from ground.errors import IdentifyError
-from ground.recordings import bags, plausibility, settings as measured
+from ground.recordings import bags, live_changes, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
 
 CSV_RECEIVED = "%time"
@@ -36,6 +36,7 @@ class Recording:
     # be the newest; the sender's word, as in ground_msgs/Drive
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
+    changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
 
 
 def read_bag(path, axes=None, heading_offset=None):
@@ -58,6 +59,7 @@ def read_bag(path, axes=None, heading_offset=None):
         drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
         poses, controls, receipts = [], [], {pose_topic: [], control_topic: []}
         drives = {}
+        changes = live_changes.changes_of(bag)
         kind = info[pose_topic].msg_type
         settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
         lost = 0
@@ -96,7 +98,7 @@ def read_bag(path, axes=None, heading_offset=None):
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
     recording = _checked(path, poses, controls, source, warnings)
     recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)
-    recording.settings = settings
+    recording.settings, recording.changes = settings, changes
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(
         np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))

@@ -14,6 +14,7 @@ import yaml
 
 from ground import _core
 from ground.errors import IdentifyError
+from ground.recordings import messages
 
 TYPE = "ground_msgs/MocapSettings"
 # what poses of a type take: states were corrected when they were recorded, points are planar already
@@ -93,7 +94,7 @@ class Settings:
 
 
 def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
-    """The Settings of poses of type `kind` in the open rosbag.Bag at `path`.
+    """The Settings of poses of type `kind` in the BagReader at `path`.
 
     They are `axes` and `heading_offset` [rad] where given, else those in the bag, else those in the
     parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
@@ -146,18 +147,15 @@ def differences(recordings):
 
 
 def _in_bag(bag, path):
-    topics = [
-        topic
-        for topic, entry in bag.get_type_and_topic_info().topics.items()
-        if entry.msg_type == TYPE and entry.message_count > 0
-    ]
+    topics = messages.topics_of(bag, TYPE)
     if len(topics) > 1:
         raise IdentifyError(
             "%s: several topics could be the settings of the mocap: %s" % (path, ", ".join(topics))
         )
-    found = []
-    for _, message, _ in bag.read_messages(topics) if topics else ():
-        found.append(Setting(message.header.stamp.to_nsec(), message.axes, message.heading_offset))
+    found = [
+        Setting(m.header.stamp.to_nsec(), m.axes, m.heading_offset)
+        for m in messages.of_type(bag, TYPE)
+    ]
     return sorted(found, key=lambda s: s.since)
 
 

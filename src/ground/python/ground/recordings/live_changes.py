@@ -1,0 +1,30 @@
+"""What a person changed while a run was recorded: live parameters and model files of its nodes."""
+from dataclasses import dataclass
+
+from ground.recordings import messages
+
+TYPE = "ground_msgs/LiveChange"
+
+
+@dataclass(frozen=True)
+class LiveChange:
+    """A change that a node took while it ran."""
+
+    time: float  # stamp [s]
+    node: str
+    name: str  # of the parameter; model or model2 for a model file
+    before: str
+    after: str
+
+    def describe(self, zero):
+        """As plain values; the time is that since `zero` [s]."""
+        return dict(vars(self), time=self.time - zero)
+
+
+def changes_of(bag):
+    """The LiveChanges in a BagReader, in order of time."""
+    found = [
+        LiveChange(m.header.stamp.to_sec(), m.node, m.name, m.before, m.after)
+        for m in messages.of_type(bag, TYPE)
+    ]
+    return sorted(found, key=lambda change: change.time)

@@ -1,0 +1,13 @@
+"""Messages of one type in a bag, whatever their topic."""
+
+
+def topics_of(bag, kind):
+    """Topics of message type `kind` with messages in a BagReader, by name."""
+    topics = bag.get_type_and_topic_info().topics
+    return sorted(t for t, e in topics.items() if e.msg_type == kind and e.message_count > 0)
+
+
+def of_type(bag, kind):
+    """Gives all messages of type `kind`, in the order of receipt."""
+    for _, message, _ in bag.read_messages(topics_of(bag, kind)):
+        yield message
