@@ -7,6 +7,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import time
 import xml.etree.ElementTree
 
 import pytest
@@ -108,6 +109,25 @@ def test_a_bag_has_a_name_of_its_own(tmp_path):
         names.add(path)
     assert len(names) == 5
     assert all("_twice" in name for name in names)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_recording_that_comes_to_nothing_leaves_no_file(tmp_path, number):
+    # There is no master: the recorder waits for one until somebody ends it.
+    env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
+    command = [located("record"), "--dir", str(tmp_path), "--experiment", "nothing"]
+    recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, universal_newlines=True)
+    try:
+        executable = "/proc/%d/exe" % recorder.pid
+        wait_for(lambda: "rosbag" in os.readlink(executable), 20, "the recorder")
+        assert len(list(tmp_path.glob("*_nothing.yaml"))) == 1
+        time.sleep(0.5)  # it handles signals by then
+        recorder.send_signal(number)
+        recorder.wait(10)
+        wait_for(lambda: not list(tmp_path.iterdir()), 5, "an empty folder")
+    finally:
+        recorder.kill()
+    assert "Traceback" not in recorder.communicate()[1]
 
 
 def test_an_experiment_is_recorded_and_replayed(tmp_path):

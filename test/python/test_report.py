@@ -1,10 +1,14 @@
 """report.html in a browser: every plot is drawn, nothing is fetched, zoom is linked, print fits."""
 import io
+import json
+import resource
 import shutil
 
 import pytest
 from conftest import MODEL, identify, write_bag
 from test_diagnose import with_effect
+
+from ground import cli
 
 TRUTH = "{name: motor_lag, tau: 0.06}"
 
@@ -88,6 +92,34 @@ def assert_sound(browser, names):
         picture = Image.open(io.BytesIO(element.screenshot_as_png)).convert("L")
         inked = sum(picture.histogram()[:200]) / (picture.width * picture.height)
         assert inked > 0.004, "%s is empty" % name
+
+
+@pytest.mark.parametrize("verb", ["compare", "diagnose"])
+def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
+    tmp_path, verb, capsys, monkeypatch
+):
+    monkeypatch.setattr("ground.verbs.compare._draw", lambda *_: None)  # slow, and beside the page
+    out, bag = tmp_path / "out", write_bag(tmp_path / "run.bag", duration=4)
+    arguments = [verb, str(bag), "--model", str(MODEL), "-o", str(out)]
+    if verb == "diagnose":
+        arguments += ["--only", "motor_lag"]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1500000, limits[1]))  # less than a page
+    try:
+        status = cli.main(arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert status == 1
+    err = capsys.readouterr().err
+    numbers = out / {"compare": "compare.json", "diagnose": "diagnosis.json"}[verb]
+    assert json.loads(numbers.read_text())
+    last = err.strip().splitlines()[-1]
+    assert "the page could not be written" in last and "File too large" in last
+    assert str(numbers) in last and "--force" in last
+    assert not (out / "report.html").exists()
+    if verb == "diagnose":  # what the message advises makes the page
+        assert cli.main(arguments + ["--force"]) == 0
+        assert (out / "report.html").exists()
 
 
 def test_the_page_of_a_diagnosis(diagnosed, browser):

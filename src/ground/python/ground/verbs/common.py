@@ -1,11 +1,12 @@
 """What the verbs of the command line share."""
 import argparse
+import contextlib
 import os
 import sys
 
 import numpy as np
 
-from ground import _core, files, origin
+from ground import _core, errors, files, origin
 from ground.errors import IdentifyError
 from ground.recordings import quality, recording as recordings, settings
 
@@ -166,6 +167,19 @@ def held_out(arguments, model, fitted):
     if {r.name for r in held} & {r.name for r in others}:
         raise IdentifyError("a run is given both to fit to and to hold out")
     return prepared, held
+
+
+@contextlib.contextmanager
+def page(path, numbers):
+    """For a block that writes the page `path`: where it cannot, IdentifyError says that the file
+    `numbers` is kept, and how to make the page."""
+    try:
+        yield
+    except (IdentifyError, OSError) as error:
+        raise IdentifyError(
+            "the page could not be written (%s); the numbers are kept in %s: make room, then give the "
+            "same command with --force for the page %s" % (errors.sentence(error), numbers, path)
+        )
 
 
 def write_model(arguments, model, error_before, error_after, parameters):

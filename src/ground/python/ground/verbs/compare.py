@@ -128,9 +128,10 @@ def run(arguments):
         common.say(arguments, "written to %s" % numbers)
         return result
     described = quality.describe(prepared)
-    report.comparison(
-        page, result, inspected, described, arguments.bags + arguments.model, arguments.force
-    )
+    with common.page(page, numbers):
+        report.comparison(
+            page, result, inspected, described, arguments.bags + arguments.model, arguments.force
+        )
     common.say(arguments, "to look at: %s; pictures and numbers beside it" % page)
     return result
 

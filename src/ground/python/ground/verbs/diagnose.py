@@ -95,19 +95,20 @@ def run(arguments):
     else:
         del paths["proposal.yaml"]
     common.progress(arguments, "drawing")
-    report.diagnosis(
-        paths["report.html"],
-        result,
-        found,
-        conclusion,
-        quality.describe(prepared + prepared_held),
-        held,
-        arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
-        arguments.force,
-    )
-    kept.done()
     for line in words.diagnosis(result):
         common.say(arguments, line)
+    with common.page(paths["report.html"], paths["diagnosis.json"]):
+        report.diagnosis(
+            paths["report.html"],
+            result,
+            found,
+            conclusion,
+            quality.describe(prepared + prepared_held),
+            held,
+            arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
+            arguments.force,
+        )
+    kept.done()
     common.say(arguments, "")
     for path in paths.values():
         common.say(arguments, "written to %s" % path)
