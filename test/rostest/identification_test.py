@@ -9,6 +9,7 @@ import unittest
 
 import rospy
 import rostest
+from ground.recordings import recording
 from ground_msgs.msg import IdentificationStatus, ModelError
 from ground_msgs.srv import Identify, OfferModel
 from std_msgs.msg import String
@@ -89,6 +90,8 @@ class IdentificationTest(unittest.TestCase):
         self.assertEqual(status.message.state, S.DONE)
         for name in ("live.bag", "report.html", "diagnosis.json", "improved.yaml"):
             self.assertTrue(os.path.isfile(os.path.join(answer.folder, name)), name)
+        settings = recording.read_settings(os.path.join(answer.folder, "live.bag"))
+        self.assertEqual(settings.sources["heading_offset"], "recorded in the bag")
 
         # It is offered to who takes it; who does not is named.
         offered = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "simulator"])
