@@ -6,7 +6,7 @@ twice, or where one message is unlike all others.
 import numpy as np
 
 MIN_STAMP_ERROR = 0.015  # of a stamp against the recorder's clock [s]
-REGULAR = 0.25  # part of that error by which the times of receipt may be uneven
+REGULAR = 0.25  # part of that error by which receipts and delays around may be uneven
 MAX_SHARE = 0.01  # of stamps that may be wrong; more of them are the way a system works
 NEIGHBOURS = 2  # messages on each side that a message is held against
 MAX_LEVELS = 8  # of commands that switch between levels
@@ -24,12 +24,15 @@ def mend_stamps(stamps, received):
     stamps, received = np.array(stamps, float), np.asarray(received, float)
     if len(stamps) < 2 * NEIGHBOURS + 2:
         return stamps, 0, 0.0
-    typical = _median_around(received - stamps)
-    error = np.abs(received - stamps - typical)
+    delays = received - stamps
+    around = delays[_neighbours(len(delays))]
+    typical = np.median(around, axis=1)
+    error = np.abs(delays - typical)
     steps = np.diff(received)
     uneven = np.abs(np.diff(steps))  # of a time of receipt between its two neighbours
     uneven = 0.5 * np.concatenate([uneven[:1], uneven, uneven[-1:]])
-    wrong = (error > MIN_STAMP_ERROR) & (uneven < REGULAR * error)
+    sure = np.maximum(uneven, np.ptp(around, axis=1)) < REGULAR * error
+    wrong = (error > MIN_STAMP_ERROR) & sure
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0
@@ -58,8 +61,9 @@ def lone_commands(times, controls):
             )
 
 
-def _median_around(values):
-    """The median of each value and its neighbours."""
-    padded = np.pad(values, NEIGHBOURS, mode="reflect")
-    width = 2 * NEIGHBOURS + 1
-    return np.median([padded[i : i + len(values)] for i in range(width)], axis=0)
+def _neighbours(count):
+    """Indices (count, 2 * NEIGHBOURS) of those next to each of so many."""
+    first = np.clip(np.arange(count) - NEIGHBOURS, 0, count - 2 * NEIGHBOURS - 1)
+    window = first[:, None] + np.arange(2 * NEIGHBOURS + 1)
+    others = window != np.arange(count)[:, None]
+    return window[others].reshape(count, 2 * NEIGHBOURS)
