@@ -6,12 +6,14 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
 
 namespace {
@@ -145,6 +147,98 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
   EXPECT_NE(complaint(""), "");
   EXPECT_NE(complaint("[1, 2]"), "");
   EXPECT_THROW(loadModel("no/such/model.yaml"), std::runtime_error);
+}
+
+Body<double> tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml").body; }
+
+TEST(Plausibility, SoundCraftsPassWithoutAWord) {
+  for (const char* craft : {"tiny_whoover", "tiny_whoover_4_1", "mvwt"}) {
+    std::vector<std::string> warnings;
+    loadModel(std::string("cfg/hovercraft/") + craft + ".yaml", &warnings);
+    EXPECT_EQ(warnings, std::vector<std::string>()) << craft;
+  }
+  // Crafts of 0.02 to 50 kg: size grows with the cube root of the mass, and everything else is
+  // slow and quick, flat and tall, hardly and strongly damped.
+  for (double m : {0.02, 0.06, 0.18, 0.5, 1.5, 5.0, 15.0, 50.0}) {
+    for (double lever : {0.3, 1.0, 3.0}) {
+      for (double acceleration : {0.2, 2.0, 20.0}) {
+        for (double damping : {0.0, 0.1, 1.0}) {
+          for (double input_max : {0.8, 1.0, 20.0}) {
+            const double gyration = 0.1 * std::cbrt(m);
+            Body<double> b;
+            b.m = m;
+            b.l = lever * gyration;
+            b.I_z = m * gyration * gyration;
+            b.k = m * acceleration / 2 / input_max;
+            b.X_u = 0.5 * m * damping;
+            b.Y_v = m * damping;
+            b.N_r = b.I_z * damping;
+            b.input_max = input_max;
+            for (const Implausibility& found : implausibilities(b)) ADD_FAILURE() << found.message;
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(Plausibility, NamesKeyAndProbableUnit) {
+  const struct {
+    double Body<double>::*place;
+    double value;
+    const char *key, *says;
+  } cases[] = {
+      {&Body<double>::m, 58.3, "m", "m: 58.3 kg is hardly meant"},
+      {&Body<double>::m, 58.3, "m", "write 0.0583 kg if it is in g"},
+      {&Body<double>::l, 3, "l", "write 0.03 m if it is in cm"},
+      {&Body<double>::l, 32.5, "l", "write 0.0325 m if it is in mm"},
+      {&Body<double>::I_z, 880, "I_z", "write 8.8e-05 kg m^2 if it is in g cm^2"},
+      {&Body<double>::I_z, 0.88, "I_z", "write 8.8e-05 kg m^2 if it is in kg cm^2"},
+      {&Body<double>::X_u, 5.5, "X_u", "write 0.0055 N s/m if it is in mN s/m"},
+      {&Body<double>::Y_v, 27.1, "Y_v", "write 0.0271 N s/m if it is in mN s/m"},
+      {&Body<double>::N_r, 0.0462, "N_r", "write 4.62e-05 N m s if it is in mN m s"},
+      {&Body<double>::k, 62, "k", "write 0.062 N if it is in mN"},
+      {&Body<double>::input_max, 100, "input_max", "write 1 if it is in per cent"},
+  };
+  for (const auto& bad : cases) {
+    Body<double> body = tinyWhoover();
+    body.*bad.place = bad.value;
+    const auto found = implausibilities(body);
+    ASSERT_EQ(found.size(), 1u) << bad.says;
+    EXPECT_EQ(found[0].key, bad.key);
+    EXPECT_NE(found[0].message.find(bad.says), std::string::npos) << found[0].message;
+    EXPECT_FALSE(found[0].refused) << found[0].message;
+  }
+  Body<double> two = tinyWhoover();
+  two.X_u *= 1000;
+  two.N_r *= 1000;
+  EXPECT_EQ(implausibilities(two).size(), 2u);
+}
+
+TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {
+  const std::string path = testing::TempDir() + "implausible.yaml";
+  const auto said = [&](const std::string& from, const std::string& to) -> std::string {
+    std::ofstream(path) << replaced(from, to);
+    try {
+      loadModel(path);
+    } catch (const std::runtime_error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  for (const Bad& bad : {Bad{"input_max: 1", "input_max: 1e-300", "input_max: 1e-300"},
+                         Bad{"m: 0.06", "m: 60000", "m: 6e+04 kg"},
+                         Bad{"k: 0.06", "k: 1.0e+6", "k: 1e+06 N"}}) {
+    const std::string message = said(bad.from, bad.to);
+    EXPECT_EQ(message.find(path + ", line 3: " + bad.says), 0u) << message;
+    EXPECT_NE(message.find("refused"), std::string::npos) << message;
+    EXPECT_EQ(complaint(replaced(bad.from, bad.to)), "") << "models of the tool itself are read";
+  }
+  std::ofstream(path) << replaced("m: 0.06", "m: 60");
+  std::vector<std::string> warnings;
+  loadModel(path, &warnings);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_EQ(warnings[0].find(path + ", line 3: m: 60 kg"), 0u) << warnings[0];
 }
 
 TEST(ModelFile, IsNeverOverwrittenUnlessAllowed) {

@@ -10,12 +10,14 @@
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <map>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
+#include "ground/model/plausibility.h"
 #include "ground/model/text_file.h"
 
 namespace ground {
@@ -96,10 +98,14 @@ std::string names(const std::vector<ParameterInfo>& parameters) {
   return list;
 }
 
-void readBody(const Reader& reader, const YAML::Node& node, Model& model) {
+/// Lines at which the values of a body stand in their file, counted from 1.
+using BodyLines = std::map<std::string, int>;
+
+void readBody(const Reader& reader, const YAML::Node& node, Model& model, BodyLines& lines) {
   std::vector<double> values(bodyParameters().size(), NAN);
   bool has_input_max = false;
   reader.each(node, "body", [&](const std::string& key, const YAML::Node& value) {
+    lines[key] = value.Mark().line + 1;
     if (key == "input_max") {
       model.body.input_max = reader.number(value, inputMaxInfo());
       has_input_max = true;
@@ -357,9 +363,7 @@ bool moveToNewName(const std::string& temporary, const std::string& path) {
   return false;
 }
 
-}  // namespace
-
-Model parseModel(const std::string& yaml, const std::string& source) {
+Model parse(const std::string& yaml, const std::string& source, BodyLines& lines) {
   const Reader reader(source);
   YAML::Node root;
   try {
@@ -378,7 +382,7 @@ Model parseModel(const std::string& yaml, const std::string& source) {
     if (key == "name") {
       model.name = reader.text(value, key);
     } else if (key == "body") {
-      readBody(reader, value, model);
+      readBody(reader, value, model, lines);
     } else if (key == "provenance") {
       readProvenance(reader, value, model.provenance);
     } else if (key == "effects") {
@@ -391,8 +395,23 @@ Model parseModel(const std::string& yaml, const std::string& source) {
   return model;
 }
 
-Model loadModel(const std::string& path) {
-  return parseModel(readTextFile(path, kLargestFile), path);
+}  // namespace
+
+Model parseModel(const std::string& yaml, const std::string& source) {
+  BodyLines lines;
+  return parse(yaml, source, lines);
+}
+
+Model loadModel(const std::string& path, std::vector<std::string>* warnings) {
+  BodyLines lines;
+  Model model = parse(readTextFile(path, kLargestFile), path, lines);
+  for (const Implausibility& found : implausibilities(model.body)) {
+    const std::string text =
+        path + ", line " + std::to_string(lines[found.key]) + ": " + found.message;
+    if (found.refused) throw std::runtime_error(text + "; such a craft is refused");
+    if (warnings) warnings->push_back(text);
+  }
+  return model;
 }
 
 std::string formatModel(const Model& model) {

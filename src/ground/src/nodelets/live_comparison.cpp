@@ -19,6 +19,7 @@
 
 #include "ground/estimation/model_monitor.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/parameters.h"
@@ -71,7 +72,7 @@ class LiveComparison : public nodelet::Nodelet {
     for (std::size_t i = 0; i < kModels; ++i) {
       const std::string suffix = i == 0 ? "" : "2";
       Contestant& c = contestants_[i];
-      if (!files[i].empty()) take(c, loadModel(files[i]), files[i]);
+      if (!files[i].empty()) take(c, loadModelAndWarn(files[i]), files[i]);
       c.error = topics.advertise<ground_msgs::ModelError>("model_error" + suffix, 10);
       c.path = topics.advertise<nav_msgs::Path>("path/predicted" + suffix, 1);
       c.service =

@@ -15,6 +15,7 @@
 #include "ground/link/udp_socket.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/simulation/room.h"
@@ -52,7 +53,7 @@ class Simulator : public nodelet::Nodelet {
   void start() {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
-    const Model model = loadModel(requiredParameter<std::string>(nh, "model"));
+    const Model model = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
     input_max_ = model.body.input_max;
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");

@@ -242,7 +242,16 @@ PYBIND11_MODULE(_core, module) {
       .def(py::pickle([](const Model& m) { return formatModel(m); },
                       [](const std::string& text) { return parseModel(text, "a pickle"); }));
 
-  module.def("load_model", &loadModel, py::arg("path"));
+  module.def(
+      "load_model", [](const std::string& path) { return loadModel(path); }, py::arg("path"));
+  module.def(
+      "load_model_with_warnings",
+      [](const std::string& path) {
+        std::vector<std::string> warnings;
+        Model model = loadModel(path, &warnings);
+        return std::make_pair(std::move(model), warnings);
+      },
+      py::arg("path"), "The model, and a line for each value that is hardly meant as it stands.");
   module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
   module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
              py::arg("overwrite") = false);

@@ -1,15 +1,18 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "ground/model/model.h"
 
 namespace ground {
 
 /// Reads a model file. Throws std::runtime_error that names file, line, key and allowed range on
-/// any unknown, missing, repeated, out-of-range or non-finite entry.
-Model loadModel(const std::string& path);
-/// The same from YAML text; `source` names it in messages.
+/// any unknown, missing, repeated, out-of-range or non-finite entry, and on a craft whose thrusters
+/// could not move it (implausibilities). What else is implausible is added to `warnings`, a line
+/// each with file, line, key and the probable unit.
+Model loadModel(const std::string& path, std::vector<std::string>* warnings = nullptr);
+/// The same from YAML text, however implausible; `source` names it in messages.
 Model parseModel(const std::string& yaml, const std::string& source);
 /// The model as commented YAML, with units beside each value; parseModel gives it back.
 std::string formatModel(const Model& model);

@@ -9,9 +9,9 @@
 #include <string>
 #include <utility>
 
-#include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/live_changes.h"
+#include "ground/nodelets/model_loading.h"
 
 namespace ground {
 
@@ -34,7 +34,7 @@ class ModelService {
     const auto serve = [full, parameter, file, changes = LiveChanges(nh), take = std::move(take)](
                            Load::Request& request, Load::Response& response) {
       try {
-        const Model model = loadModel(request.file);
+        const Model model = loadModelAndWarn(request.file);
         take(model, request.file);
         response.success = true;
         response.message = model.name + " of " + request.file;

@@ -14,6 +14,7 @@
 #include "ground/model/drive_clock.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
@@ -47,7 +48,7 @@ class ReferenceTracking : public Controller {
 
  private:
   void load(ros::NodeHandle& nh) override {
-    model_ = loadModel(requiredParameter<std::string>(nh, "model"));
+    model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
     epoch_ = ros::Time::now();
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);

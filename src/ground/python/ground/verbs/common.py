@@ -118,10 +118,15 @@ def read(arguments, bags=None, others=()):
 
 
 def load(path):
+    """The _core.Model in a file; what is implausible in it is said on standard error. IdentifyError
+    names file, line and key."""
     try:
-        return _core.load_model(path)
+        model, warnings = _core.load_model_with_warnings(path)
     except RuntimeError as error:
         raise IdentifyError(str(error))
+    for warning in warnings:
+        print("warning: " + warning, file=sys.stderr)
+    return model
 
 
 def prepare(arguments, model, bags=None, others=()):

@@ -1,0 +1,212 @@
+#include "ground/model/plausibility.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+
+namespace ground {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kLeastAcceleration = 1e-4;  // [m/s^2]
+constexpr double kMostAcceleration = 1e4;    // [m/s^2]
+
+double fullThrust(const Body<double>& b) { return 2 * b.k * b.input_max; }
+double acceleration(const Body<double>& b) { return fullThrust(b) / b.m; }
+
+/// A parameter of the body: name, SI unit, place, and size on a middling craft.
+struct Key {
+  const char* name;
+  const char* unit;
+  double Body<double>::*place;
+  double typical;
+};
+
+const std::vector<Key>& keys() {
+  using B = Body<double>;
+  static const std::vector<Key> all = {
+      {"m", "kg", &B::m, 0.5},          {"l", "m", &B::l, 0.06},
+      {"I_z", "kg m^2", &B::I_z, 1e-3}, {"X_u", "N s/m", &B::X_u, 0.1},
+      {"Y_v", "N s/m", &B::Y_v, 0.1},   {"N_r", "N m s", &B::N_r, 1e-3},
+      {"k", "N", &B::k, 0.3},           {"input_max", "", &B::input_max, 1}};
+  return all;
+}
+
+const Key& keyNamed(const std::string& name) {
+  return *std::find_if(keys().begin(), keys().end(),
+                       [&](const Key& key) { return key.name == name; });
+}
+
+/// A ratio that has much the same size for all crafts.
+struct Ratio {
+  const char* meaning;
+  const char* unit;
+  double lower, upper;
+  std::vector<const char*> keys;  ///< of which it is made
+  double (*value)(const Body<double>&);
+};
+
+const std::vector<Ratio>& ratios() {
+  using B = Body<double>;
+  static const std::vector<Ratio> all = {
+      // first: the one by which a craft is refused
+      {"full thrust accelerates the craft by", "m/s^2", 0.05, 50, {"m", "k", "input_max"},
+       acceleration},
+      {"the radius of gyration over the lever is", "", 0.1, 10, {"I_z", "l", "m"},
+       [](const B& b) { return std::sqrt(b.I_z / b.m) / b.l; }},
+      {"the mass over the square of the radius of gyration is", "kg/m^2", 1, 1e4, {"I_z", "m"},
+       [](const B& b) { return b.m / b.I_z * b.m; }},
+      {"surge damping holds full thrust at", "m/s", 0.05, kInfinity, {"X_u", "k", "input_max"},
+       [](const B& b) { return fullThrust(b) / b.X_u; }},
+      {"sway damping would hold full thrust at", "m/s", 0.05, kInfinity, {"Y_v", "k", "input_max"},
+       [](const B& b) { return fullThrust(b) / b.Y_v; }},
+      {"yaw damping holds one thruster at", "rad/s", 0.05, kInfinity, {"N_r", "l", "k", "input_max"},
+       [](const B& b) { return b.k * b.input_max * b.l / b.N_r; }}};
+  return all;
+}
+
+bool sound(const Ratio& ratio, const Body<double>& body) {
+  const double value = ratio.value(body);
+  return value >= ratio.lower && value <= ratio.upper;
+}
+
+/// A unit in which a value may have been typed by mistake.
+struct Unit {
+  const char* key;
+  const char* name;
+  double factor;  ///< to SI
+};
+
+constexpr Unit kUnits[] = {
+    {"m", "g", 1e-3},
+    {"l", "cm", 1e-2},
+    {"l", "mm", 1e-3},
+    {"I_z", "g m^2", 1e-3},
+    {"I_z", "kg cm^2", 1e-4},
+    {"I_z", "kg mm^2", 1e-6},
+    {"I_z", "g cm^2", 1e-7},
+    {"I_z", "g mm^2", 1e-9},
+    {"X_u", "mN s/m", 1e-3},
+    {"Y_v", "mN s/m", 1e-3},
+    {"N_r", "mN m s", 1e-3},
+    {"N_r", "mN mm s", 1e-6},
+    {"k", "mN", 1e-3},
+    {"k", "grams of force", 9.81e-3},
+    {"input_max", "per cent", 1e-2},
+};
+
+Body<double> converted(Body<double> body, const Unit& unit) {
+  body.*keyNamed(unit.key).place *= unit.factor;
+  return body;
+}
+
+/// How far a value is from that of a middling craft, in decades.
+double distance(const Body<double>& body, const Key& key) {
+  return std::abs(std::log10(body.*key.place / key.typical));
+}
+
+/// How far ratios and the value of a key are from the middle of their ranges, in decades.
+double strangeness(const Body<double>& body, const Key& key) {
+  double sum = distance(body, key);
+  for (const Ratio& ratio : ratios()) {
+    if (std::isinf(ratio.upper)) continue;
+    const double middle = std::sqrt(ratio.lower * ratio.upper);
+    sum += std::abs(std::log10(ratio.value(body) / middle));
+  }
+  return sum;
+}
+
+/// The unit that brings most of the ratios that are off back into their ranges and puts none out
+/// of its own; of equals the one by which craft and value become the more ordinary; nullptr when
+/// there is none.
+const Unit* probableUnit(const Body<double>& body) {
+  const Unit* best = nullptr;
+  int best_repaired = 0;
+  double best_strangeness = kInfinity;
+  for (const Unit& unit : kUnits) {
+    const Body<double> other = converted(body, unit);
+    int repaired = 0, spoiled = 0;
+    for (const Ratio& ratio : ratios()) {
+      repaired += !sound(ratio, body) && sound(ratio, other);
+      spoiled += sound(ratio, body) && !sound(ratio, other);
+    }
+    const Key& key = keyNamed(unit.key);
+    const double strange = strangeness(other, key) - strangeness(body, key);
+    if (repaired == 0 || spoiled > 0 || repaired < best_repaired) continue;
+    if (repaired == best_repaired && strange >= best_strangeness) continue;
+    best = &unit;
+    best_repaired = repaired;
+    best_strangeness = strange;
+  }
+  return best;
+}
+
+/// Of the values that make a ratio the one that is farthest from those of a middling craft.
+const Key& strangest(const Ratio& ratio, const Body<double>& body) {
+  return keyNamed(*std::max_element(ratio.keys.begin(), ratio.keys.end(),
+                                    [&](const char* a, const char* b) {
+                                      return distance(body, keyNamed(a)) <
+                                             distance(body, keyNamed(b));
+                                    }));
+}
+
+std::string withUnit(double value, const char* unit) {
+  std::ostringstream text;
+  text.precision(3);
+  text << value;
+  if (*unit) text << ' ' << unit;
+  return text.str();
+}
+
+Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& body,
+                        const Unit* unit) {
+  std::ostringstream text;
+  const double value = body.*key.place;
+  text << key.name << ": " << withUnit(value, key.unit) << " is hardly meant: " << ratio.meaning
+       << ' ' << withUnit(ratio.value(body), ratio.unit) << ", where crafts have ";
+  if (std::isinf(ratio.upper)) {
+    text << "more than " << withUnit(ratio.lower, ratio.unit);
+  } else {
+    text << withUnit(ratio.lower, "") << " to " << withUnit(ratio.upper, ratio.unit);
+  }
+  if (unit) {
+    text << "; write " << withUnit(value * unit->factor, key.unit) << " if it is in " << unit->name;
+  }
+  return {key.name, text.str(), false};
+}
+
+}  // namespace
+
+std::vector<Implausibility> implausibilities(const Body<double>& body) {
+  std::vector<Implausibility> found;
+  // What is wrong is told of the values as they stand, each unit found with the ones before it
+  // put right.
+  Body<double> repaired = body;
+  while (const Unit* unit = probableUnit(repaired)) {
+    const Body<double> next = converted(repaired, *unit);
+    const auto back = std::find_if(ratios().begin(), ratios().end(), [&](const Ratio& ratio) {
+      return !sound(ratio, repaired) && sound(ratio, next);
+    });
+    found.push_back(describe(keyNamed(unit->key), *back, repaired, unit));
+    repaired = next;
+  }
+  for (const Ratio& ratio : ratios()) {
+    if (sound(ratio, repaired)) continue;
+    const Key& key = strangest(ratio, repaired);
+    const bool told = std::any_of(found.begin(), found.end(),
+                                  [&](const Implausibility& f) { return f.key == key.name; });
+    if (!told) found.push_back(describe(key, ratio, body, nullptr));
+  }
+  const double a = acceleration(body);
+  if (a >= kLeastAcceleration && a <= kMostAcceleration) return found;
+  const std::vector<const char*>& causes = ratios().front().keys;
+  for (Implausibility& one : found) {
+    if (std::find(causes.begin(), causes.end(), one.key) == causes.end()) continue;
+    one.refused = true;
+    break;
+  }
+  return found;
+}
+
+}  // namespace ground
