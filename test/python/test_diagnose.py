@@ -161,6 +161,50 @@ def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
     assert low < 0.02 < high
 
 
+def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
+    import argparse
+
+    from ground import _core
+    from ground.errors import IdentifyError
+    from ground.verbs import diagnose as verb
+
+    own = {}
+    for name in ("gust", "swirl"):
+        own[name] = tmp_path / (name + ".yaml")
+        own[name].write_text(
+            "name: %s\nexpression: {X: a*u}\nparameters:\n  a: {value: 0.1, unit: N}\n" % name
+        )
+    model = _core.load_model(str(MODEL))
+
+    def tried(*options):
+        parser = argparse.ArgumentParser()
+        verb.configure(parser)
+        files = ["--effects"] + [str(path) for path in own.values()]
+        arguments = parser.parse_args(
+            ["run.bag", "--model", "m", "-o", "o"] + files + list(options)
+        )
+        return {c.name for c in verb._candidates(arguments, model)}
+
+    assert tried() == set(_core.effects()) | {"gust", "swirl"}
+    assert tried("--only", "motor_lag") == {"motor_lag", "gust", "swirl"}
+    assert tried("--only", "gust") == {"gust"}
+    assert tried("--only", "gust", "motor_lag") == {"gust", "motor_lag"}
+    assert "swirl" not in tried("--exclude", "swirl")
+    with pytest.raises(IdentifyError, match="there is no effect guts"):
+        tried("--only", "guts")
+
+    text = own["gust"].read_text()
+    own["gust"].write_text(text.replace("value: 0.1", "value: much"))
+    with pytest.raises(IdentifyError, match="gust.yaml, line 4: a must be a number"):
+        tried()
+    own["gust"].write_text(text.replace("name: gust", "name: motor_lag"))
+    with pytest.raises(IdentifyError, match="gust.yaml: there is another effect motor_lag"):
+        tried()
+    own["gust"].write_text("")
+    with pytest.raises(IdentifyError, match="gust.yaml: it is empty"):
+        tried()
+
+
 def test_a_turned_mocap_is_found_from_zero(tmp_path):
     truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 1.85}")
     bags = bags_of(tmp_path, truth)

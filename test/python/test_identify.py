@@ -38,11 +38,12 @@ def write_csv(path, stamps, rows):
 
 
 def fails(result, *words, status=1):
-    """One clear sentence on stderr, no traceback."""
+    """One clear sentence on stderr, beside warnings, no traceback."""
     assert result.returncode == status, result.stderr
     assert "Traceback" not in result.stderr
     if status == 1:
-        assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+        said = [s for s in result.stderr.strip().splitlines() if not s.startswith("warning: ")]
+        assert len(said) == 1, result.stderr
     for word in words:
         assert word in result.stderr, result.stderr
 
@@ -381,6 +382,54 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     )
     fails(identify("info", bag, "--axes", "x,y"), "--axes")
     assert not out.exists()
+
+
+def test_unknown_options_show_the_usage_of_their_verb(capsys):
+    from ground import cli
+
+    with pytest.raises(SystemExit) as status:
+        cli.main(["fit", "a.bag", "--model", "m.yaml", "-o", "o.yaml", "--nonsense", "3"])
+    said = capsys.readouterr().err
+    assert status.value.code == 2
+    assert said.startswith("usage: identify fit ")
+    assert "unrecognized arguments: --nonsense 3" in said
+
+
+def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
+    folder = tmp_path / "runs [1]"
+    folder.mkdir()
+    fails(identify("info", folder), "runs [1]: there is no bag in this folder")
+    for seed in (1, 2):
+        write_bag(folder / ("run%d.bag" % seed), seed=seed)
+    (folder / "notes.txt").write_text("no bag")
+    result = identify("info", folder, "--json")
+    assert result.returncode == 0, result.stderr
+    assert [run["name"] for run in json.loads(result.stdout)] == ["run1", "run2"]
+    out = tmp_path / "fitted.yaml"
+    fit = identify("fit", folder / "run1.bag", "--holdout", folder, "--model", guess, "-o", out)
+    fails(fit, "a run is given both to fit to and to hold out")
+
+
+def test_an_empty_model_and_a_bad_effect_file_are_named(tmp_path, bag):
+    empty, own, out = (tmp_path / name for name in ("empty.yaml", "own.yaml", "new.yaml"))
+    empty.write_text("")
+    fails(identify("fit", bag, "--model", empty, "-o", out), "empty.yaml: it is empty")
+    own.write_text('name: own\nexpression:\n  X: "a*u"\nparameters: {a: {value: 1, units: N}}\n')
+    failed = identify("add", own, bag, "--model", MODEL, "-o", out)
+    fails(failed, "own.yaml, line 4: unknown key 'units'")
+
+
+def test_a_model_in_grams_is_warned_about(tmp_path):
+    grams, out = tmp_path / "grams.yaml", tmp_path / "run.bag"
+    grams.write_text(MODEL.read_text().replace("m: 0.0583", "m: 58.3"))
+    options = ["--input", "prbs", "--duration", 1, "-o", out]
+    result = identify("simulate", "--model", grams, *options)
+    assert result.returncode == 0, result.stderr
+    assert "warning: %s, line 5: m: 58.3 kg is hardly meant" % grams in result.stderr
+    assert "write 0.0583 kg if it is in g" in result.stderr
+    grams.write_text(MODEL.read_text().replace("input_max: 1.0", "input_max: 1e-300"))
+    failed = identify("simulate", "--model", grams, *options, "--force")
+    fails(failed, "grams.yaml, line 13: input_max: 1e-300", "refused")
 
 
 @pytest.mark.parametrize(

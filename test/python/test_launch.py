@@ -64,7 +64,9 @@ def test_every_argument_is_documented_and_required_only_without_default(name, ca
     listed, optional = said.partition("Optional Arguments:")[::2]
     required = {line.split(":")[0].strip() for line in listed.splitlines()[1:]}
     arguments = xml.etree.ElementTree.parse(path).getroot().findall("arg")
-    assert required == {a.get("name") for a in arguments if not {"default", "value"} & set(a.keys())}
+    assert required == {
+        a.get("name") for a in arguments if not {"default", "value"} & set(a.keys())
+    }
     assert len(optional.splitlines()) - 1 + len(required) == len(arguments)
     text = (ROOT / "launch" / name).read_text()
     declared = text.count("<arg name=") - text.count('" value=')

@@ -172,7 +172,18 @@ def test_what_is_printed_and_drawn(tmp_path):
     assert other["rms"] != found["rms"]
     text = program("track", *loop, "--picture", picture)
     assert text.returncode == 1 and "exists" in text.stderr
-    baseline = track("--model", MODEL, "--controller", "OpenLoopPRBS")
+
+
+def test_only_what_follows_a_reference_tracks():
+    for verb in (["track"], ["identify", "simulate", "--input", "tracking", "-o", "/tmp/no.bag"]):
+        refused = program(*verb, "--model", MODEL, "--controller", "OpenLoopPRBS")
+        assert refused.returncode == 2
+        assert "invalid choice: 'OpenLoopPRBS'" in refused.stderr
+        assert "ModelPredictive" in refused.stderr and "usage: " in refused.stderr
+    model = _core.load_model(str(MODEL))
+    baseline = tracking.run(
+        model, model, gains.choice("OpenLoopPRBS"), tracking.task("circle")
+    ).numbers
     assert baseline["rms"] > 1 and baseline["effort"] == pytest.approx(0.5, abs=0.1)
 
 

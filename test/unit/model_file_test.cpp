@@ -149,6 +149,100 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
   EXPECT_THROW(loadModel("no/such/model.yaml"), std::runtime_error);
 }
 
+TEST(ModelFile, AnEmptyFileIsSaidToBeEmpty) {
+  EXPECT_EQ(complaint(""), "craft.yaml: it is empty");
+  EXPECT_EQ(complaint("# nothing\n"), "craft.yaml: it is empty");
+  const std::string path = testing::TempDir() + "empty.yaml";
+  std::ofstream(path).close();
+  try {
+    loadModel(path);
+    ADD_FAILURE();
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(error.what(), path + ": it is empty");
+  }
+}
+
+std::string effectComplaint(const std::string& yaml) {
+  try {
+    withEffect(parseModel(kGood, "good"), yaml, "own.yaml");
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(ModelFile, AnEffectOfItsOwnFileIsAddedOrRefusedWithItsLine) {
+  const std::string gust =
+      "name: gust\nexpression: {X: \"g*u\"}\nparameters:\n  g: {value: 0.1, unit: N s/m}\n";
+  const Model model = withEffect(parseModel(kGood, "good"), gust, "own.yaml");
+  EXPECT_EQ(model.effects.size(), 4u);
+  EXPECT_EQ(model.value("gust.g"), 0.1);
+  EXPECT_EQ(withEffect(Model(), "- name: motor_lag\n  tau: 0.1\n", "own.yaml").effects.size(), 1u);
+  const Bad cases[] = {
+      {"g: {value: 0.1, unit: N s/m}", "g: {value: much, unit: N s/m}",
+       "own.yaml, line 4: g must be"},
+      {"g*u", "g*(u", "own.yaml, line 1: effect 'gust': formula X = 'g*(u'"},
+      {"parameters:\n", "parameter:\n", "own.yaml, line 4: unknown key 'parameter'"},
+      {"name: gust", "name: washboard",
+       "own.yaml, line 1: the model has effect 'washboard' already"},
+      {"name: gust", "name: [", "own.yaml, line 2"},
+      {gust.c_str(), "", "own.yaml: it is empty"},
+      {gust.c_str(), kGood, "own.yaml, line 1: it must be one effect with a name"},
+      {gust.c_str(), "name: motor_lug\n", "own.yaml, line 1: unknown effect 'motor_lug'"},
+  };
+  for (const Bad& bad : cases) {
+    std::string text = gust;
+    text.replace(text.find(bad.from), std::string(bad.from).size(), bad.to);
+    EXPECT_EQ(effectComplaint(text).find(bad.says), 0u) << bad.to << ": " << effectComplaint(text);
+  }
+}
+
+/// `count` terms, each of 12 characters.
+std::string sines(int count, const std::string& end = "") {
+  std::string sum = "a*u";
+  for (int i = 0; i < count; ++i) sum += "+a*sin(" + std::to_string(1000 + i) + "*u)";
+  return sum + end;
+}
+
+std::string effectText(const std::string& name, const std::string& formula) {
+  return "  - name: " + name + "\n    expression: {X: \"" + formula +
+         "\"}\n    parameters: {a: {value: 0.01, unit: N}}\n";
+}
+
+TEST(ModelFile, LongTextsAreQuotedShortened) {
+  for (const std::string& text :
+       {effectText("gust", sines(40, "+b")), effectText("gust", sines(300)),
+        effectText(std::string(20000, 'g'), "a*u"),
+        "  - name: lag\n    " + std::string(20000, 'k') + ": 1\n",
+        effectText("gust", "a*" + std::string(900, 'q')),
+        effectText("gust", "a*u")
+            .replace(0, 0, "  - name: motor_lag\n    " + std::string(20000, 'k') + ": 1\n")}) {
+    const std::string said = complaint(std::string(kGood) + text);
+    EXPECT_EQ(said.find("craft.yaml, line"), 0u) << said;
+    EXPECT_LT(said.size(), 600u) << said.substr(0, 1000);
+  }
+  EXPECT_NE(complaint(std::string(kGood) + effectText("gust", sines(40, "+b"))).find("characters)"),
+            std::string::npos);
+}
+
+TEST(ModelFile, EffectsAndFormulasHaveLimits) {
+  std::string many = kGood;
+  for (int i = 0; i < 2000; ++i) many += effectText("e" + std::to_string(i), "a*u");
+  EXPECT_NE(complaint(many).find("a model has at most 32 effects"), std::string::npos);
+  EXPECT_EQ(complaint(std::string(kGood) + effectText("gust", sines(60))), "");
+  EXPECT_NE(complaint(std::string(kGood) + effectText("gust", sines(300)))
+                .find("it is longer than 1000 characters"),
+            std::string::npos);
+  std::string together = kGood;
+  for (int i = 0; i < 4; ++i) together += effectText("e" + std::to_string(i), sines(60));
+  EXPECT_NE(complaint(together).find("more than 3000"), std::string::npos) << complaint(together);
+  std::string parameters = "  - name: gust\n    expression: {X: \"a0*u\"}\n    parameters:\n";
+  for (int i = 0; i < 40; ++i)
+    parameters += "      a" + std::to_string(i) + ": {value: 0.01, unit: N}\n";
+  EXPECT_NE(complaint(std::string(kGood) + parameters).find("more than 32 parameters"),
+            std::string::npos);
+}
+
 Body<double> tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml").body; }
 
 TEST(Plausibility, SoundCraftsPassWithoutAWord) {
@@ -226,9 +320,9 @@ TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {
     }
     return "";
   };
-  for (const Bad& bad : {Bad{"input_max: 1", "input_max: 1e-300", "input_max: 1e-300"},
-                         Bad{"m: 0.06", "m: 60000", "m: 6e+04 kg"},
-                         Bad{"k: 0.06", "k: 1.0e+6", "k: 1e+06 N"}}) {
+  for (const Bad& bad :
+       {Bad{"input_max: 1", "input_max: 1e-300", "input_max: 1e-300"},
+        Bad{"m: 0.06", "m: 60000", "m: 6e+04 kg"}, Bad{"k: 0.06", "k: 1.0e+6", "k: 1e+06 N"}}) {
     const std::string message = said(bad.from, bad.to);
     EXPECT_EQ(message.find(path + ", line 3: " + bad.says), 0u) << message;
     EXPECT_NE(message.find("refused"), std::string::npos) << message;

@@ -8,7 +8,9 @@ from ground import errors, files, verbs
 
 def main(argv=None):
     """Runs one verb of identify; exit status 0 done, 1 could not, 2 bad usage."""
-    arguments = _parser().parse_args(argv)
+    arguments, unknown = _parser().parse_known_args(argv)
+    if unknown:  # the verb's usage helps, not that of all verbs
+        arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))
     return _run("identify " + arguments.verb, arguments)
 
 
@@ -58,7 +60,7 @@ def _parser():
 
 
 def _configure(parser, verb):
-    parser.set_defaults(run=verb.run)
+    parser.set_defaults(run=verb.run, refuse=parser.error)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     errors.add_debug(parser)
     verb.configure(parser)

@@ -8,6 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
 
 namespace ground {
@@ -80,8 +81,8 @@ std::string PrbsFile::describe(double clock) const {
   std::ostringstream text;
   text.precision(4);
   text << rows.size() << " rows, " << rows_per_bit << (rows_per_bit == 1 ? " row" : " rows")
-       << " per bit: a clock of " << clock << " Hz plays " << row_rate << " rows per second, all in "
-       << static_cast<double>(rows.size()) / row_rate << " s";
+       << " per bit: a clock of " << clock << " Hz plays " << row_rate
+       << " rows per second, all in " << static_cast<double>(rows.size()) / row_rate << " s";
   return text.str();
 }
 
@@ -109,7 +110,7 @@ PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
     std::array<bool, 2> bit{};
     if (comma == std::string::npos || !parseBit(line.substr(0, comma), bit[0]) ||
         !parseBit(line.substr(comma + 1), bit[1]))
-      throw std::runtime_error(path + ", line " + std::to_string(number) + ": '" + line +
+      throw std::runtime_error(path + ", line " + std::to_string(number) + ": '" + shortened(line) +
                                "' is not LEFT,RIGHT with -1, 0 or 1 each");
     rows.push_back(bit);
   }

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/shortened.h"
 
 namespace ground {
 
@@ -36,7 +37,7 @@ EffectPtr makeEffect(const std::string& name) {
   const auto found = registry().find(name);
   if (found != registry().end()) return found->second;
   std::ostringstream text;
-  text << "unknown effect '" << name << "'; known are";
+  text << "unknown effect '" << shortened(name) << "'; known are";
   for (const auto& entry : registry()) text << ' ' << entry.first;
   throw std::invalid_argument(text.str());
 }

@@ -8,6 +8,8 @@
 #include <set>
 #include <stdexcept>
 
+#include "ground/model/shortened.h"
+
 namespace ground {
 namespace {
 
@@ -16,6 +18,11 @@ const std::vector<std::string>& variableNames() {
   static const std::vector<std::string> names = {"u",   "v",   "r",   "x",    "y",
                                                  "psi", "u_L", "u_R", "lift", "t"};
   return names;
+}
+
+bool isIdentifier(const std::string& text) {
+  static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
+  return text.size() <= kLongestName && std::regex_match(text, identifier);
 }
 
 /// One formula bound to the values of an ExpressionEffect.
@@ -143,10 +150,12 @@ class ExpressionEffect final : public Effect {
 
   [[noreturn]] void fail(char component, const std::string& text, const std::string& why) const {
     throw std::invalid_argument("effect '" + definition_.name + "': formula " + component + " = '" +
-                                text + "': " + why);
+                                shortened(text) + "': " + shortened(why, 120));
   }
 
   void bind(char component, const std::string& text, Formula& formula) {
+    if (text.size() > kLongestFormula)
+      fail(component, text, "it is longer than " + std::to_string(kLongestFormula) + " characters");
     static const std::regex assignment("(^|[^<>=!])=([^=]|$)");
     if (std::regex_search(text, assignment)) fail(component, text, "it must not assign with '='");
     try {
@@ -190,17 +199,21 @@ class ExpressionEffect final : public Effect {
 }  // namespace
 
 EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
-  static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
-  if (!std::regex_match(definition.name, identifier))
-    throw std::invalid_argument("effect name '" + definition.name + "' is not an identifier");
+  if (!isIdentifier(definition.name))
+    throw std::invalid_argument("effect name '" + shortened(definition.name) +
+                                "' is not an identifier of at most " +
+                                std::to_string(kLongestName) + " characters");
   if (definition.X.empty() && definition.Y.empty() && definition.N.empty())
     throw std::invalid_argument("effect '" + definition.name + "' has none of X, Y, N");
+  if (definition.parameters.size() > kMostEffectParameters)
+    throw std::invalid_argument("effect '" + definition.name + "' has more than " +
+                                std::to_string(kMostEffectParameters) + " parameters");
   std::set<std::string> names(variableNames().begin(), variableNames().end());
   names.insert("pi");
   for (const ParameterInfo& parameter : definition.parameters) {
-    if (!std::regex_match(parameter.name, identifier) || !names.insert(parameter.name).second)
+    if (!isIdentifier(parameter.name) || !names.insert(parameter.name).second)
       throw std::invalid_argument("effect '" + definition.name + "': parameter name '" +
-                                  parameter.name + "' is taken or not an identifier");
+                                  shortened(parameter.name) + "' is taken or not an identifier");
   }
   return std::make_shared<ExpressionEffect>(definition);
 }

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <sstream>
 #include <stdexcept>
+
+#include "ground/model/expression_effect.h"
 
 namespace ground {
 namespace {
@@ -11,6 +14,11 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::string effectName(const Model::Entry& entry) { return entry.effect->info().name; }
+
+std::size_t formulaLength(const Effect& effect) {
+  const ExpressionDefinition* definition = expressionDefinition(effect);
+  return definition ? definition->formulaLength() : 0;
+}
 
 }  // namespace
 
@@ -67,6 +75,15 @@ void Model::addEffect(EffectPtr effect) {
   const EffectInfo& info = effect->info();
   if (hasEffect(info.name))
     throw std::invalid_argument("the model has effect '" + info.name + "' already");
+  if (effects.size() >= kMostEffects)
+    throw std::invalid_argument("a model has at most " + std::to_string(kMostEffects) + " effects");
+  const std::size_t length = std::accumulate(
+      effects.begin(), effects.end(), formulaLength(*effect),
+      [](std::size_t sum, const Entry& e) { return sum + formulaLength(*e.effect); });
+  if (length > kLongestFormulas)
+    throw std::invalid_argument("with effect '" + info.name + "' the formulas of the model have " +
+                                std::to_string(length) + " characters, more than " +
+                                std::to_string(kLongestFormulas));
   std::vector<double> values;
   for (const ParameterInfo& parameter : info.parameters) values.push_back(parameter.neutral);
   effects.push_back({std::move(effect), std::move(values)});

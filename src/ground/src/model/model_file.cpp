@@ -18,6 +18,7 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
+#include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
 
 namespace ground {
@@ -48,14 +49,15 @@ class Reader {
     for (const auto& entry : map) {
       if (!entry.first.IsScalar()) fail(entry.first, "a key in " + what + " is not a word");
       const std::string key = entry.first.Scalar();
-      if (!seen.insert(key).second) fail(entry.first, "key '" + key + "' comes twice in " + what);
+      if (!seen.insert(key).second)
+        fail(entry.first, "key '" + shortened(key) + "' comes twice in " + what);
       visit(key, entry.second);
     }
   }
 
   [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,
                             const std::string& known) const {
-    fail(node, "unknown key '" + key + "' in " + what + "; allowed are " + known);
+    fail(node, "unknown key '" + shortened(key) + "' in " + what + "; allowed are " + known);
   }
 
   double number(const YAML::Node& node, const std::string& key) const {
@@ -186,6 +188,9 @@ void readExpression(const Reader& reader, const std::string& name, const YAML::N
   if (parameters) {
     reader.each(parameters, "parameters of " + name,
                 [&](const std::string& key, const YAML::Node& value) {
+                  if (key.size() > kLongestName)
+                    reader.fail(value, "a parameter's name is longer than " +
+                                           std::to_string(kLongestName) + " characters");
                   double number = 0, scale = 0;
                   definition.parameters.push_back(
                       readExpressionParameter(reader, key, value, number, scale));
@@ -210,6 +215,9 @@ void readExpression(const Reader& reader, const std::string& name, const YAML::N
 void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
   if (!node.IsMap() || !node["name"]) reader.fail(node, "an effect must be a map with its name");
   const std::string name = reader.text(node["name"], "name");
+  if (name.size() > kLongestName)
+    reader.fail(node,
+                "the effect's name is longer than " + std::to_string(kLongestName) + " characters");
   if (node["expression"]) return readExpression(reader, name, node, model);
   try {
     model.addEffect(makeEffect(name));
@@ -363,8 +371,7 @@ bool moveToNewName(const std::string& temporary, const std::string& path) {
   return false;
 }
 
-Model parse(const std::string& yaml, const std::string& source, BodyLines& lines) {
-  const Reader reader(source);
+YAML::Node parseYaml(const std::string& yaml, const std::string& source) {
   YAML::Node root;
   try {
     root = YAML::Load(yaml);
@@ -372,6 +379,13 @@ Model parse(const std::string& yaml, const std::string& source, BodyLines& lines
     throw std::runtime_error(source + ", line " + std::to_string(error.mark.line + 1) + ": " +
                              error.msg);
   }
+  if (root.IsNull()) throw std::runtime_error(source + ": it is empty");
+  return root;
+}
+
+Model parse(const std::string& yaml, const std::string& source, BodyLines& lines) {
+  const Reader reader(source);
+  const YAML::Node root = parseYaml(yaml, source);
   Model model;
   const std::string top = "the model file";
   if (!root.IsMap()) reader.fail(root, top + " must be a map with schema, name, body, effects");
@@ -413,6 +427,18 @@ Model loadModel(const std::string& path, std::vector<std::string>* warnings) {
   }
   return model;
 }
+
+Model withEffect(Model model, const std::string& yaml, const std::string& source) {
+  const Reader reader(source);
+  const YAML::Node root = parseYaml(yaml, source);
+  const YAML::Node node = root.IsSequence() && root.size() == 1 ? root[0] : root;
+  if (!node.IsMap() || !node["name"] || node["body"])
+    reader.fail(node, "it must be one effect with a name, as model files list them");
+  readEffect(reader, node, model);
+  return model;
+}
+
+std::string readEffectFile(const std::string& path) { return readTextFile(path, kLargestFile); }
 
 std::string formatModel(const Model& model) {
   YAML::Emitter out;

@@ -43,26 +43,34 @@ struct Ratio {
   const char* meaning;
   const char* unit;
   double lower, upper;
-  std::vector<const char*> keys;  ///< of which it is made
   double (*value)(const Body<double>&);
+  std::vector<const char*> keys;  ///< of which it is made
 };
 
+double gyrationOverLever(const Body<double>& b) { return std::sqrt(b.I_z / b.m) / b.l; }
+double massOverGyration(const Body<double>& b) { return b.m / b.I_z * b.m; }
+double topSurge(const Body<double>& b) { return fullThrust(b) / b.X_u; }
+double topSway(const Body<double>& b) { return fullThrust(b) / b.Y_v; }
+double topYawRate(const Body<double>& b) { return b.k * b.input_max * b.l / b.N_r; }
+
 const std::vector<Ratio>& ratios() {
-  using B = Body<double>;
+  // clang-format off
   static const std::vector<Ratio> all = {
       // first: the one by which a craft is refused
-      {"full thrust accelerates the craft by", "m/s^2", 0.05, 50, {"m", "k", "input_max"},
-       acceleration},
-      {"the radius of gyration over the lever is", "", 0.1, 10, {"I_z", "l", "m"},
-       [](const B& b) { return std::sqrt(b.I_z / b.m) / b.l; }},
-      {"the mass over the square of the radius of gyration is", "kg/m^2", 1, 1e4, {"I_z", "m"},
-       [](const B& b) { return b.m / b.I_z * b.m; }},
-      {"surge damping holds full thrust at", "m/s", 0.05, kInfinity, {"X_u", "k", "input_max"},
-       [](const B& b) { return fullThrust(b) / b.X_u; }},
-      {"sway damping would hold full thrust at", "m/s", 0.05, kInfinity, {"Y_v", "k", "input_max"},
-       [](const B& b) { return fullThrust(b) / b.Y_v; }},
-      {"yaw damping holds one thruster at", "rad/s", 0.05, kInfinity, {"N_r", "l", "k", "input_max"},
-       [](const B& b) { return b.k * b.input_max * b.l / b.N_r; }}};
+      {"full thrust accelerates the craft by", "m/s^2",
+       0.05, 50, acceleration, {"m", "k", "input_max"}},
+      {"the radius of gyration over the lever is", "",
+       0.1, 10, gyrationOverLever, {"I_z", "l", "m"}},
+      {"the mass over the square of the radius of gyration is", "kg/m^2",
+       1, 1e4, massOverGyration, {"I_z", "m"}},
+      {"surge damping holds full thrust at", "m/s",
+       0.05, kInfinity, topSurge, {"X_u", "k", "input_max"}},
+      {"sway damping would hold full thrust at", "m/s",
+       0.05, kInfinity, topSway, {"Y_v", "k", "input_max"}},
+      {"yaw damping holds one thruster at", "rad/s",
+       0.05, kInfinity, topYawRate, {"N_r", "l", "k", "input_max"}},
+  };
+  // clang-format on
   return all;
 }
 
@@ -144,11 +152,10 @@ const Unit* probableUnit(const Body<double>& body) {
 
 /// Of the values that make a ratio the one that is farthest from those of a middling craft.
 const Key& strangest(const Ratio& ratio, const Body<double>& body) {
-  return keyNamed(*std::max_element(ratio.keys.begin(), ratio.keys.end(),
-                                    [&](const char* a, const char* b) {
-                                      return distance(body, keyNamed(a)) <
-                                             distance(body, keyNamed(b));
-                                    }));
+  return keyNamed(
+      *std::max_element(ratio.keys.begin(), ratio.keys.end(), [&](const char* a, const char* b) {
+        return distance(body, keyNamed(a)) < distance(body, keyNamed(b));
+      }));
 }
 
 std::string withUnit(double value, const char* unit) {

@@ -209,6 +209,7 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("confidence_95", &Provenance::confidence_95);
 
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
+      .def(py::init<>())
       .def_readwrite("name", &Model::name)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
@@ -253,6 +254,9 @@ PYBIND11_MODULE(_core, module) {
       },
       py::arg("path"), "The model, and a line for each value that is hardly meant as it stands.");
   module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
+  module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
+             "A copy of the model with the effect of this text.");
+  module.def("read_effect_file", &readEffectFile, py::arg("path"));
   module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
              py::arg("overwrite") = false);
   module.def(

@@ -21,7 +21,8 @@ struct PrbsFile {
   PrbsBits rows;
   int rows_per_bit = 1;
 
-  /// One line: how many rows and rows per bit, and what they become at `clock` bits per second [Hz].
+  /// One line: how many rows and rows per bit, and what they become at `clock` bits per second
+  /// [Hz].
   std::string describe(double clock) const;
 };
 
@@ -51,8 +52,8 @@ struct PrbsParams {
 /// A binary sequence played in time.
 class PrbsSignal {
  public:
-  /// Every row lasts 1 / (clock * rows_per_bit). Throws std::invalid_argument when there are no rows
-  /// or parameters are bad.
+  /// Every row lasts 1 / (clock * rows_per_bit). Throws std::invalid_argument when there are no
+  /// rows or parameters are bad.
   PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit = 1);
   /// Inputs left, right at time t [s] since the start; zero before it and from the end on.
   Vector2<double> at(double t) const;

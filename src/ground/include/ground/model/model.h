@@ -21,6 +21,8 @@ struct Provenance {
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };
 
+constexpr std::size_t kMostEffects = 32;
+
 /// A craft: rigid body, nominal thrust and damping, and a list of effects with their parameters.
 /// The one description that simulator, controllers and identification share.
 class Model {
@@ -36,7 +38,7 @@ class Model {
   Provenance provenance;
 
   /// Adds an effect at its neutral parameters. Throws std::invalid_argument when it is there
-  /// already.
+  /// already, when there are kMostEffects, and when the formulas of all pass kLongestFormulas.
   void addEffect(EffectPtr effect);
   /// Takes an effect out. Throws std::invalid_argument when it is not there.
   void removeEffect(const std::string& name);

@@ -14,6 +14,13 @@ namespace ground {
 Model loadModel(const std::string& path, std::vector<std::string>* warnings = nullptr);
 /// The same from YAML text, however implausible; `source` names it in messages.
 Model parseModel(const std::string& yaml, const std::string& source);
+/// The model with one effect more, of YAML text that has this effect as model files list it (a map,
+/// or a list of one). `source` names the text in messages; their lines are those of the text.
+/// Throws std::runtime_error on anything wrong with it, and when the model has the effect already.
+Model withEffect(Model model, const std::string& yaml, const std::string& source);
+/// The text of a file with an effect, for withEffect. Throws std::runtime_error when it cannot be
+/// read or is too large for one.
+std::string readEffectFile(const std::string& path);
 /// The model as commented YAML, with units beside each value; parseModel gives it back.
 std::string formatModel(const Model& model);
 /// Writes formatModel atomically. Throws std::runtime_error when the file exists and overwrite is

@@ -19,11 +19,11 @@ struct Implausibility {
 /// The body's numbers are judged by ratios that have much the same size for crafts of 0.02 to
 /// 50 kg, each with a wide range:
 ///
-///     2 k input_max / m        acceleration by full thrust       0.05 to 50 m/s^2
-///     sqrt(I_z / m) / l        radius of gyration over lever      0.1 to 10
-///     m^2 / I_z                mass over radius of gyration^2     1 to 10^4 kg/m^2
-///     2 k input_max / X_u      speed at which damping holds full thrust   above 0.05 m/s; Y_v as well
-///     k input_max l / N_r      yaw rate at which damping holds one thruster   above 0.05 rad/s
+///     2 k input_max / m      acceleration by full thrust      0.05 to 50 m/s^2
+///     sqrt(I_z / m) / l      radius of gyration over lever    0.1 to 10
+///     m^2 / I_z              mass over radius of gyration^2   1 to 10^4 kg/m^2
+///     2 k input_max / X_u    top speed; with Y_v as well      above 0.05 m/s
+///     k input_max l / N_r    top yaw rate                     above 0.05 rad/s
 ///
 /// When a ratio is off, the unit that a value was typed in by mistake (grams, centimetres, g cm^2,
 /// millinewtons, ...) is the one that brings back most of the ratios and spoils none. Example: with

@@ -56,31 +56,29 @@ def library(model):
 
 
 def from_file(path):
-    """The Candidate of a YAML file with one effect as model files list it; IdentifyError if bad."""
+    """The Candidate of a YAML file with one effect as model files list it; IdentifyError names file
+    and line of what is wrong with it."""
     try:
-        with open(path) as file:
-            entry = yaml.safe_load(file)
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        return _from_text(_core.read_effect_file(path), path)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+    except UnicodeDecodeError as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
-    if isinstance(entry, list) and len(entry) == 1:
-        entry = entry[0]
-    if not isinstance(entry, dict) or "name" not in entry:
-        raise IdentifyError("%s: not one effect with a name, as model files list them" % path)
-    return from_entry(entry, path)
 
 
 def from_entry(entry, source):
     """The Candidate of an effect as a model file lists it; `source` is named when it is wrong."""
+    return _from_text(yaml.safe_dump(entry, sort_keys=False), source)
 
+
+def _from_text(text, source):
     def add(model):
-        text = yaml.safe_load(model.format())
-        text["effects"] = (text["effects"] or []) + [entry]
         try:
-            return _core.parse_model(yaml.safe_dump(text, sort_keys=False), source)
+            return _core.with_effect(model, text, source)
         except RuntimeError as error:
             raise IdentifyError(str(error))
 
-    return Candidate(str(entry["name"]), add)
+    return Candidate(add(_core.Model()).effects[0], add)
 
 
 def named(effect):

@@ -5,7 +5,6 @@ the node as it was, and what the node can do and what the terminal can do is the
 """
 import collections
 import contextlib
-import glob
 import json
 import math
 import os
@@ -206,17 +205,8 @@ class IdentificationNode:
             path = os.path.join(folder, "live.bag")
             self.live.write(path, request.last)
             return [path]
-        found = []
-        for path in request.bags or [self._bag_dir]:
-            path = os.path.expanduser(path)
-            if os.path.isdir(path):
-                inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
-                if not inside:
-                    raise IdentifyError("%s: there is no bag in this folder" % path)
-                found += inside
-            else:
-                found.append(_existing(path, "bag"))
-        return found
+        paths = [os.path.expanduser(path) for path in request.bags or [self._bag_dir]]
+        return [_existing(path, "bag") for path in bags.listed(paths)]
 
     def _new_folder(self, task):
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)

@@ -1,7 +1,11 @@
-"""Writing simulated runs to bags like those that launch/record.launch records."""
+"""Bags in folders, and simulated runs written like those that launch/record.launch records."""
+import glob
+import os
+
 import numpy as np
 
 from ground import _core, files
+from ground.errors import IdentifyError
 from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
@@ -16,6 +20,20 @@ PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
 CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
+
+
+def listed(paths):
+    """The paths with every folder replaced by the bags in it, by name; IdentifyError when it has
+    none."""
+    found = []
+    for path in paths:
+        inside = [path]
+        if os.path.isdir(path):
+            inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
+            if not inside:
+                raise IdentifyError("%s: there is no bag in this folder" % path)
+        found += inside
+    return found
 
 
 def write(run, path, axes=AXES, heading_offset=0.0, force=False):

@@ -7,6 +7,8 @@ from ground import _core
 from ground.errors import IdentifyError
 from ground.workers import Workers
 
+# What follows a reference; the open-loop PRBS, to compare with, does not look at it.
+CONTROLLERS = [name for name in _core.controller_names() if name != "OpenLoopPRBS"]
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
 # What the references of the thesis look like; window: from settled until the end [s].

@@ -8,11 +8,23 @@ import numpy as np
 
 from ground import _core, errors, files, origin
 from ground.errors import IdentifyError
-from ground.recordings import quality, recording as recordings, settings
+from ground.recordings import bags as bag_files, quality, recording as recordings, settings
+
+
+class Bags(argparse.Action):
+    """Bags on the command line, where a folder stands for the bags inside it."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        try:
+            setattr(namespace, self.dest, bag_files.listed(values))
+        except IdentifyError as error:
+            parser.exit(1, "%s: %s\n" % (parser.prog, error))
 
 
 def reads_bags(parser):
-    parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run")
+    parser.add_argument(
+        "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
+    )
     parser.add_argument(
         "--axes", help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES
     )
@@ -38,7 +50,12 @@ def takes_spans(parser):
 
 def holds_out(parser):
     parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
+        "--holdout",
+        metavar="BAG",
+        nargs="+",
+        action=Bags,
+        default=[],
+        help="runs to test on, not fitted to",
     )
 
 

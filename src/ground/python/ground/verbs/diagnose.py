@@ -23,7 +23,10 @@ def configure(parser):
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
     common.holds_out(parser)
     parser.add_argument(
-        "--only", metavar="EFFECT", nargs="+", help="effects of the library to try (all)"
+        "--only",
+        metavar="EFFECT",
+        nargs="+",
+        help="effects to try, of the library and of --effects (all)",
     )
     parser.add_argument(
         "--exclude", metavar="EFFECT", nargs="+", default=[], help="effects not to try"
@@ -127,20 +130,24 @@ def _kept(arguments, runs, model, tried):
 
 
 def _candidates(arguments, model):
-    """Effects to try: of the library by --only and --exclude, and all of --effects."""
+    """Effects to try, of the library and of --effects, by --only and --exclude. Those of --effects
+    are tried beside the library's of --only, unless --only names one of them."""
     library = candidates.library(model)
-    known = [c.name for c in candidates.library(model)] + list(model.effects)
+    own = [candidates.from_file(path) for path in arguments.effects]
+    names = [c.name for c in own]
+    known = [c.name for c in library] + names + list(model.effects)
     for name in (arguments.only or []) + arguments.exclude:
         if name not in known:
             raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
-    own = [candidates.from_file(path) for path in arguments.effects]
-    for candidate in own:
-        candidate.add(model)  # says what is wrong with the file before long work starts
-    chosen = [
-        c
-        for c in library
-        if c.name not in arguments.exclude and (arguments.only is None or c.name in arguments.only)
-    ]
-    if not chosen + own:
+    for path, name in zip(arguments.effects, names):
+        if known.count(name) > 1:
+            raise IdentifyError("%s: there is another effect %s; rename it" % (path, name))
+    only = set(arguments.only or known)
+    if not only & set(names):
+        only |= set(names)
+    chosen = [c for c in library + own if c.name in only and c.name not in arguments.exclude]
+    if not chosen:
         raise IdentifyError("no effect is left to try")
-    return chosen + own
+    for candidate in chosen:
+        candidate.add(model)  # says what does not fit the model before long work starts
+    return chosen

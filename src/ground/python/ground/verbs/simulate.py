@@ -8,7 +8,7 @@ import numpy as np
 from ground import _core, files
 from ground.recordings import bags
 from ground.recordings.settings import AXES
-from ground.simulation import experiments
+from ground.simulation import experiments, tracking as loop
 from ground.verbs import common
 
 NAME = "simulate"
@@ -175,9 +175,7 @@ def configure(parser):
     )
     defaults = _core.TrackingParams()
     tracking = parser.add_argument_group("tracking")
-    tracking.add_argument(
-        "--controller", choices=_core.controller_names(), help="(TrajectoryTracking)"
-    )
+    tracking.add_argument("--controller", choices=loop.CONTROLLERS, help="(TrajectoryTracking)")
     tracking.add_argument(
         "--reference", choices=["circle", "line", "rhodonea", "sinusoid"], help="(circle)"
     )
@@ -194,7 +192,6 @@ def configure(parser):
     tracking.add_argument(
         "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
     )
-    parser.set_defaults(refuse=parser.error)
 
 
 def run(arguments):

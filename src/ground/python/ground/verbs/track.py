@@ -69,9 +69,7 @@ def configure(parser):
 
 def _takes_loop(parser):
     """Controller, craft, and what the loop has to cope with."""
-    parser.add_argument(
-        "--controller", choices=_core.controller_names(), default="TrajectoryTracking"
-    )
+    parser.add_argument("--controller", choices=tracking.CONTROLLERS, default="TrajectoryTracking")
     parser.add_argument("--model", required=True, metavar="M.yaml", help="what it believes in")
     parser.add_argument("--truth", metavar="T.yaml", help="what the craft moves by (--model)")
     parser.add_argument("--gains", metavar="G.yaml", help="of the controller, as tune writes them")
