@@ -200,6 +200,72 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         assert "heading_offset: 0.25" in settings, "the replayed run is measured as it was"
 
 
+MISTAKES = [
+    ("sim_tracking.launch", "reference:=circel", "must be one of: circle, line, rhodonea"),
+    ("sim_tracking.launch", "controller:=TrajectoryTraking", "must be one of: OpenLoopPRBS, "),
+    ("sim_tracking.launch", "gains:=nowhere.yaml", "nowhere.yaml does not exist"),
+    ("sim_tracking.launch", "file:=way.csv", "way.csv does not exist"),
+    ("sim_tracking.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
+    ("sim_prbs.launch", "truth:=craft.yaml", "craft.yaml, line 1: "),
+    ("sim_prbs.launch", "model2:=fifo", "fifo: it is not a regular file"),
+    ("sim_prbs.launch", "csv:=craft.yaml", "craft.yaml, line 1: "),
+    ("replay.launch", "bag:=fifo", "fifo is not a regular file"),
+    ("identification.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read"),
+]
+
+
+def test_a_typing_error_ends_a_launch_before_anything_starts(tmp_path):
+    (tmp_path / "craft.yaml").write_text("not a model\n")
+    os.mkfifo(str(tmp_path / "fifo"))
+    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+    launches = [
+        subprocess.Popen(["roslaunch", "ground", name, wrong], cwd=str(tmp_path), **pipes)
+        for name, wrong, _ in MISTAKES
+    ]
+    for launch, (_, wrong, reason) in zip(launches, MISTAKES):
+        out, err = launch.communicate(timeout=120)
+        assert launch.returncode == 1, wrong
+        lines = [line for line in err.splitlines() if line.startswith(wrong + ": ")]
+        assert len(lines) == 1 and reason in lines[0], err
+        assert "started with pid" not in out and "FATAL" not in out, out
+        assert "Traceback" not in out + err, err
+
+
+RELATIVE = [
+    ("sim_tracking.launch", {"model": "/controller/model", "truth": "/simulator/model"}),
+    ("sim_tracking.launch", {"model2": "/live_comparison/model2", "file": "/controller/file"}),
+    ("sim_tracking.launch", {"gains": "/controller/gains"}),
+    ("sim_prbs.launch", {"csv": "/controller/csv"}),
+    ("replay.launch", {"bag": "/play/bag", "model2": "/live_comparison/model2"}),
+    ("record.launch", {"bag_dir": "/record/dir"}),
+    ("identification.launch", {"output": "/identification/output"}),
+    ("identification.launch", {"bag_dir": "/identification/bag_dir"}),
+]
+
+
+def test_relative_paths_are_those_of_the_callers_folder(tmp_path):
+    import yaml
+
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    for name in ("model", "truth", "model2"):
+        shutil.copyfile(str(ROOT / "cfg/hovercraft/tiny_whoover.yaml"), str(folder / name))
+    (folder / "csv").write_text("1,-1\n")
+    (folder / "file").write_text("x,y\n0,0\n1,1\n")
+    (folder / "gains").write_text("k_e: 0.01\n")
+    (folder / "bag").write_text("")
+    launches = []
+    for launch, arguments in RELATIVE:
+        given = ["%s:=%s" % (name, name) for name in arguments]
+        command = ["roslaunch", "--dump-params", "ground", launch] + given
+        pipe = dict(stdout=subprocess.PIPE, universal_newlines=True)
+        launches.append(subprocess.Popen(command, cwd=str(folder), **pipe))
+    for launch, (_, arguments) in zip(launches, RELATIVE):
+        parameters = yaml.safe_load(launch.communicate(timeout=120)[0])
+        for name, parameter in arguments.items():
+            assert parameters[parameter] == str(folder / name)
+
+
 def nodes_of(*arguments):
     command = ["roslaunch", "--nodes", "ground"] + list(arguments)
     return subprocess.run(command, stdout=subprocess.PIPE, universal_newlines=True).stdout.split()
