@@ -214,38 +214,67 @@ MISTAKES = [
 ]
 
 
-def test_a_typing_error_ends_a_launch_before_anything_starts(tmp_path):
-    (tmp_path / "craft.yaml").write_text("not a model\n")
-    os.mkfifo(str(tmp_path / "fifo"))
-    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
-    launches = [
-        subprocess.Popen(["roslaunch", "ground", name, wrong], cwd=str(tmp_path), **pipes)
-        for name, wrong, _ in MISTAKES
-    ]
-    for launch, (_, wrong, reason) in zip(launches, MISTAKES):
-        out, err = launch.communicate(timeout=120)
-        assert launch.returncode == 1, wrong
-        lines = [line for line in err.splitlines() if line.startswith(wrong + ": ")]
-        assert len(lines) == 1 and reason in lines[0], err
-        assert "started with pid" not in out and "FATAL" not in out, out
-        assert "Traceback" not in out + err, err
+def loaded(name, *arguments):
+    """What roslaunch makes of a launch file before it starts anything: name of a parameter to value."""
+    from roslaunch.config import ROSLaunchConfig
+    from roslaunch.xmlloader import XmlLoader
+
+    config = ROSLaunchConfig()
+    file = str(ROOT / "launch" / name)
+    XmlLoader().load(file, config, argv=list(arguments), verbose=False)
+    return {name: parameter.value for name, parameter in config.params.items()}
+
+
+@pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])
+def test_a_typing_error_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, reason):
+    from roslaunch.core import RLException
+
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("craft.yaml").write_text("not a model\n")
+    os.mkfifo("fifo")
+    with pytest.raises(RLException):
+        loaded(name, wrong)
+    said = capfd.readouterr().err
+    assert said.startswith(wrong + ": ") and reason in said
+    assert len(said.splitlines()) == 1, said
+
+
+def test_a_typing_error_ends_a_launch_before_anything_starts():
+    result = subprocess.run(
+        ["roslaunch", "ground", "sim_tracking.launch", "reference:=circel"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=120,
+    )
+    assert result.returncode == 1
+    assert "reference:=circel: it must be one of" in result.stdout
+    for word in ("started with pid", "FATAL", "Traceback"):
+        assert word not in result.stdout, result.stdout
 
 
 RELATIVE = [
-    ("sim_tracking.launch", {"model": "/controller/model", "truth": "/simulator/model"}),
-    ("sim_tracking.launch", {"model2": "/live_comparison/model2", "file": "/controller/file"}),
-    ("sim_tracking.launch", {"gains": "/controller/gains"}),
+    (
+        "sim_tracking.launch",
+        {
+            "model": "/controller/model",
+            "model2": "/live_comparison/model2",
+            "truth": "/simulator/model",
+            "gains": "/controller/gains",
+            "file": "/controller/file",
+        },
+    ),
     ("sim_prbs.launch", {"csv": "/controller/csv"}),
     ("replay.launch", {"bag": "/play/bag", "model2": "/live_comparison/model2"}),
     ("record.launch", {"bag_dir": "/record/dir"}),
-    ("identification.launch", {"output": "/identification/output"}),
-    ("identification.launch", {"bag_dir": "/identification/bag_dir"}),
+    (
+        "identification.launch",
+        {"output": "/identification/output", "bag_dir": "/identification/bag_dir"},
+    ),
 ]
 
 
-def test_relative_paths_are_those_of_the_callers_folder(tmp_path):
-    import yaml
-
+def test_relative_paths_are_those_of_the_callers_folder(tmp_path, monkeypatch):
     folder = tmp_path / "a folder"
     folder.mkdir()
     for name in ("model", "truth", "model2"):
@@ -254,14 +283,9 @@ def test_relative_paths_are_those_of_the_callers_folder(tmp_path):
     (folder / "file").write_text("x,y\n0,0\n1,1\n")
     (folder / "gains").write_text("k_e: 0.01\n")
     (folder / "bag").write_text("")
-    launches = []
+    monkeypatch.chdir(folder)
     for launch, arguments in RELATIVE:
-        given = ["%s:=%s" % (name, name) for name in arguments]
-        command = ["roslaunch", "--dump-params", "ground", launch] + given
-        pipe = dict(stdout=subprocess.PIPE, universal_newlines=True)
-        launches.append(subprocess.Popen(command, cwd=str(folder), **pipe))
-    for launch, (_, arguments) in zip(launches, RELATIVE):
-        parameters = yaml.safe_load(launch.communicate(timeout=120)[0])
+        parameters = loaded(launch, *("%s:=%s" % (name, name) for name in arguments))
         for name, parameter in arguments.items():
             assert parameters[parameter] == str(folder / name)
 
