@@ -93,7 +93,7 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
     steps_.push_back(step);
     for (int lane = 0; lane < count; ++lane) {
       if (left[lane] == 0) continue;
-      step.t[lane] += step.count * step.h[lane];
+      for (int i = 0; i < step.count; ++i) step.t[lane] += step.h[lane];  // rounded as the run's
       if ((left[lane] -= step.count) > 0) continue;
       const int sample = parts[lane][at[lane]++].sample;
       if (sample >= 0) {
