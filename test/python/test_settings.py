@@ -122,6 +122,8 @@ def test_the_command_line_comes_before_what_was_recorded(tmp_path, verb):
     out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
     assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
     assert recording.read_bag(bag, "x, z, -y", OFFSET).eta[0, 2] == pytest.approx(0, abs=0.03)
+    err = verb("info", bag, "--heading-offset", 30, status=1)[1]
+    assert err.count("\n") == 1 and "--heading-offset" in err and "radians" in err
     err = verb("info", bag, "--axes", "x, y, y", status=1)[1]
     assert err.count("\n") == 1 and "--axes" in err and "right-handed" in err
 

@@ -7,6 +7,11 @@ def topics_of(bag, kind):
     return sorted(t for t, e in topics.items() if e.msg_type == kind and e.message_count > 0)
 
 
+def announced(bag, kind):
+    """Whether the bag had messages of type `kind`, be they there or lost."""
+    return any(e.msg_type == kind for e in bag.get_type_and_topic_info().topics.values())
+
+
 def of_type(bag, kind):
     """Gives all messages of type `kind`, in the order of receipt."""
     for _, message, _ in bag.read_messages(topics_of(bag, kind)):

@@ -38,6 +38,11 @@ class Setting:
 
 def _check(setting, source):
     """The _core.AxisMapping of a setting; IdentifyError names where one that makes no sense is from."""
+    if not abs(setting.heading_offset) <= 2 * math.pi:
+        raise IdentifyError(
+            "%s: a heading_offset of %g is no angle; write it in radians, from -6.28 to 6.28"
+            % (source, setting.heading_offset)
+        )
     try:
         return _core.AxisMapping(setting.axes, setting.heading_offset)
     except ValueError as error:
@@ -103,7 +108,7 @@ def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
     warnings = [] if warnings is None else warnings
     taken, given = TAKES[kind], {"axes": axes, "heading_offset": heading_offset}
     source = "recorded in the bag"
-    changes = _in_bag(bag, path)
+    changes = _in_bag(bag, path, warnings)
     if not changes:
         changes, source = _beside(path, warnings)
     sources = dict.fromkeys(given, source)
@@ -146,8 +151,10 @@ def differences(recordings):
     return "the runs were measured by different settings: " + "; ".join(parts) if parts else ""
 
 
-def _in_bag(bag, path):
+def _in_bag(bag, path, warnings):
     topics = messages.topics_of(bag, TYPE)
+    if not topics and messages.announced(bag, TYPE):
+        warnings.append("the settings of the mocap that were recorded in the bag are lost")
     if len(topics) > 1:
         raise IdentifyError(
             "%s: several topics could be the settings of the mocap: %s" % (path, ", ".join(topics))
