@@ -150,6 +150,9 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         change = [located("parameters"), "visualizer", "rate=7.5"]
         assert subprocess.run(change, env=launch.env, timeout=30).returncode == 0
         launch.wait(timeout=60)
+    log = (tmp_path / "log").read_text()
+    assert "the controller is done" in log
+    assert "has died" not in log and "\x1b[31m" not in log, "an end without red: " + log
     bag = list(bags.glob("*_short_0.bag"))
     assert len(bag) == 1, (tmp_path / "log").read_text()
     parameters = bag[0].with_name(bag[0].name.replace("_0.bag", ".yaml"))

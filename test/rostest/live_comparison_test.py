@@ -2,13 +2,26 @@
 """Models beside a flying craft: errors, predicted paths, the missing wrench, which one is better."""
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 import unittest
+from xmlrpc.client import ServerProxy
 
+import rosgraph
+import rosnode
 import rospy
 import rostest
-from ground_msgs.msg import Controls, Drive, ModelComparison, ModelError, State
+from ground_msgs.msg import (
+    Controls,
+    ControllerStatus,
+    Drive,
+    ModelComparison,
+    ModelError,
+    SenderStatus,
+    State,
+)
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
@@ -24,6 +37,28 @@ SLOPES = 0.02, -0.01  # of the floor, x and y in world_ned
 
 
 class LiveComparisonTest(unittest.TestCase):
+    def test_a_pause_of_the_process_is_none_of_simulated_time(self):
+        controller = harness.Latest("controller/status", ControllerStatus, keep=True)
+        sender = harness.Latest("sender/status", SenderStatus, keep=True)
+        running = lambda: controller.message and (  # noqa: E731
+            controller.message.state == ControllerStatus.RUNNING
+        )
+        harness.wait_for(running, 40, "a craft that is driven")
+        uri = rosnode.get_api_uri(rosgraph.Master("/test"), "/ground_manager")
+        manager = ServerProxy(uri).getPid("/test")[2]
+        before = rospy.Time.now()
+        os.kill(manager, signal.SIGSTOP)
+        time.sleep(0.5)
+        os.kill(manager, signal.SIGCONT)
+        time.sleep(0.1)
+        passed = (rospy.Time.now() - before).to_sec()
+        self.assertLess(passed, 0.4, "the simulation has made up for the pause")
+        time.sleep(1)
+        reasons = {m.reason for _, m in controller.all if m.state == ControllerStatus.STOPPED}
+        reasons |= {m.reason for _, m in sender.all if m.state == SenderStatus.FAULT}
+        self.assertEqual(reasons, set())
+        self.assertTrue(running())
+
     def setUp(self):
         self.late = None
 

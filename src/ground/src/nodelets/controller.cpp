@@ -18,10 +18,6 @@ constexpr double kStatusPeriod = 0.5;    // [s]
 constexpr double kWatch = 0.005;         // between looks at the watchdog [s]
 constexpr double kSimulatedTick = 5e-4;  // between looks at a simulated clock [s]
 
-double steadyNow() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 RigidState<double> rigidState(const ground_msgs::State& message) {
   RigidState<double> state;
   std::copy(message.eta.begin(), message.eta.end(), state.eta.data());

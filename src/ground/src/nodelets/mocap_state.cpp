@@ -8,6 +8,7 @@
 #include <tf2_ros/transform_broadcaster.h>
 #include <xmlrpcpp/XmlRpcException.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -52,7 +53,7 @@ class MocapState : public nodelet::Nodelet {
 
  private:
   using Config = MocapStateConfig;
-  using SteadyClock = std::chrono::steady_clock;
+  using SteadyClock = WatchdogClock;
 
   void onInit() override {
     try {
@@ -297,7 +298,7 @@ class MocapState : public nodelet::Nodelet {
     while (alive_) {
       const auto deadline = last_pose_ + timeout_;
       if (SteadyClock::now() < deadline) {
-        wake_.wait_until(lock, deadline);
+        wake_.wait_for(lock, std::min<SteadyClock::duration>(deadline - SteadyClock::now(), kLook));
         continue;
       }
       publish(estimators_[active_]->estimate(), false,
@@ -308,6 +309,7 @@ class MocapState : public nodelet::Nodelet {
     }
   }
 
+  static constexpr std::chrono::milliseconds kLook{20};  // longest between looks at the clock
   static constexpr int kLively = 100;  // distinct poses after which a repeated one is suspect
 
   CallbackThread callbacks_;

@@ -134,11 +134,6 @@ class Sender : public nodelet::Nodelet {
     return p;
   }
 
-  static double steadyNow() {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-        .count();
-  }
-
   /// How old a message is by its stamp [s]; one from the future is not old.
   static double age(const std_msgs::Header& header) {
     return std::max(0.0, secondsBetween(header.stamp, ros::Time::now()));

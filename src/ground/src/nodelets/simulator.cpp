@@ -4,6 +4,7 @@
 #include <nodelet/nodelet.h>
 #include <rosgraph_msgs/Clock.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <mutex>
@@ -104,14 +105,18 @@ class Simulator : public nodelet::Nodelet {
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
     room_->setMocap(params(c));
-    wall_origin_ = SteadyClock::now();
+    wall_origin_ = last_turn_ = SteadyClock::now();
     time_origin_ = room_->time();
     real_time_factor_ = c.real_time_factor;
   }
 
-  /// Simulated time by the wall's clock [s].
-  double timeNow() const {
-    const std::chrono::duration<double> wall = SteadyClock::now() - wall_origin_;
+  /// Simulated time by the wall's clock [s]. What was longer than a turn may take, when the computer
+  /// is busy or the process stopped, has not passed for the room: it waits for those who drive in it.
+  double timeNow() {
+    const auto now = SteadyClock::now();
+    wall_origin_ += std::max(now - last_turn_ - kLongestTurn, SteadyClock::duration::zero());
+    last_turn_ = now;
+    const std::chrono::duration<double> wall = now - wall_origin_;
     return time_origin_ + real_time_factor_ * wall.count();
   }
 
@@ -200,6 +205,7 @@ class Simulator : public nodelet::Nodelet {
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
 
+  static constexpr std::chrono::milliseconds kLongestTurn{20};  // of run(), wall time
   static constexpr double kTick = 0.001;            // wall time between looks at the socket [s]
   static constexpr double kTruthPeriod = 0.01;      // [s]
   static constexpr double kTelemetryPeriod = 0.02;  // [s]
@@ -208,7 +214,7 @@ class Simulator : public nodelet::Nodelet {
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards room_, input_max_, the origins and the factor
   std::unique_ptr<Room> room_;
-  SteadyClock::time_point wall_origin_;
+  SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;
   MocapParams mocap_;
   AxisMapping mapping_;

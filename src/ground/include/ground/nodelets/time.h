@@ -2,6 +2,8 @@
 
 #include <ros/time.h>
 
+#include <chrono>
+
 namespace ground {
 
 /// From one instant to another [s], negative when the second is earlier. ros::Duration throws where
@@ -9,6 +11,25 @@ namespace ground {
 inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
   return (static_cast<double>(to.sec) - static_cast<double>(from.sec)) +
          1e-9 * (static_cast<double>(to.nsec) - static_cast<double>(from.nsec));
+}
+
+/// The steady clock of watchdogs. It runs whatever ROS's clock does. In simulated time it passes over
+/// pauses of the process, which the simulation makes none of, either: all but the first 50 ms of a
+/// while in which nobody has read it. Whoever waits by it has to read it more often than that.
+struct WatchdogClock {
+  using duration = std::chrono::steady_clock::duration;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<WatchdogClock>;
+  static constexpr bool is_steady = true;
+  static constexpr std::chrono::milliseconds kLongestPause{50};
+  /// Call from any thread.
+  static time_point now();
+};
+
+/// The same in seconds.
+inline double steadyNow() {
+  return std::chrono::duration<double>(WatchdogClock::now().time_since_epoch()).count();
 }
 
 }  // namespace ground
