@@ -82,9 +82,11 @@ class BagReader:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, kind, error, _):
         self._open.clear()
         self._data.close()
+        if kind is IdentifyError and self.warnings:  # the damage may be why
+            raise IdentifyError("%s; %s" % (error, "; ".join(self.warnings))) from error
 
     def get_type_and_topic_info(self):
         """Type and number of messages by topic, as rosbag.Bag gives them; the type of a topic that has
@@ -120,7 +122,7 @@ class BagReader:
             yield self._connections[number].topic, message, genpy.Time(*divmod(time, 10**9))
         if unreadable:
             self.warnings.append(
-                "the bag is damaged: %d messages do not fit their type, left out" % unreadable
+                "the bag is damaged: messages that do not fit their type were left out (%d)" % unreadable
             )
 
     def _scan(self):

@@ -5,7 +5,9 @@ twice, or where one message is unlike all others.
 """
 import numpy as np
 
-MIN_STAMP_ERROR = 0.015  # of a stamp against the recorder's clock [s]
+MIN_STAMP_ERROR = 1e-3  # of a stamp against the recorder's clock [s]
+SCATTERS = 20  # times the typical scatter of delays that an error has to exceed as well
+EXACT = 1e-4  # scatter of delays below which no message is ever late [s]
 REGULAR = 0.25  # part of that error by which receipts and delays around may be uneven
 MAX_SHARE = 0.01  # of stamps that may be wrong; more of them are the way a system works
 NEIGHBOURS = 2  # messages on each side that a message is held against
@@ -16,8 +18,8 @@ CHANNELS = ("left", "right", "lift")
 
 
 def mend_stamps(stamps, received):
-    """Stamps [s] with single ones replaced that contradict the recorder's clock although that is even
-    around them; how many, and the largest error [s].
+    """Stamps [s] with single ones replaced that contradict the recorder's clock while all around agree
+    with it; how many, and the largest error [s].
 
     stamps, received: (n,) in the order of receipt, on clocks that may differ by a constant or drift.
     """
@@ -31,8 +33,11 @@ def mend_stamps(stamps, received):
     steps = np.diff(received)
     uneven = np.abs(np.diff(steps))  # of a time of receipt between its two neighbours
     uneven = 0.5 * np.concatenate([uneven[:1], uneven, uneven[-1:]])
-    sure = np.maximum(uneven, np.ptp(around, axis=1)) < REGULAR * error
-    wrong = (error > MIN_STAMP_ERROR) & sure
+    scatter = np.median(error)
+    # A message may come late, which looks like a stamp that is too early; none comes too soon.
+    punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
+    alike = np.ptp(around, axis=1) < REGULAR * error
+    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0

@@ -92,9 +92,12 @@ def read_bag(path, axes=None, heading_offset=None):
         if count:
             rows[:] = [(stamp,) + row[1:] for stamp, row in zip(stamps, rows)]
             warnings.append(
-                "the bag may be damaged: %d stamps of the %s contradict the recorder's clock by up to "
-                "%.3f s and were replaced" % (count, what, error)
+                "the bag may be damaged: single stamps of the %s contradict the recorder's clock and "
+                "were replaced (%d, by up to %.3f s)" % (what, count, error)
             )
+    disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
+    if disorder:
+        warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
     recording = _checked(path, poses, controls, source, warnings)
     recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)

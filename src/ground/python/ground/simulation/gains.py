@@ -55,7 +55,7 @@ def read(path):
             values = yaml.safe_load(file)
     except OSError as error:
         raise IdentifyError("%s: cannot be read (%s)" % (path, error))
-    except (ValueError, yaml.YAMLError) as error:
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise IdentifyError("%s: is no YAML (%s)" % (path, error))
     if not isinstance(values, dict):
         raise IdentifyError("%s: it has to be lines of NAME: NUMBER" % path)
