@@ -30,7 +30,7 @@ KINDS = {
     "plain": dict(),
 }
 LONGEST = 20.0  # of a run [s]
-HUNG = 120.0  # after which a run is given up [s]
+HUNG = 120.0  # without any result, after which it is given up [s]
 CHANGED = 3.0  # standard errors
 Run = collections.namedtuple("Run", "status seconds out err")
 Case = collections.namedtuple("Case", "kind damage number")
@@ -140,18 +140,22 @@ def main():
             for number in range(arguments.first, arguments.first + count):
                 kind = arguments.kinds[number % len(arguments.kinds)]
                 tasks.append((Case(kind, damage, number), paths[kind], wanted[kind]))
+        np.random.default_rng(0).shuffle(tasks)  # what is done so far is like the rest
         with multiprocessing.Pool(arguments.jobs) as pool:
-            waiting = [(task[0], pool.apply_async(examine, (task,))) for task in tasks]
-            for case, result in waiting:
+            results = pool.imap_unordered(examine, tasks)
+            for done in range(1, len(tasks) + 1):
                 try:
-                    case, found, moved, said, seconds = result.get(HUNG + len(tasks) * LONGEST)
+                    case, found, moved, said, seconds = results.next(HUNG)
                 except multiprocessing.TimeoutError:
-                    found, moved, said, seconds = {"hung"}, 0.0, "", HUNG
+                    counts["any", "damage"]["hung"] += 1
+                    break
                 longest = max(longest, seconds)
                 for name in found:
                     counts[case.kind, case.damage][name] += 1
                 if found & set(worst) or arguments.show:
                     print("%s: %s, %.1f SE; %s" % (case, sorted(found), moved, said), flush=True)
+                if done % 100 == 0:
+                    print("... %d of %d" % (done, len(tasks)), file=sys.stderr, flush=True)
     rows = ["refused", "warned", "read without a word", "changed"] + list(worst)
     columns = sorted(counts)
     print("%-22s" % "" + "".join("%16s" % " ".join(c) for c in columns) + "%9s" % "all")
