@@ -178,3 +178,36 @@ def test_a_block_of_lz4_is_unpacked_as_far_as_it_goes():
         bag_reader._unpack_block(block[:size], partly)
         assert unpacked.startswith(bytes(partly))
     assert bag_reader._from_bz2(bz2.compress(b"a" * 100), True)[0] == b"a" * 100
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "int32 __import__('builtins').planted.append(1);A=5",
+        "bool A=__import__('builtins').planted.append(1)",
+        "int32 A=(lambda: planted.append(1))()",
+        "planted.append(1) x",
+    ],
+)
+def test_a_definition_in_a_bag_runs_no_code(monkeypatch, line):
+    import builtins
+
+    monkeypatch.setattr(builtins, "planted", [], raising=False)
+    claim = bag_reader.Connection("pose", "some_msgs/Pose", "0" * 32, line + "\nfloat64 x\n")
+    assert bag_reader.message_class(claim) is None
+    assert builtins.planted == []
+
+
+def test_a_type_that_is_not_installed_is_read_by_its_definition(tmp_path):
+    import genpy.dynamic
+
+    definition = "# a kind of former days\nint32 MOST = 5 # of them\nstring NAME=a'b\n"
+    definition += "float64 x\nuint8[] rest\nstd_msgs/Header header\n" + 80 * "=" + "\n"
+    definition += "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    kind = genpy.dynamic.generate_dynamic("former_msgs/Pose", definition)["former_msgs/Pose"]
+    path = tmp_path / "former.bag"
+    with rosbag.Bag(str(path), "w") as bag:
+        bag.write("pose", kind(x=0.5, rest=b"ab"), genpy.Time(7))
+    with bag_reader.BagReader(str(path)) as bag:
+        ((topic, message, time),) = bag.read_messages(["pose"])
+    assert (topic, message.x, message.rest, time.secs) == ("pose", 0.5, b"ab", 7)

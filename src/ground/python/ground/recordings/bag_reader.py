@@ -29,6 +29,16 @@ MESSAGE = re.compile(
     rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
 )
 OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # of records that are not inside of chunks
+# What a line of a message's definition may be: genpy makes Python of definitions and runs it, whatever
+# the constants in it are called.
+DEFINITION = re.compile(
+    r"""(\#.*|=+|MSG:\s*\w+/\w+
+    |[a-zA-Z][\w/]*(\[\d*\])?\s+[a-zA-Z]\w*\s*(\#.*)?
+    |(bool|byte|char|u?int(8|16|32|64)|float(32|64))\s+[a-zA-Z]\w*\s*=\s*[-+.\w]+\s*(\#.*)?
+    |string\s+[a-zA-Z]\w*\s*=[^\x00-\x08\x0a-\x1f]*)?""",
+    re.ASCII | re.VERBOSE,
+)
+TYPE = re.compile(r"\w+/\w+", re.ASCII)
 LONGEST_HEADER = 1 << 16  # of a record [bytes]
 BEFORE_OP = 120  # at most, from the start of a record to its field op [bytes]
 MOST_OPEN = 16  # chunks whose contents are kept
@@ -366,11 +376,16 @@ def message_class(connection):
         installed = None
     if installed is not None and installed._md5sum == connection.md5sum:
         return installed
+    lines = connection.definition.split("\n")
+    if not all(DEFINITION.fullmatch(line.strip()) for line in lines) or not TYPE.fullmatch(
+        connection.msg_type
+    ):
+        return None
     try:
         made = genpy.dynamic.generate_dynamic(connection.msg_type, connection.definition)
         made = made[connection.msg_type]
     except Exception:  # genpy raises whatever its parsing meets
-        return installed if installed is not None and connection.md5sum is None else None
+        return None
     if installed is not None and installed._md5sum == made._md5sum:
         return installed
     return made if made._md5sum == connection.md5sum else None
