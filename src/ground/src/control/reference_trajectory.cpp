@@ -1,14 +1,14 @@
 #include "ground/control/reference_trajectory.h"
 
-#include <Eigen/SparseCore>
-#include <Eigen/SparseLU>
+#include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
 #include <complex>
+#include <cstdlib>
+#include <cstring>
 #include <limits>
-#include <numeric>
-#include <sstream>
 #include <stdexcept>
 #include <unsupported/Eigen/Splines>
 
@@ -130,6 +130,42 @@ class Sinusoid : public ReferenceTrajectory {
   double speed_, amplitude_, rate_;
 };
 
+/// Linear equations whose row i has entries from column i - band to i + band only: time and memory
+/// grow linearly with their number. Collocation matrices of B-splines are totally positive, so that
+/// elimination needs no pivoting (de Boor, A Practical Guide to Splines, XIII).
+class BandedSystem {
+ public:
+  BandedSystem(Eigen::Index count, Eigen::Index band)
+      : band_(band), rows_(Rows::Zero(count, 2 * band + 1)) {}
+  double& at(Eigen::Index row, Eigen::Index column) { return rows_(row, column - row + band_); }
+  /// Puts the solution into the place of the right-hand sides; once. False when there is none.
+  bool solve(Eigen::MatrixXd& sides) {
+    const Eigen::Index count = rows_.rows();
+    for (Eigen::Index k = 0; k < count; ++k) {
+      if (!(at(k, k) > 0)) return false;
+      const Eigen::Index last = std::min(k + band_, count - 1);
+      for (Eigen::Index i = k + 1; i <= last; ++i) {
+        const double factor = at(i, k) / at(k, k);
+        if (factor == 0) continue;
+        for (Eigen::Index j = k; j <= last; ++j) at(i, j) -= factor * at(k, j);
+        sides.row(i) -= factor * sides.row(k);
+      }
+    }
+    for (Eigen::Index k = count - 1; k >= 0; --k) {
+      for (Eigen::Index j = k + 1; j <= std::min(k + band_, count - 1); ++j)
+        sides.row(k) -= at(k, j) * sides.row(j);
+      sides.row(k) /= at(k, k);
+    }
+    return sides.allFinite();
+  }
+
+ private:
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  Eigen::Index band_;
+  Rows rows_;
+};
+
 /// Quintic spline through points at ascending places from 0 on.
 class Curve {
  public:
@@ -141,24 +177,15 @@ class Curve {
         Eigen::Map<const Spline::ParameterVectorType>(places.data(), count) / length_;
     Spline::KnotVectorType knots;
     Eigen::KnotAveraging(u, degree, knots);
-    // Few basis functions reach a point: with a sparse system, thousands of points are no burden.
-    std::vector<Eigen::Triplet<double>> entries;
-    Eigen::MatrixXd wanted(count, 2);
+    Eigen::MatrixXd control(count, 2);
+    BandedSystem collocation(count, degree);
     for (Eigen::Index i = 0; i < count; ++i) {
       const Eigen::Index span = Spline::Span(u(i), degree, knots);
       const auto basis = Spline::BasisFunctions(u(i), degree, knots);
-      for (Eigen::Index j = 0; j <= degree; ++j)
-        entries.emplace_back(static_cast<int>(i), static_cast<int>(span - degree + j), basis(j));
-      wanted.row(i) = points[static_cast<std::size_t>(i)].transpose();
+      for (Eigen::Index j = 0; j <= degree; ++j) collocation.at(i, span - degree + j) = basis(j);
+      control.row(i) = points[static_cast<std::size_t>(i)].transpose();
     }
-    Eigen::SparseMatrix<double> collocation(count, count);
-    collocation.setFromTriplets(entries.begin(), entries.end());
-    Eigen::SparseLU<Eigen::SparseMatrix<double>> solver(collocation);
-    // A singular system must not be solved: SparseLU does not look.
-    const bool solvable = solver.info() == Eigen::Success;
-    const Eigen::MatrixXd control =
-        solvable ? Eigen::MatrixXd(solver.solve(wanted)) : Eigen::MatrixXd();
-    if (!solvable || solver.info() != Eigen::Success || !control.allFinite())
+    if (!collocation.solve(control))
       throw std::invalid_argument("no spline goes through these points");
     spline_ = Spline(knots, control.transpose());
   }
@@ -215,23 +242,44 @@ class Waypoints : public ReferenceTrajectory {
   Pace pace_;
 };
 
-constexpr std::size_t kLargestFile = 50000000;         // [bytes]
+constexpr std::size_t kLargestFile = 100000000;    // [bytes]
+constexpr std::size_t kMostPoints = 1000000;       // in files
 constexpr double kFarthest = 1e4, kLongest = 1e7;  // of points in files [m], [s]
 
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
 }
 
-/// The numbers of a line of a CSV file, NaN for what is none.
-std::vector<double> cellsOf(const std::string& line) {
-  std::vector<double> cells;
-  std::istringstream parts(line);
-  for (std::string part; std::getline(parts, part, ',');) {
-    std::istringstream text(part);
-    double value = 0;
-    std::string rest;
-    const bool good = (text >> value) && !(text >> rest);
-    cells.push_back(good ? value : std::numeric_limits<double>::quiet_NaN());
+constexpr std::size_t kMostCells = 3;
+
+/// The numbers of a line of a CSV file, NaN for what is not a number; kMostCells at most, and one
+/// NaN for what follows them.
+struct Cells {
+  std::array<double, kMostCells + 1> values{};
+  std::size_t count = 0;
+};
+
+/// A decimal number with nothing but blanks around it, otherwise NaN.
+double numberIn(const char* begin, const char* end) {
+  const auto blank = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
+  while (begin < end && blank(*begin)) ++begin;
+  while (begin < end && blank(end[-1])) --end;
+  constexpr char kDecimal[] = "+-.0123456789eE";  // strtod knows hexadecimal ones and words as well
+  const bool decimal =
+      std::all_of(begin, end, [&](char c) { return std::strchr(kDecimal, c) != nullptr && c != 0; });
+  char* stop = nullptr;
+  const double value = decimal && begin < end ? std::strtod(begin, &stop) : 0;
+  return stop == end ? value : std::numeric_limits<double>::quiet_NaN();
+}
+
+/// `end` is followed by a character that is not part of a number.
+Cells cellsOf(const char* begin, const char* end) {
+  Cells cells;
+  while (cells.count <= kMostCells) {
+    const char* comma = std::find(begin, end, ',');
+    cells.values[cells.count++] = numberIn(begin, comma);
+    if (comma == end) break;
+    begin = comma + 1;
   }
   return cells;
 }
@@ -290,30 +338,43 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
   if (path.empty()) throw std::runtime_error("parameter file is empty: which CSV shall it be?");
-  std::istringstream file(readTextFile(path, kLargestFile));
+  const std::string text = readTextFile(path, kLargestFile);
   const auto fail = [&](int line, const std::string& what) {
     throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
   };
-  std::string text;
-  std::getline(file, text);
-  text.erase(std::remove_if(text.begin(), text.end(), [](char c) { return std::isspace(c); }),
-             text.end());
-  const bool timed = text == "time,x,y";
-  if (!timed && text != "x,y") fail(1, "the columns must be time,x,y or x,y, not '" + text + "'");
+  const char* next = text.data();
+  const char* const end = next + text.size();  // where a 0 stands
+  const auto takeLine = [&] {
+    const char* const begin = next;
+    const char* const stop = std::find(begin, end, '\n');
+    next = stop == end ? end : stop + 1;
+    return std::make_pair(begin, stop);
+  };
+  const auto [head, head_end] = takeLine();
+  std::string columns(head, head_end);
+  const auto blank = [](unsigned char c) { return std::isspace(c) != 0; };
+  columns.erase(std::remove_if(columns.begin(), columns.end(), blank), columns.end());
+  const bool timed = columns == "time,x,y";
+  if (!timed && columns != "x,y")
+    fail(1, "the columns must be time,x,y or x,y, not '" + columns.substr(0, 80) + "'");
+  const std::size_t width = timed ? 3 : 2;
   std::vector<double> times;
   std::vector<Vector2<double>> points;
-  for (int line = 2; std::getline(file, text); ++line) {
-    if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const std::vector<double> cells = cellsOf(text);
-    const double sum = std::accumulate(cells.begin(), cells.end(), 0.0);
-    if (cells.size() != (timed ? 3 : 2) || !std::isfinite(sum))
+  for (int line = 2; next < end; ++line) {
+    const auto [begin, stop] = takeLine();
+    if (std::all_of(begin, stop, blank)) continue;
+    const Cells cells = cellsOf(begin, stop);
+    const double time = timed ? cells.values[0] : 0;
+    const double x = cells.values[width - 2], y = cells.values[width - 1];
+    if (cells.count != width || !std::isfinite(time + x + y))
       fail(line, std::string("it needs ") + (timed ? "three" : "two") + " finite numbers");
-    const double time = timed ? cells[0] : 0, x = *(cells.end() - 2), y = cells.back();
     if (std::abs(x) > kFarthest || std::abs(y) > kFarthest || std::abs(time) > kLongest)
       fail(line, "no room is 10 km wide, and no craft flies for months");
     if (timed && !times.empty() && time <= times.back()) fail(line, "times have to grow");
     if (!timed && !points.empty() && points.back() == Vector2<double>(x, y) + origin)
       fail(line, "the point is the same as the one before");
+    if (points.size() == kMostPoints)
+      fail(line, "it has more than " + std::to_string(kMostPoints) + " points");
     times.push_back(time);
     points.push_back(origin + Vector2<double>(x, y));
   }

@@ -47,7 +47,8 @@ ReferencePtr makeSpline(const std::vector<double>& times,
 /// started and ended at rest, with `speed` as the peak.
 ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth);
 /// From a CSV file with a first line time,x,y (spline over time [s]) or x,y (waypoints), world_ned
-/// [m], moved by `origin`. Throws std::runtime_error that names file and line.
+/// [m], moved by `origin`: at most a million points and 100 MB; time grows linearly with them,
+/// about a second for a million. Throws std::runtime_error that names file and line.
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth);
 
