@@ -31,6 +31,15 @@ def add_common(gen):
     add = gen.add_group("Common").add
     add("rate", double_t, 0, "Control rate [Hz]", 50.0, 10.0, 500.0)
     add("duration", double_t, 0, "Stop after this long, 0 for never [s]", 0.0, 0.0, 36000.0)
+    add(
+        "max_error",
+        double_t,
+        0,
+        "Error that stops it when it lasts for 1 s, 0: a quarter of the reference's half-width [m]",
+        0.0,
+        0.0,
+        1000.0,
+    )
     add("lift", double_t, 0, "Lift fan [0..1]", 1.0, 0.0, 1.0)
     add("lift_time", double_t, 0, "Lift alone before the thrusters start [s]", 1.0, 0.0, 30.0)
     add("state_timeout", double_t, 0, "Oldest state with which to drive [s]", 0.2, 0.02, 2.0)

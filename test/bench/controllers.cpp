@@ -41,7 +41,7 @@ Model craft() {
 
 void backstepping(benchmark::State& state) {
   const Model model = craft();
-  BacksteppingControl controller(model.body, {});
+  BacksteppingControl controller(model, {});
   iterate(state, model, controller);
 }
 BENCHMARK(backstepping)->Name("TrajectoryTracking (backstepping)");

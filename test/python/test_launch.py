@@ -217,15 +217,34 @@ MISTAKES = [
 ]
 
 
-def loaded(name, *arguments):
-    """What roslaunch makes of a launch file before it starts anything: name of a parameter to value."""
+def configured(name, *arguments):
+    """What roslaunch makes of a launch file before it starts anything."""
     from roslaunch.config import ROSLaunchConfig
     from roslaunch.xmlloader import XmlLoader
 
     config = ROSLaunchConfig()
     file = str(ROOT / "launch" / name)
     XmlLoader().load(file, config, argv=list(arguments), verbose=False)
-    return {name: parameter.value for name, parameter in config.params.items()}
+    return config
+
+
+def loaded(name, *arguments):
+    """Name to value of the parameters that a launch file sets."""
+    parameters = configured(name, *arguments).params
+    return {name: parameter.value for name, parameter in parameters.items()}
+
+
+@pytest.mark.parametrize("name", ["sim_tracking.launch", "room_tracking.launch"])
+def test_tracking_is_predictive_unless_told_and_gets_the_gains_of_its_controller(name):
+    where = [name] + ["mocap_host:=localhost"] * name.startswith("room")
+    config = configured(*where)
+    controller = next(node for node in config.nodes if node.name == "controller")
+    assert "ground/ModelPredictive" in controller.args
+    assert "/controller/k_e" not in config.params
+    backstepping = where + ["controller:=TrajectoryTracking"]
+    assert loaded(*backstepping)["/controller/k_e"] == pytest.approx(0.00690762)
+    given = "gains:=%s" % (ROOT / "cfg" / "gains" / "thesis_4_11.yaml")
+    assert loaded(*backstepping, given)["/controller/k_e"] == 4.0
 
 
 @pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])

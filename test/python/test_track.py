@@ -1,5 +1,6 @@
 """Controllers in closed loop with the simulated craft."""
 import json
+import re
 
 import numpy as np
 import pytest
@@ -43,10 +44,12 @@ def track(*arguments):
     return json.loads(result.stdout)
 
 
-def medians(controller, truth, believed, task, starts, conditions=None):
+def medians(controller, truth, believed, task, starts, conditions=None, max_error=0.0):
     from ground.simulation import tracking
 
-    runs = tracking.many(truth, believed, controller, task, starts, conditions)
+    runs = tracking.many(
+        truth, believed, controller, task, starts, conditions, max_error=max_error
+    )
     return tracking.pooled(runs)
 
 
@@ -72,7 +75,8 @@ def test_the_mvwt_tracks_as_in_the_thesis():
 
 def test_a_reference_beyond_the_craft_is_said_so():
     wave = ["--reference", "sinusoid", "--speed", 0.3, "--rate-of-turn", 0.5]
-    result = program("track", "--model", MVWT, *wave, "--gains", GAINS / "thesis_4_10.yaml")
+    loop = ["--model", MVWT, "--gains", GAINS / "thesis_4_10.yaml", "--max-error", "inf"]
+    result = program("track", *loop, *wave)
     assert result.returncode == 0
     assert "cannot follow it exactly" in result.stdout
     assert "yaw moment" in result.stdout
@@ -84,7 +88,7 @@ def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
 
     model = load(TABLE_4_1)
     controller = files.choice("TrajectoryTracking", str(GAINS / ("thesis_%s.yaml" % gains)))
-    found = medians(controller, model, model, tracking.task(kind), tracking.starts(101, 7))
+    found = medians(controller, model, model, tracking.task(kind), tracking.starts(101, 7), max_error=np.inf)
     low, _, high = THESIS[gains, kind]
     assert low < found["rms_quantiles"]["median"] < high
     assert found["saturated_fraction"] > 0.95
@@ -187,6 +191,39 @@ def test_only_what_follows_a_reference_tracks():
     assert baseline["rms"] > 1 and baseline["effort"] == pytest.approx(0.5, abs=0.1)
 
 
+# The README's fit to all three recordings of the real craft, against tiny_whoover.yaml
+REAL = ["I_z=1.182", "X_u=2.091", "Y_v=1.587", "N_r=0.0476", "k=1.229"]
+
+
+def test_a_craft_that_loses_the_circle_is_stopped_with_time_and_reason(tmp_path):
+    from ground.simulation import tracking
+
+    factors = {name: float(f) for name, f in (text.split("=") for text in REAL)}
+    real = tmp_path / "real.yaml"
+    real.write_text(tracking.perturbed(load(MODEL), factors).format())
+    loop = ["--model", real, "--noise", "--gains", GAINS / "tiny_whoover.yaml"]
+    result = program("track", *loop)
+    assert result.returncode == 1
+    said = r"stopped: at \d+\.\d\d s: \d\.\d\d m from the reference .*max_error 0.5 m"
+    assert re.search(said, result.stderr), result.stderr
+    found = track(*loop, "--max-error", "inf", "--settled", 5)
+    assert found["max"] > 1 and found["stops"] == []
+    found = track("--model", real, "--noise", "--controller", "ModelPredictive")
+    assert found["rms"] < 0.005 and found["max_error"] == 0.5 and found["stopped"] == 0
+
+
+def test_effects_that_the_controller_does_not_use_are_said_and_some_are_refused():
+    tilted = ROOT / "test" / "rostest" / "tilted_craft.yaml"
+    short = ["--model", tilted, "--end-time", 5, "--settled", 0]
+    result = program("track", *short)
+    assert result.returncode == 0 and "does not use floor_tilt" in result.stdout
+    found = track(*short, "--controller", "ModelPredictive")
+    assert found["effects"] == {"used": ["floor_tilt"], "unused": []}
+    result = program("track", "--model", ROOT / "test" / "rostest" / "delayed_craft.yaml")
+    assert result.returncode == 1 and result.stderr.count("\n") == 1
+    assert "does not use input_delay (commands are late by 0.08 s" in result.stderr
+
+
 def test_a_reference_from_a_file(tmp_path):
     way = tmp_path / "way.csv"
     way.write_text("x,y\n0,0\n1,0.2\n1.8,1\n1.2,2\n0,2.1\n")
@@ -216,6 +253,7 @@ def test_a_line_to_another_end():
         (["--rate-of-turn", "0"], "rate other than 0"),
         (["--perturb", "k"], "NAME=FACTOR"),
         (["--rate", "1"], "between 10 and 500"),
+        (["--max-error", "0"], "not positive"),
     ],
 )
 def test_bad_input_is_refused(arguments, message):

@@ -14,6 +14,8 @@ from visualization_msgs.msg import MarkerArray
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
 
+CLEAR = 0.1  # difference of the inputs whose yaw moment outweighs what else turns the craft
+
 
 class ClosedLoopTest(unittest.TestCase):
     def test_tracks_the_circle(self):
@@ -38,7 +40,7 @@ class ClosedLoopTest(unittest.TestCase):
         self.assertEqual(sender.message.state, SenderStatus.ARMED, sender.message.reason)
         self.assertEqual(sender.message.malformed + sender.message.refused, 0)
 
-        # The loop is chaotic at its bounds: the thesis's law keeps within about half a metre.
+        # By default the controller is the predictive one: some millimetres, and a busy host's delays.
         references = {round(m.header.stamp.to_sec(), 3): m for _, m in reference.all}
         errors = []
         for _, m in state.all:
@@ -47,9 +49,9 @@ class ClosedLoopTest(unittest.TestCase):
                 errors.append(math.hypot(m.eta[0] - r.p[0], m.eta[1] - r.p[1]))
         late = errors[len(errors) // 2 :]
         rms = math.sqrt(sum(e * e for e in late) / len(late))
-        print("tracking error %.2f m RMS over %d samples" % (rms, len(late)))
+        print("tracking error %.4f m RMS over %d samples" % (rms, len(late)))
         self.assertGreater(len(late), 500)
-        self.assertLess(rms, 1.0)
+        self.assertLess(rms, 0.05)
 
         # The state is what the simulated craft does, at the stamp it says.
         truths = {round(m.header.stamp.to_sec(), 2): m for _, m in truth.all}
@@ -69,13 +71,14 @@ class ClosedLoopTest(unittest.TestCase):
         commands = [(m.header.stamp.to_sec(), m.left - m.right) for _, m in controls.all]
         times = sorted(truths)
         for (t, difference), (following, _) in zip(commands, commands[1:]):
-            if abs(difference) < 0.9 or following - t < 0.015:
+            if abs(difference) < CLEAR or following - t < 0.015:
                 continue
             here = truths.get(round(t + 0.01, 2))
             if here:
                 pairs += 1
                 rising += (here.nu_dot[2] > 0) == (difference > 0)
         self.assertTrue(times)
+        print("%d pairs" % pairs)
         self.assertGreater(pairs, 50)
         self.assertGreater(rising / pairs, 0.9)
 
@@ -88,12 +91,11 @@ class ClosedLoopTest(unittest.TestCase):
         self.assertGreater(len(predicted.message.poses), 20)
         self.assertEqual(measured.message.header.frame_id, "world_ned")
         self.assertEqual(len(markers.message.markers), 9)
-        # what the model predicts over its horizon ends near what is measured
-        end, seen = (
-            predicted.message.poses[-1].pose.position,
-            measured.message.poses[-1].pose.position,
-        )
-        self.assertLess(math.hypot(end.x - seen.x, end.y - seen.y), 0.5)
+        # what the model predicts over its horizon ends near what was measured at that time
+        last = predicted.message
+        end = last.poses[-1].pose.position
+        then = min((m for _, m in state.all), key=lambda m: abs(m.header.stamp - last.header.stamp))
+        self.assertLess(math.hypot(end.x - then.eta[0], end.y - then.eta[1]), 0.5)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,39 @@
 #!/usr/bin/python3
-"""TrajectoryTracking: live gains and references."""
+"""TrajectoryTracking: live gains, references and models."""
 import math
 import os
 import sys
+import tempfile
+import threading
 
 import dynamic_reconfigure.client
 import rosnode
 import rospy
 import rostest
 from ground_msgs.msg import Reference
+from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
 from controller_case import ControllerCase, S  # noqa: E402
+
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+NOMINAL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")
+TILTED = os.path.join(HERE, "tilted_craft.yaml")
+DELAYED = os.path.join(HERE, "delayed_craft.yaml")
+
+
+def circle_file(points):
+    """A CSV file of a circle of 1.25 m in steps of 10 ms."""
+    file = tempfile.NamedTemporaryFile("w", suffix=".csv")
+    file.write("time,x,y\n")
+    for i in range(points):
+        t = 0.01 * i
+        file.write("%.2f,%.6f,%.6f\n" % (t, 1.25 * math.cos(0.4 * t), 1.25 * math.sin(0.4 * t)))
+    file.flush()
+    return file
 
 
 class TrackingTest(ControllerCase):
@@ -75,8 +95,58 @@ class TrackingTest(ControllerCase):
         self.assertEqual(self.start().message, "")
         client.close()
 
-    def test_without_a_model_the_nodelet_does_not_start(self):
-        harness.wait_for(lambda: not rosnode.rosnode_ping("broken", max_count=1), 10, "it is gone")
+    def test_effects_that_are_not_used_are_said_and_some_are_refused(self):
+        load = rospy.ServiceProxy("tracking/load_model", LoadModel)
+        answer = load(file=TILTED)
+        self.assertTrue(answer.success, answer.message)
+        self.assertIn("does not use floor_tilt", answer.message)
+        self.assertIn("does not use floor_tilt", self.start().message)
+        self.expect(S.RUNNING)
+        self.assertIn("does not use floor_tilt", self.status.message.reason)
+        answer = load(file=DELAYED)
+        self.assertFalse(answer.success)
+        self.assertIn("does not use input_delay", answer.message)
+        self.assertEqual(self.status.message.state, S.RUNNING)
+        answer = load(file=NOMINAL)
+        self.assertTrue(answer.success)
+        self.assertNotIn("use", answer.message[answer.message.index(".yaml") :])
+
+    def test_what_it_cannot_use_does_not_start(self):
+        for name in ("broken", "misled", "mistuned"):
+            harness.wait_for(
+                lambda: not rosnode.rosnode_ping(name, max_count=1), 10, name + " is gone"
+            )
+
+    def test_a_craft_that_does_not_come_stops_it_with_the_reason(self):
+        client = dynamic_reconfigure.client.Client("tracking", timeout=10)
+        client.update_configuration({"max_error": 2.5})  # the craft stands 2 m from the circle
+        self.run_it()
+        rospy.sleep(1.2)
+        client.update_configuration({"max_error": 0.4})
+        self.expect_stop("2.00 m from the reference for 1 s, more than max_error 0.4 m")
+        client.update_configuration({"max_error": 0.0})
+        client.close()
+
+    def test_a_large_reference_is_built_while_commands_go_out(self):
+        client = dynamic_reconfigure.client.Client("tracking", timeout=10)
+        reference = harness.Latest("reference", Reference)
+        self.run_it()
+        with circle_file(300000) as file:
+            wanted = {"reference": "file", "file": file.name}
+            change = threading.Thread(target=client.update_configuration, args=(wanted,))
+            begun = len(self.controls.all)
+            change.start()
+            change.join()
+        harness.wait_for(
+            lambda: abs(math.hypot(*reference.message.p) - 1.25) < 1e-3, 2, "the new reference"
+        )
+        self.assertEqual(self.status.message.state, S.RUNNING, self.status.message.reason)
+        times = [t for t, _ in self.controls.all[begun:]]
+        gap = max(b - a for a, b in zip(times, times[1:]))
+        print("built in %.2f s; commands were at most %.0f ms apart" % (times[-1] - times[0], 1e3 * gap))
+        self.assertLess(gap, 0.1)
+        client.update_configuration({"reference": "circle", "file": ""})
+        client.close()
 
 
 if __name__ == "__main__":

@@ -96,12 +96,21 @@ class TrackingLoopTest(unittest.TestCase):
 
         # gains: the thesis's saturate and keep within about half a metre
         tuned = rospy.get_param("controller/k_phi_1"), rospy.get_param("controller/k_e")
-        self.change("controller", k_e=4.0, k_phi_1=0.005)
+        self.change("controller", k_e=4.0, k_phi_1=0.005, max_error=5.0)
         rough = self.error(6)
         print("other gains: %.1f mm" % (1e3 * rough))
         self.assertGreater(rough, 2 * PREDICTIVE_BOUND)
-        self.change("controller", k_phi_1=tuned[0], k_e=tuned[1])
         self.assertEqual(self.status["controller"].message.state, S.RUNNING)
+        # that is enough to be stopped for
+        self.change("controller", max_error=0.05)
+        self.expect("controller", S.STOPPED, 20)
+        self.assertRegex(
+            self.status["controller"].message.reason,
+            r"^0\.\d\d m from the reference for 1 s, more than max_error 0.05 m$",
+        )
+        self.change("controller", k_phi_1=tuned[0], k_e=tuned[1], max_error=0.0)
+        self.start("controller")
+        self.expect("controller", S.RUNNING, 10)
 
         # controller: the other takes over without a word to the sender
         self.start("predictive")

@@ -68,7 +68,7 @@ TEST(Allocations, AreSeenHere) {
 
 TEST(Allocations, NoneOfTheTrackingLaw) {
   const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  BacksteppingControl controller(model.body, {});
+  BacksteppingControl controller(model, {});
   EXPECT_EQ(allocationsOf(controller, model, 200), 0);
 }
 

@@ -225,6 +225,7 @@ TEST(Experiment, TracksACircleOnWhatTheMocapDelivers) {
   // The Tiny Whoover's gains (4.11) saturate all the time: within the size of its circle.
   tracking = {};
   tracking.duration = 60;
+  tracking.max_error = INFINITY;
   for (unsigned long seed = 1; seed <= 5; ++seed) {
     ExperimentParams params;
     params.seed = seed;
@@ -253,6 +254,68 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   EXPECT_TRUE(blind.frames.empty());
 }
 
+/// The craft of the README's fit to the recordings of the real one.
+Model realCraft() {
+  Model model = tinyWhoover();
+  const std::vector<std::pair<std::string, double>> fitted = {
+      {"I_z", 1.04e-4}, {"X_u", 0.0115}, {"Y_v", 0.043}, {"N_r", 2.2e-6}, {"k", 0.0762}};
+  for (const auto& [name, value] : fitted) model.setValue(name, value);
+  return model;
+}
+
+TEST(Experiment, ACraftThatLosesTheCircleIsStoppedWithTheReason) {
+  TrackingParams tracking;
+  tracking.controller.gains = {0.00690762, 8.15225e-05, 3.84567, 0.304309, -0.0164385, 0};  // tuned
+  tracking.duration = 60;
+  const ExperimentLog log = trackReference(realCraft(), realCraft(), tracking, {});
+  EXPECT_NE(log.stopped.find(" m from the reference"), std::string::npos) << log.stopped;
+  EXPECT_LT(log.stopped_at, 40);
+  EXPECT_NEAR(log.truth.back().time, log.stopped_at + tracking.tail, 0.03);
+  for (const auto& c : log.commands)
+    if (c.time > log.stopped_at) {
+      EXPECT_EQ(c.left + c.right + c.lift, 0) << c.time;
+    }
+  tracking.max_error = INFINITY;
+  EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
+  // With a model that is wrong by a quarter the predictive controller does not lose it.
+  tracking.max_error = 0;
+  tracking.controller.kind = "ModelPredictive";
+  const ExperimentLog kept = trackReference(realCraft(), tinyWhoover(), tracking, {});
+  EXPECT_EQ(kept.stopped, "");
+  EXPECT_LT(worst(kept, 20), 0.05);
+  // Who plays a sequence follows nothing.
+  tracking.controller.kind = "OpenLoopPRBS";
+  tracking.controller.prbs.duration = 60;
+  EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
+}
+
+TEST(Experiment, OffsetsOfTheMeasurementDoNotMisleadThePredictiveController) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("heading_offset"));
+  model.setValue("heading_offset.psi0", 2.5);
+  model.addEffect(makeEffect("marker_offset"));
+  model.setValue("marker_offset.dx", 0.3);
+  model.setValue("marker_offset.dy", -0.4);
+  TrackingParams tracking;
+  tracking.controller.kind = "ModelPredictive";
+  tracking.reference.size = 1;
+  tracking.duration = 25;
+  tracking.max_error = 0.1;  // of the craft's centre, not of the marker
+  for (bool estimate : {false, true}) {
+    tracking.estimate = estimate;
+    ExperimentParams params;
+    if (!estimate) {
+      params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
+      params.mocap.rate = tracking.rate;
+    }
+    const ExperimentLog log = trackReference(model, model, tracking, params);
+    EXPECT_EQ(log.stopped, "");
+    EXPECT_LT(worst(log, 10), estimate ? 0.02 : 0.001);
+  }
+  tracking.controller.kind = "TrajectoryTracking";
+  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
+}
+
 TEST(Experiment, RefusesNonsense) {
   const Model model = tinyWhoover();
   InputSequence schedule;
@@ -265,6 +328,9 @@ TEST(Experiment, RefusesNonsense) {
   EXPECT_THROW(playSchedule(model, prbs(5), 5, params), std::invalid_argument);
   TrackingParams tracking;
   tracking.reference.kind = "square";
+  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
+  tracking = {};
+  tracking.max_error = -1;
   EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
   tracking = {};
   tracking.controller.gains.delta_1 = 0;

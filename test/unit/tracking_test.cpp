@@ -4,10 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <iomanip>
 #include <random>
+#include <sstream>
 
+#include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
 #include "ground/control/tracking_law.h"
+#include "ground/control/tracking_watch.h"
+#include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 
@@ -155,7 +160,10 @@ TEST(References, FilesAreReadOrRefusedByLine) {
       {"x,y\n1,2\n,3,4\n", "line 3"},
       {"x,y\n1,2\n3 4\n", "line 3"},
       {"x,y\n1,2\n8e84,4\n", "line 3"},
-      {"time,x,y\n0,1,2\n1,,3\n", "line 3"}};
+      {"time,x,y\n0,1,2\n1,,3\n", "line 3"},
+      {"x,y\n1,2\n0x10,4\n", "line 3"},
+      {"x,y\n1,2\n3 3,4\n", "line 3"},
+      {"x,y\n1,2\n,\n", "line 3"}};
   for (const auto& [text, why] : bad) {
     try {
       readReference(file(text), {0, 0}, 1, true);
@@ -165,6 +173,166 @@ TEST(References, FilesAreReadOrRefusedByLine) {
     }
   }
   EXPECT_THROW(readReference("/nowhere.csv", {0, 0}, 1, true), std::runtime_error);
+}
+
+/// A file of points on a circle, 100 a second.
+std::string circleFile(int count) {
+  std::ostringstream text;
+  text << std::setprecision(10) << "time,x,y\n";
+  for (int i = 0; i < count; ++i)
+    text << 0.01 * i << ',' << std::cos(0.004 * i) << ',' << std::sin(0.004 * i) << '\n';
+  return file(text.str());
+}
+
+TEST(References, ALargeFileIsAsGoodAsASmallOne) {
+  const ReferencePtr circle = makeCircle({0, 0}, 1, 0.4);
+  for (int count : {300, 300000}) {
+    const ReferencePtr spline = readReference(circleFile(count), {0, 0}, 1, true);
+    EXPECT_NEAR(spline->extent(), 0.01 * (count - 1), 1e-6);
+    for (double share : {0.1, 0.4, 0.999}) {
+      const double t = share * spline->extent();
+      EXPECT_LT((spline->at(t).p - circle->at(t).p).norm(), 1e-8) << count << ' ' << t;
+      EXPECT_LT((spline->at(t).p_dot - circle->at(t).p_dot).norm(), 1e-5) << count << ' ' << t;
+    }
+  }
+}
+
+TEST(References, AFileBeyondTheLimitIsRefusedWithTheLimit) {
+  std::string text = "x,y\n";
+  for (int i = 0; i <= 500000; ++i) text += "0,0\n1,0\n";
+  try {
+    readReference(file(text), {0, 0}, 1, true);
+    ADD_FAILURE();
+  } catch (const std::runtime_error& error) {
+    EXPECT_NE(std::string(error.what()).find("line 1000002: it has more than 1000000 points"),
+              std::string::npos)
+        << error.what();
+  }
+}
+
+Model withEffect(const std::string& name, const std::vector<double>& values) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect(name));
+  model.effects.back().values = values;
+  return model;
+}
+
+TEST(EffectUse, TrajectoryTrackingTellsWhatItLeavesOut) {
+  EXPECT_EQ(effectUse("TrajectoryTracking", tinyWhoover()).remark(), "");
+  Model model = withEffect("motor_lag", {0.05});
+  model.addEffect(makeEffect("wind"));  // neutral: does nothing
+  model.addEffect(makeEffect("yaw_bias"));
+  model.setValue("yaw_bias.n0", 1e-5);
+  const EffectUse use = effectUse("TrajectoryTracking", model);
+  EXPECT_EQ(use.remark(), "does not use motor_lag, yaw_bias");
+  EXPECT_TRUE(use.used.empty());
+  EXPECT_EQ(use.refusal, "");
+  EXPECT_NE(makeController(model, {}), nullptr);
+  EXPECT_EQ(effectUse("OpenLoopPRBS", model).remark(), "");
+}
+
+TEST(EffectUse, TrajectoryTrackingRefusesModelsThatWouldSteerItWrong) {
+  const struct {
+    const char* effect;
+    std::vector<double> told, refused;
+    const char* why;
+  } cases[] = {{"heading_offset", {-0.04}, {-0.06}, "heading is off by 0.06 rad"},
+               {"marker_offset", {0.006, -0.006}, {0.008, -0.008}, "point is off by 0.0113 m"},
+               {"input_delay", {0.015}, {0.03}, "late by 0.03 s, and more than 0.02 s"}};
+  for (const auto& [effect, told, refused, why] : cases) {
+    const EffectUse use = effectUse("TrajectoryTracking", withEffect(effect, told));
+    EXPECT_EQ(use.refusal, "");
+    EXPECT_EQ(use.remark(), std::string("does not use ") + effect);
+    const Model model = withEffect(effect, refused);
+    const std::string refusal = effectUse("TrajectoryTracking", model).refusal;
+    EXPECT_NE(refusal.find(why), std::string::npos) << refusal;
+    EXPECT_NE(refusal.find("use ModelPredictive"), std::string::npos) << refusal;
+    EXPECT_THROW(makeController(model, {}), std::invalid_argument);
+    ControllerChoice predictive;
+    predictive.kind = "ModelPredictive";
+    EXPECT_NE(makeController(model, predictive), nullptr);
+    EXPECT_EQ(effectUse("ModelPredictive", model).remark(), std::string("uses ") + effect);
+  }
+}
+
+/// Time at which a watch stops a craft with this error over time, and what it says; -1 if never.
+template <typename Error>
+std::pair<double, std::string> stops(TrackingWatch& watch, Error error, double end,
+                                     double begin = 0, double step = 0.02) {
+  for (int i = 0; begin + i * step < end; ++i) {
+    const double t = begin + i * step;
+    const std::string reason = watch.look(t, error(t));
+    if (!reason.empty()) return {t, reason};
+  }
+  return {-1, ""};
+}
+
+TEST(TrackingWatch, StopsAfterASecondBeyondMaxError) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  const auto [time, reason] = stops(watch, [](double t) { return t < 5 ? 0.1 : 0.83; }, 20);
+  EXPECT_NEAR(time, 6, 0.05);
+  EXPECT_EQ(reason, "0.83 m from the reference for 1 s, more than max_error 0.5 m");
+  watch.restart();
+  const auto bursts = [](double t) { return std::fmod(t, 2) < 1.1 ? 0.1 : 0.83; };
+  EXPECT_EQ(stops(watch, bursts, 60).first, -1) << "an error that does not last";
+}
+
+TEST(TrackingWatch, LeavesTimeToArrive) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  const auto approach = [](double t) { return std::max(0.05, 3 + t - 0.5 * t * t); };
+  EXPECT_EQ(stops(watch, approach, 100).first, -1);
+  EXPECT_TRUE(watch.arrived());
+  // A reference that starts at once leaves the craft behind before it has arrived.
+  watch.restart();
+  const auto sudden = [](double t) { return t < 3 ? 0.6 * t : 0.1; };
+  EXPECT_EQ(stops(watch, sudden, 10).first, -1);
+  // Another reference is another approach.
+  watch.restart();
+  EXPECT_FALSE(watch.arrived());
+  EXPECT_EQ(stops(watch, approach, 30).first, -1);
+}
+
+TEST(TrackingWatch, StopsACraftThatNeverArrivesOrDrivesAway) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  const auto [late, never] = stops(watch, [](double) { return 1.3; }, 100);
+  EXPECT_NEAR(late, 20, 0.1);
+  EXPECT_EQ(never, "1.30 m from the reference, and never within max_error 0.5 m for 1 s in 20 s");
+  watch.restart();
+  const auto [early, away] = stops(watch, [](double t) { return 1 + t; }, 100);
+  EXPECT_NEAR(early, 2.5 + 1, 0.1);
+  EXPECT_NE(away.find("and 1.00 m at the start: it drives away from it"), std::string::npos);
+  watch.restart();
+  EXPECT_NEAR(stops(watch, [](double) { return NAN; }, 100).first, 1, 0.05);
+}
+
+TEST(TrackingWatch, CountsOnlyTheTimeInWhichTheCraftIsSeen) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  EXPECT_EQ(stops(watch, [](double) { return 0.1; }, 5).first, -1);
+  // Lost for half a second, it comes back too far off, and returns within 0.8 s.
+  EXPECT_EQ(stops(watch, [](double t) { return t < 6.3 ? 0.7 : 0.1; }, 20, 5.5).first, -1);
+  // A mocap of two frames a second does not hide a craft that has gone.
+  EXPECT_NEAR(stops(watch, [](double) { return 0.7; }, 60, 20, 0.5).first, 20 + 10 * 0.5, 0.6);
+}
+
+TEST(TrackingWatch, ABoundThatIsChangedActsAtOnce) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  const auto error = [](double) { return 0.3; };
+  EXPECT_EQ(stops(watch, error, 5).first, -1);
+  watch.setMaxError(0.2);
+  EXPECT_NEAR(stops(watch, error, 20, 5).first, 6, 0.05);
+}
+
+TEST(TrackingWatch, ChoosesTheBoundByTheReferencesSize) {
+  EXPECT_NEAR(defaultMaxError(*makeCircle({3, 1}, 1.2, 0.6)), 0.3, 1e-3);
+  EXPECT_EQ(defaultMaxError(*makeCircle({0, 0}, 2, 0.6)), 0.5);
+  EXPECT_EQ(defaultMaxError(*makeCircle({0, 0}, 20, 0.6)), 0.5);
+  EXPECT_EQ(defaultMaxError(*makeCircle({0, 0}, 0.02, 0.6)), 0.05);
+  EXPECT_NEAR(defaultMaxError(*makeLine({1, 0}, {1, 2}, 0.5, true)), 0.25, 1e-9);
 }
 
 TEST(Feasibility, SaysWhatTheCraftCannotFollow) {

@@ -12,6 +12,7 @@ class OpenLoop : public TrackingController {
   OpenLoop(const Model& model, const ControllerChoice& params)
       : input_max_(model.body.input_max),
         signal_(makePrbs(params.prbs_order, params.prbs_seed), params.prbs) {}
+  bool follows() const override { return false; }
   Vector2<double> decide(const Observation& seen) override {
     return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
   }
@@ -41,6 +42,12 @@ std::string ControllerChoice::validate() const {
   return "";
 }
 
+EffectUse effectUse(const std::string& kind, const Model& model) {
+  if (kind == "TrajectoryTracking") return BacksteppingControl::effectUse(model);
+  if (kind == "ModelPredictive") return PredictiveControl::effectUse(model);
+  return {};
+}
+
 std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params) {
   const std::string wrong = params.validate();
@@ -48,7 +55,7 @@ std::unique_ptr<TrackingController> makeController(const Model& model,
   if (params.kind == "ModelPredictive")
     return std::make_unique<PredictiveControl>(model, params.predictive);
   if (params.kind == "OpenLoopPRBS") return std::make_unique<OpenLoop>(model, params);
-  return std::make_unique<BacksteppingControl>(model.body, params.gains);
+  return std::make_unique<BacksteppingControl>(model, params.gains);
 }
 
 }  // namespace ground

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/measurement.h"
+
 namespace ground {
 namespace {
 
@@ -28,7 +30,7 @@ std::string PredictiveParams::validate() const {
 }
 
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
-    : model_(model), input_max_(model.body.input_max), observer_(model, params.observer) {
+    : model_(model), seen_(model), input_max_(model.body.input_max), observer_(model, params.observer) {
   setParams(params);
 }
 
@@ -149,6 +151,15 @@ void PredictiveControl::search() {
       if (other_->improve() && before - other_->cost() < kSettled * before) break;
     }
     if (other_->cost() < kClearlyBetter * plan_->cost()) std::swap(plan_, other_);
+  }
+}
+
+Vector2<double> PredictiveControl::position(const RigidState<double>& measured) const {
+  if (!seen_.distorts()) return measured.eta.head<2>();
+  try {
+    return stateSeenAs(seen_, {measured.eta, measured.nu}).eta.head<2>();
+  } catch (const std::runtime_error&) {
+    return measured.eta.head<2>();  // as the observer does
   }
 }
 

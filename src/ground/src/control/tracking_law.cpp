@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 namespace ground {
 
@@ -60,6 +61,12 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
       Vector(out.force + out.torque / body_.l, out.force - out.torque / body_.l) / (2 * body_.k);
   out.inputs = out.wanted.cwiseMax(0.0).cwiseMin(body_.input_max);
   return out;
+}
+
+BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
+    : law_(model.body), gains_(gains) {
+  const std::string refusal = effectUse(model).refusal;
+  if (!refusal.empty()) throw std::invalid_argument(refusal);
 }
 
 }  // namespace ground

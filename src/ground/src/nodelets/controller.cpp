@@ -270,7 +270,13 @@ void Controller::begin(const ros::Time& stamp) {
 void Controller::control(const ros::Time& stamp) {
   // The state may be older than the start by the mocap's latency.
   const double elapsed = std::max(0.0, secondsBetween(running_since_, stamp));
-  const Vector2<double> inputs = update(elapsed, stamp, rigidState(*measured_));
+  const RigidState<double> state = rigidState(*measured_);
+  const std::string reason = objection(stamp, state);
+  if (!reason.empty()) {
+    enter(Status::STOPPED, reason);
+    return;
+  }
+  const Vector2<double> inputs = update(elapsed, stamp, state);
   last_update_ = stamp;
   if (!inputs.allFinite()) {
     enter(Status::STOPPED, "the command is not finite");

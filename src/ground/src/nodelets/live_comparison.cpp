@@ -79,6 +79,7 @@ class LiveComparison : public nodelet::Nodelet {
           ModelService(nh, "load_model" + suffix, [this, &c](const Model& m, const std::string& f) {
             const std::lock_guard<std::mutex> lock(mutex_);
             take(c, m, f);
+            return std::string();
           });
     }
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);

@@ -29,15 +29,14 @@ class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
     return p;
   }
 
+  const char* kind() const override { return "ModelPredictive"; }
   std::unique_ptr<TrackingController> make(const Model& model, const Config& c) override {
-    auto control = std::make_unique<PredictiveControl>(model, params(c));
-    control_ = control.get();
-    return control;
+    return std::make_unique<PredictiveControl>(model, params(c));
   }
   std::string check(const Config& c) const override { return params(c).validate(); }
-  void tune(const Config& c) override { control_->setParams(params(c)); }
-
-  PredictiveControl* control_ = nullptr;  ///< of the base
+  void tune(TrackingController& controller, const Config& c) override {
+    static_cast<PredictiveControl&>(controller).setParams(params(c));
+  }
 };
 
 }  // namespace ground

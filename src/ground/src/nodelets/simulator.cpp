@@ -87,6 +87,7 @@ class Simulator : public nodelet::Nodelet {
       const std::lock_guard<std::mutex> lock(mutex_);
       room_->setModel(m);
       input_max_ = m.body.input_max;
+      return std::string();
     });
     thread_ = std::thread([this] { run(); });
   }

@@ -19,15 +19,14 @@ class TrajectoryTracking : public ReferenceTracking<TrajectoryTrackingConfig> {
     return {c.k_e, c.k_z, c.k_phi_1, c.k_phi_2, c.delta_1, c.delta_2};
   }
 
+  const char* kind() const override { return "TrajectoryTracking"; }
   std::unique_ptr<TrackingController> make(const Model& model, const Config& c) override {
-    auto control = std::make_unique<BacksteppingControl>(model.body, gains(c));
-    control_ = control.get();
-    return control;
+    return std::make_unique<BacksteppingControl>(model, gains(c));
   }
   std::string check(const Config& c) const override { return gains(c).validate(); }
-  void tune(const Config& c) override { control_->setGains(gains(c)); }
-
-  BacksteppingControl* control_ = nullptr;  ///< of the base
+  void tune(TrackingController& controller, const Config& c) override {
+    static_cast<BacksteppingControl&>(controller).setGains(gains(c));
+  }
 };
 
 }  // namespace ground

@@ -8,6 +8,7 @@
 
 #include "ground/control/feasibility.h"
 #include "ground/control/prbs.h"
+#include "ground/control/tracking_watch.h"
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/smoother.h"
 #include "ground/identification/inferred_wrench.h"
@@ -142,6 +143,7 @@ py::dict toDict(const ExperimentLog& log) {
     return Eigen::RowVector4d(c.time, c.thrusters.x(), c.thrusters.y(), c.computing);
   });
   d["stopped"] = log.stopped;
+  d["stopped_at"] = log.stopped_at;
   return d;
 }
 
@@ -307,6 +309,10 @@ PYBIND11_MODULE(_core, module) {
           "extent", [](const ReferenceParams& params) { return makeReference(params)->extent(); },
           "Time after which it repeats or stands still [s].")
       .def(
+          "default_max_error",
+          [](const ReferenceParams& params) { return defaultMaxError(*makeReference(params)); },
+          "Error beyond which a craft has lost it, unless told otherwise [m].")
+      .def(
           "infeasibility",
           [](const ReferenceParams& params, const Model& model) {
             return infeasibility(*makeReference(params), model.body);
@@ -365,6 +371,20 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("prbs", &ControllerChoice::prbs)
       .def_readwrite("prbs_seed", &ControllerChoice::prbs_seed);
   module.def("controller_names", &controllerNames);
+  module.def(
+      "effect_use",
+      [](const std::string& kind, const Model& model) {
+        const EffectUse use = effectUse(kind, model);
+        py::dict d;
+        d["used"] = use.used;
+        d["unused"] = use.unused;
+        d["remark"] = use.remark();
+        d["refusal"] = use.refusal;
+        return d;
+      },
+      py::arg("kind"), py::arg("model"),
+      "What a kind of controller does with the model's effects: names of used and unused ones, a "
+      "remark for people, and why it must not drive by the model, empty when it may.");
   py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
@@ -375,6 +395,7 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("lift", &TrackingParams::lift)
       .def_readwrite("lift_time", &TrackingParams::lift_time)
       .def_readwrite("duration", &TrackingParams::duration)
+      .def_readwrite("max_error", &TrackingParams::max_error)
       .def_readwrite("tail", &TrackingParams::tail);
   module.def(
       "play_schedule",
@@ -410,8 +431,8 @@ PYBIND11_MODULE(_core, module) {
       py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"),
       "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
-      "p_dddot), decisions (time, left, right, processor time) and why it stopped early, empty "
-      "when it did not.");
+      "p_dddot), decisions (time, left, right, processor time), why it stopped early, empty when "
+      "it did not, and when.");
 
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "ground/control/tracking_watch.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/model/drive_clock.h"
 
@@ -77,7 +78,9 @@ class Tracker : public Driver {
         params_(params),
         reference_(makeReference(params.reference)),
         estimator_(makeKalmanEstimator(params.estimator)),
-        log_(log) {}
+        log_(log) {
+    watch_.setMaxError(params.max_error > 0 ? params.max_error : defaultMaxError(*reference_));
+  }
 
   void see(const MocapFrame& frame) override {
     if (params_.estimate) {
@@ -87,7 +90,7 @@ class Tracker : public Driver {
     } else {
       const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(),
                                       [&](const auto& t) { return t.time <= frame.captured; });
-      state_ = truth->state;
+      state_ = truth->measured;
     }
     stamp_ = frame.captured;
     fresh_ = true;
@@ -159,6 +162,7 @@ class Tracker : public Driver {
 
   std::optional<Command> finish(double now, const std::string& why) {
     log_.stopped = why;
+    log_.stopped_at = now;
     end_ = now + params_.tail;
     return enter(Phase::kFinished, now);
   }
@@ -174,12 +178,18 @@ class Tracker : public Driver {
     if (last_update_ && stamp_ - *last_update_ < 0.9 / params_.rate) return std::nullopt;
     if (!last_update_) reference_start_ = stamp_;
     last_update_ = stamp_;
+    const ReferencePoint wanted = reference_->at(stamp_ - reference_start_);
+    if (controller_->follows()) {
+      const double error = (controller_->position(state_) - wanted.p).norm();
+      const std::string lost = watch_.look(stamp_ - reference_start_, error);
+      if (!lost.empty()) return finish(now, lost);
+    }
     const double before = processorTime();
     const Vector2<double> thrusters = controller_->decide(
         {now, stamp_, state_, reference_.get(), reference_start_, params_.lift, drive_.origin(now)});
     log_.decisions.push_back({now, thrusters, processorTime() - before});
     if (!thrusters.allFinite()) return finish(now, "the command is not finite");
-    log_.references.push_back({stamp_, reference_->at(stamp_ - reference_start_)});
+    log_.references.push_back({stamp_, wanted});
     const Vector2<double> inputs = thrusters / input_max_;
     return Command{now, inputs.x(), inputs.y(), params_.lift};
   }
@@ -188,6 +198,7 @@ class Tracker : public Driver {
   double input_max_;
   TrackingParams params_;
   ReferencePtr reference_;
+  TrackingWatch watch_;
   std::unique_ptr<VelocityEstimator> estimator_;
   ExperimentLog& log_;
   Phase phase_ = Phase::kWaiting;
@@ -213,7 +224,8 @@ void note(const Room& room, ExperimentLog& log) {
         room.time(), 1000 * kDefaultStep);
     throw std::runtime_error(text);
   }
-  log.truth.push_back({room.time(), state, room.derivative().nu});
+  const Measurement<double> seen = room.measurement();
+  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}});
 }
 
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
@@ -253,6 +265,7 @@ std::string TrackingParams::validate() const {
   if (!within(lift, 0, 1)) return "lift must be between 0 and 1";
   if (!within(lift_time, 0, 30)) return "lift_time must be between 0 and 30 s";
   if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
+  if (!(max_error >= 0)) return "max_error must not be negative";
   if (!within(tail, 0, 3600)) return "tail must be between 0 and 3600 s";
   const std::string wrong = controller.validate();
   return wrong.empty() ? estimator.validate() : wrong;

@@ -24,7 +24,10 @@ struct ControllerChoice {
 
 /// Names of all kinds.
 const std::vector<std::string>& controllerNames();
-/// A controller that believes in `model`. Throws std::invalid_argument when parameters are bad.
+/// What a kind of controller does with the effects of a model; an open-loop one has no model.
+EffectUse effectUse(const std::string& kind, const Model& model);
+/// A controller that believes in `model`. Throws std::invalid_argument when parameters are bad or
+/// when it must not drive by this model (effectUse).
 std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params);
 

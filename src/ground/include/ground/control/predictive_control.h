@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/control/effect_use.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/control/trajectory_optimizer.h"
 #include "ground/estimation/disturbance_observer.h"
@@ -34,6 +35,8 @@ struct PredictiveParams {
 /// Without a finite state or plan the thrust is cut.
 class PredictiveControl : public TrackingController {
  public:
+  static EffectUse effectUse(const Model& model) { return wholeModelUse(model); }
+
   /// Throws std::invalid_argument when parameters are bad or the model has too many actuator
   /// states.
   PredictiveControl(const Model& model, const PredictiveParams& params);
@@ -42,6 +45,7 @@ class PredictiveControl : public TrackingController {
   void setParams(const PredictiveParams& params);
   void reset() override;
   void commanded(double time, const Vector2<double>& thrusters, double lift) override;
+  Vector2<double> position(const RigidState<double>& measured) const override;
   Vector2<double> decide(const Observation& observation) override;
   Vector2<double> wanted() const override { return wanted_; }
 
@@ -62,6 +66,7 @@ class PredictiveControl : public TrackingController {
   double turnTime(double angle) const;
 
   Model model_;
+  Dynamics<Jet> seen_;  ///< what the mocap makes of the state
   PredictiveParams params_;
   double input_max_;
   DisturbanceObserver observer_;

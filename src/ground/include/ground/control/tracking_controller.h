@@ -24,6 +24,13 @@ class TrackingController {
   virtual void reset() {}
   /// Every command that went out, whoever gave it; in order of time [s], in the model's units.
   virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}
+  /// Whether it follows the reference at all.
+  virtual bool follows() const { return true; }
+  /// Where it takes the point to be that follows the reference, world_ned [m], when this pose and
+  /// velocity are measured.
+  virtual Vector2<double> position(const RigidState<double>& measured) const {
+    return measured.eta.head<2>();
+  }
   /// Inputs left, right, in the model's units, inside 0..input_max; not finite when it is at a
   /// loss.
   virtual Vector2<double> decide(const Observation& observation) = 0;

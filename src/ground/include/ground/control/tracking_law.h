@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include "ground/control/effect_use.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/model/dynamics.h"
 
@@ -48,11 +49,14 @@ class TrackingLaw {
   Body<double> body_;
 };
 
-/// The law as a controller: it takes the state for that of now.
+/// The law as a controller: it takes the measured state for that of the craft's centre now, and
+/// uses none of the model's effects.
 class BacksteppingControl : public TrackingController {
  public:
-  BacksteppingControl(const Body<double>& body, const TrackingGains& gains)
-      : law_(body), gains_(gains) {}
+  static EffectUse effectUse(const Model& model) { return bodyOnlyUse(model, "TrajectoryTracking"); }
+
+  /// Throws std::invalid_argument when it must not drive by this model (effectUse).
+  BacksteppingControl(const Model& model, const TrackingGains& gains);
   void setGains(const TrackingGains& gains) { gains_ = gains; }
   Vector2<double> decide(const Observation& seen) override {
     const double t = std::max(0.0, seen.stamp - seen.reference_start);

@@ -35,7 +35,7 @@ struct ControllerParams {
 /// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED.
 /// Zero inputs go out in every state but LIFTING and RUNNING. It stops itself when the state is
 /// stale or invalid for recovery_time (until then thrust is zero), when the sender disarms, when
-/// time jumps back and when state or command are not finite.
+/// time jumps back, when state or command are not finite and when the child objects.
 ///
 /// Several controllers may be loaded into one manager: the one that was started last drives. It
 /// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
@@ -58,6 +58,10 @@ class Controller : public nodelet::Nodelet {
   virtual void activate(const ros::Time& stamp) = 0;
   /// Called when RUNNING ends for whatever reason.
   virtual void deactivate() {}
+  /// Why it has to stop, empty when it may go on; asked before every update.
+  virtual std::string objection(const ros::Time& /*stamp*/, const RigidState<double>& /*state*/) {
+    return "";
+  }
   /// Inputs left, right at `elapsed` seconds since RUNNING began.
   virtual Vector2<double> update(double elapsed, const ros::Time& stamp,
                                  const RigidState<double>& state) = 0;

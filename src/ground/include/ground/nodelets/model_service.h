@@ -20,8 +20,9 @@ namespace ground {
 /// (LiveChanges).
 class ModelService {
  public:
-  /// Puts a sound model in place; what it throws refuses it, and the nodelet keeps the old one.
-  using Take = std::function<void(const Model&, const std::string& file)>;
+  /// Puts a sound model in place and gives a remark for who asked, which may be empty; what it
+  /// throws refuses the model, and the nodelet keeps the old one.
+  using Take = std::function<std::string(const Model&, const std::string& file)>;
 
   ModelService() = default;
   ModelService(const ros::NodeHandle& nh, const std::string& name, Take take)
@@ -35,9 +36,10 @@ class ModelService {
                            Load::Request& request, Load::Response& response) {
       try {
         const Model model = loadModelAndWarn(request.file);
-        take(model, request.file);
+        const std::string remark = take(model, request.file);
         response.success = true;
         response.message = model.name + " of " + request.file;
+        if (!remark.empty()) response.message += "; " + remark;
         changes.report({{parameter, std::exchange(*file, request.file), request.file}});
       } catch (const std::exception& error) {
         response.success = false;

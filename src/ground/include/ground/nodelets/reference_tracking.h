@@ -1,16 +1,24 @@
 #pragma once
 
+#include <ground/ModelPredictiveConfig.h>
+#include <ground/TrajectoryTrackingConfig.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/Reference.h>
 #include <nav_msgs/Path.h>
 
 #include <algorithm>
 #include <memory>
+#include <mutex>
+#include <set>
+#include <stdexcept>
 #include <string>
 #include <tuple>
+#include <utility>
 
+#include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
 #include "ground/control/tracking_controller.h"
+#include "ground/control/tracking_watch.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
@@ -25,11 +33,16 @@ namespace ground {
 /// fields of cfg/tracking_parameters.py and the child's own.
 ///
 /// Parameters: model (model file, required) and those of Config, all live; a change of the
-/// reference starts it anew. Service: ~load_model (another model file, also while it drives).
+/// reference starts it anew. What takes long, a reference from a large file above all, is built
+/// aside and swapped in: the controller drives on by the old one until then. It stops when the craft
+/// does not follow the reference (TrackingWatch, max_error). Service: ~load_model (another model
+/// file, also while it drives).
 /// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it).
 /// Publishes besides: reference, path/reference (latched), controls/wanted (the inputs before they
-/// are limited, of full scale). A reference that the craft cannot follow is warned of, also in the
-/// answer of ~start and in ~status.
+/// are limited, of full scale). Which effects of the model the controller uses, and that the craft
+/// cannot follow the reference, is said in the log, in ~status and in the answers of ~start and
+/// ~load_model. A model that the controller must not drive by (effectUse) is refused, and so are
+/// parameters that only another kind of controller has.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
@@ -39,16 +52,22 @@ class ReferenceTracking : public Controller {
     model_service_ = ModelService();
     Controller::shutdown();
   }
+  /// Its kind, one of controllerNames().
+  virtual const char* kind() const = 0;
   /// Makes the controller; throws on what it cannot do with the model.
   virtual std::unique_ptr<TrackingController> make(const Model& model, const Config& config) = 0;
   /// What is wrong with the child's own parameters; empty when nothing is.
   virtual std::string check(const Config& config) const = 0;
-  /// Takes over the child's own parameters, good ones.
-  virtual void tune(const Config& config) = 0;
+  /// Hands the child's own parameters, good ones, to a controller that make() made.
+  virtual void tune(TrackingController& controller, const Config& config) = 0;
 
  private:
   void load(ros::NodeHandle& nh) override {
-    model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
+    refuseForeign(nh);
+    const std::string file = requiredParameter<std::string>(nh, "model");
+    model_ = loadModelAndWarn(file);
+    const std::string refusal = effectUse(kind(), model_).refusal;
+    if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
     epoch_ = ros::Time::now();
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
@@ -57,13 +76,33 @@ class ReferenceTracking : public Controller {
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     model_service_ =
-        ModelService(nh, "load_model", [this](const Model& m, const std::string&) { take(m); });
+        ModelService(nh, "load_model", [this](const Model& m, const std::string&) { return take(m); });
     drive_subscriber_ = topics.subscribe("drive", 4, &ReferenceTracking::onDrive, this);
   }
 
   void onDrive(const ground_msgs::Drive::ConstPtr& message) {
     const std::lock_guard<std::recursive_mutex> lock(mutex());
     drive_.record(seconds(message->began), seconds(message->header.stamp));
+  }
+
+  template <class AnyConfig>
+  static std::set<std::string> names() {
+    std::set<std::string> found;
+    for (const auto& parameter : AnyConfig::__getParamDescriptions__())
+      found.insert(parameter->name);
+    return found;
+  }
+
+  /// The gains of another kind of controller would have no effect.
+  void refuseForeign(const ros::NodeHandle& nh) const {
+    const std::set<std::string> own = names<Config>();
+    for (const auto& other : {names<TrajectoryTrackingConfig>(), names<ModelPredictiveConfig>()})
+      for (const std::string& name : other)
+        if (own.count(name) == 0 && nh.hasParam(name))
+          throw std::runtime_error(
+              "parameter " + nh.resolveName(name) + " is not one of " + kind() +
+              ": it comes from the file of gains of another controller, or from an earlier run "
+              "(rosparam delete " + nh.getNamespace() + ")");
   }
 
   static ReferenceParams reference(const Config& c) {
@@ -86,52 +125,81 @@ class ReferenceTracking : public Controller {
                            c.end_x, c.end_y, c.smooth, c.file);
   }
 
-  std::string wrong(const Config& c) const {
+  /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
+  std::string wrong(const Config& c) {
+    built_.reset();
+    std::string reason = check(c);
+    if (!reason.empty() || (reference_ && shape(c) == shape(config_))) return reason;
     try {
-      makeReference(reference(c));
+      if (!controller_) first_ = make(model_, c);
+      built_ = makeReference(reference(c));
     } catch (const std::exception& error) {
-      return error.what();
+      reason = error.what();
     }
-    return check(c);
+    return reason;
   }
 
   void apply(const Config& c) {
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
-    const bool changed = !reference_ || shape(c) != shape(config_);
-    config_ = c;
-    ControllerParams params;
-    params.lift = c.lift;
-    params.lift_time = c.lift_time;
-    params.state_timeout = c.state_timeout;
-    params.recovery_time = c.recovery_time;
-    params.rate = c.rate;
-    setParams(params);
-    if (controller_) {
-      tune(c);
-    } else {
-      controller_ = make(model_, c);
+    const std::lock_guard<std::mutex> one(changing_);
+    const bool changed = built_ != nullptr;
+    ReferencePtr reference = changed ? std::move(built_) : reference_;
+    built_.reset();
+    std::string caution = caution_;
+    if (changed) caution = judge(model_, *reference, c.reference);
+    const nav_msgs::PathConstPtr path = drawn(*reference);
+    const double max_error = c.max_error > 0 ? c.max_error : defaultMaxError(*reference);
+    {
+      const std::lock_guard<std::recursive_mutex> lock(mutex());
+      config_ = c;
+      ControllerParams params;
+      params.lift = c.lift;
+      params.lift_time = c.lift_time;
+      params.state_timeout = c.state_timeout;
+      params.recovery_time = c.recovery_time;
+      params.rate = c.rate;
+      setParams(params);
+      if (!controller_) {
+        controller_ = std::move(first_);
+      } else {
+        tune(*controller_, c);
+      }
+      watch_.setMaxError(max_error);
+      caution_ = std::move(caution);
+      if (changed) {
+        reference_.swap(reference);
+        reference_start_ = ros::Time();
+        path_publisher_.publish(path);
+      }
     }
-    if (!changed) return;
-    reference_ = makeReference(reference(c));
-    reference_start_ = ros::Time();
-    warn(infeasibility(*reference_, model_.body));
-    publishPath();
   }
 
-  /// Goes on with another model, also while it drives.
-  void take(const Model& model) {
+  /// Goes on with another model, also while it drives; gives what whoever loads it should know.
+  std::string take(const Model& model) {
+    const std::lock_guard<std::mutex> one(changing_);
+    std::unique_ptr<TrackingController> controller = make(model, config_);
+    const std::string caution = judge(model, *reference_, config_.reference);
     const std::lock_guard<std::recursive_mutex> lock(mutex());
-    std::string caution = infeasibility(*reference_, model.body);
-    controller_ = make(model, config_);
+    controller_.swap(controller);
     model_ = model;
-    warn(std::move(caution));
+    caution_ = caution;
+    return caution;
   }
 
-  void warn(std::string caution) {
-    caution_ = std::move(caution);
-    if (!caution_.empty())
-      NODELET_WARN("%s: reference %s: %s", getName().c_str(), config_.reference.c_str(),
-                   caution_.c_str());
+  /// What there is to say of a model and a reference, which is logged as well.
+  std::string judge(const Model& model, const ReferenceTrajectory& reference,
+                    const std::string& name) const {
+    const EffectUse use = effectUse(kind(), model);
+    std::string said = use.remark();
+    const std::string who = getName();
+    if (!use.unused.empty()) {
+      NODELET_WARN("%s: model %s: %s", who.c_str(), model.name.c_str(), said.c_str());
+    } else if (!said.empty()) {
+      NODELET_INFO("%s: model %s: %s", who.c_str(), model.name.c_str(), said.c_str());
+    }
+    const std::string beyond = infeasibility(reference, model.body);
+    if (beyond.empty()) return said;
+    NODELET_WARN("%s: reference %s: %s", who.c_str(), name.c_str(), beyond.c_str());
+    return said + (said.empty() ? "" : "; ") + beyond;
   }
 
   std::string caution() const override { return caution_; }
@@ -143,8 +211,16 @@ class ReferenceTracking : public Controller {
 
   double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }
 
+  std::string objection(const ros::Time& stamp, const RigidState<double>& state) override {
+    if (reference_start_.isZero()) {
+      reference_start_ = stamp;
+      watch_.restart();
+    }
+    const double t = std::max(0.0, secondsBetween(reference_start_, stamp));
+    return watch_.look(t, (controller_->position(state) - reference_->at(t).p).norm());
+  }
+
   Vector2<double> update(double, const ros::Time& stamp, const RigidState<double>& state) override {
-    if (reference_start_.isZero()) reference_start_ = stamp;
     if (stamp != published_) publishReference(stamp);
     Observation seen;
     seen.stamp = seconds(stamp);
@@ -196,7 +272,7 @@ class ReferenceTracking : public Controller {
     reference_publisher_.publish(message);
   }
 
-  void publishPath() {
+  static nav_msgs::PathConstPtr drawn(const ReferenceTrajectory& reference) {
     constexpr int kPoints = 400;
     auto path = boost::make_shared<nav_msgs::Path>();
     path->header.stamp = ros::Time::now();
@@ -204,24 +280,30 @@ class ReferenceTracking : public Controller {
     for (int i = 0; i <= kPoints; ++i) {
       geometry_msgs::PoseStamped pose;
       pose.header = path->header;
-      const Vector2<double> p = reference_->at(reference_->extent() * i / kPoints).p;
+      const Vector2<double> p = reference.at(reference.extent() * i / kPoints).p;
       pose.pose.position.x = p.x();
       pose.pose.position.y = p.y();
       pose.pose.orientation.w = 1;
       path->poses.push_back(pose);
     }
-    path_publisher_.publish(path);
+    return path;
   }
 
+  ros::Time epoch_;     ///< from which the controller's clock counts
+  ReferencePtr built_;  ///< by wrong() for apply(), as the first controller is
+  std::unique_ptr<TrackingController> first_;
+  /// Held while something is built and swapped in: who holds it may read the following five without
+  /// mutex(), and changes them with both.
+  std::mutex changing_;
   Model model_;
-  ros::Time epoch_;  ///< from which the controller's clock counts
-  Config config_;    ///< this and what follows are guarded by mutex()
+  Config config_;
   ReferencePtr reference_;
   std::string caution_;
+  std::unique_ptr<TrackingController> controller_;
+  TrackingWatch watch_;        ///< this and what follows are guarded by mutex()
   ros::Time reference_start_;  ///< zero until the first update with this reference
   DriveClock drive_;           ///< on the controller's clock
   ros::Time published_;        ///< stamp of the newest message of the reference
-  std::unique_ptr<TrackingController> controller_;
   ros::Publisher reference_publisher_, path_publisher_, wanted_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

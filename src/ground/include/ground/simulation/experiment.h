@@ -23,12 +23,14 @@ struct TrackingParams {
   ReferenceParams reference;
   ControllerChoice controller;
   EstimatorParams estimator;
-  bool estimate = true;    ///< otherwise the true states at the frames' captures are known
+  bool estimate = true;    ///< otherwise what an exact mocap sees at the frames' captures
   double rate = 50.0;      ///< of control [Hz]
   double start = 0.5;      ///< lift on, or later when there is no valid state yet [s]
   double lift = 1.0;       ///< input of the lift fan, 0..1
   double lift_time = 1.0;  ///< lift alone before the thrusters start [s]
   double duration = 20.0;  ///< of tracking [s]
+  /// Error beyond which TrackingWatch stops it [m]; 0: defaultMaxError, infinite: never.
+  double max_error = 0;
   double tail = 0.5;       ///< recorded after the end [s]
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
@@ -43,7 +45,8 @@ struct ExperimentLog {
   struct Truth {
     double time;  ///< [s]
     RigidState<double> state;
-    Vector3<double> nu_dot;  ///< body [m/s^2, m/s^2, rad/s^2]
+    Vector3<double> nu_dot;       ///< body [m/s^2, m/s^2, rad/s^2]
+    RigidState<double> measured;  ///< what an exact mocap makes of the state
   };
   struct Decision {
     double time;                ///< [s]
@@ -60,7 +63,8 @@ struct ExperimentLog {
   std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
   std::vector<Reference> references;  ///< when tracking
   std::vector<Decision> decisions;    ///< when tracking
-  std::string stopped;  ///< why the controller stopped before its end; empty when it did not
+  std::string stopped;    ///< why the controller stopped before its end; empty when it did not
+  double stopped_at = 0;  ///< when it did [s]
 };
 
 /// Plays commands, repeated every 20 ms as the open-loop controller does, for `duration` [s].
@@ -71,7 +75,8 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
                            const ExperimentParams& params);
 
 /// Tracks a reference with a controller that believes in `believed`. The log ends early when the
-/// controller stops itself: without a valid state for 0.2 s, as the nodelet does. Throws alike.
+/// controller stops itself: without a valid state for 0.2 s, or when the craft does not follow the
+/// reference (TrackingWatch), as the nodelet does. Throws alike.
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params);
 

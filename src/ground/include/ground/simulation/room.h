@@ -69,6 +69,8 @@ class Room {
     return on_their_way_.empty() ? next_frame_ + mocap_.latency : on_their_way_.front().delivered;
   }
   const RigidState<double>& state() const { return moving_->simulation.state(); }
+  /// What an exact mocap makes of the state.
+  Measurement<double> measurement() const { return moving_->simulation.measure(); }
   RigidState<double> derivative() const { return moving_->simulation.derivative(); }
   /// Whether the craft's own watchdog has stopped the motors.
   bool watchdogExpired() const { return expired_; }

@@ -92,18 +92,38 @@ def anywhere(count, seed, reach):
     return [(place, np.zeros(3)) for place in places]
 
 
-def run(truth, believed, controller, task, start=None, conditions=None, seed=1, rate=50.0):
+def effect_use(kind, model):
+    """What a kind of controller does with the effects of the model that it believes in: `used` and
+    `unused` ones, a `remark` for people. IdentifyError when it must not drive by the model."""
+    use = _core.effect_use(kind, model)
+    if use["refusal"]:
+        raise IdentifyError(use["refusal"])
+    return use
+
+
+def run(
+    truth,
+    believed,
+    controller,
+    task,
+    start=None,
+    conditions=None,
+    seed=1,
+    rate=50.0,
+    max_error=0.0,
+):
     """Tracks a Task once with a _core.ControllerChoice that believes in a model; gives a Tracked.
 
-    start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. Raises
-    IdentifyError when the motion is not finite, ValueError on bad parameters. A controller that
-    stopped itself has endless errors.
+    start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
+    error beyond which the controller stops itself [m], 0: as the reference's size asks, inf: never.
+    Raises IdentifyError when the motion is not finite, ValueError on bad parameters. A controller
+    that stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
     controller.prbs.duration = task.until
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
-    params.rate, params.duration = rate, task.until
+    params.rate, params.duration, params.max_error = rate, task.until, max_error
     params.estimate = conditions.noise
     params.start, params.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
     mocap = _core.MocapParams()
@@ -116,9 +136,12 @@ def run(truth, believed, controller, task, start=None, conditions=None, seed=1, 
         log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
     except RuntimeError as error:
         raise IdentifyError(str(error))
+    if not len(log["references"]):
+        raise IdentifyError("the controller stopped before it drove: %s" % log["stopped"])
     found = _tracked(log, task, believed.input_max)
     if log["stopped"]:
-        found.numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"])
+        at = log["stopped_at"] - log["references"][0, 0]
+        found.numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
     return found
 
 
@@ -168,11 +191,14 @@ def _numbers(found, task):
     return numbers
 
 
-def many(truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0):
+def many(
+    truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0, max_error=0.0
+):
     """The Tracked of every start, each with a seed of its own."""
 
     def one(i):
-        return run(truth, believed, controller, task, starts[i], conditions, seed + i, rate)
+        loop = (truth, believed, controller, task, starts[i], conditions)
+        return run(*loop, seed + i, rate, max_error)
 
     with Workers() as team:
         return list(team.map(one, range(len(starts))))
@@ -211,6 +237,11 @@ def pooled(runs):
         "p95": quantile(errors, 0.95),
     }
     result["stopped"] = sum(n["stopped"] is not None for n in numbers)
+    result["stops"] = [
+        {"run": i + 1, "time": n["stopped_at"], "reason": n["stopped"]}
+        for i, n in enumerate(numbers)
+        if n["stopped"] is not None
+    ]
     return result
 
 

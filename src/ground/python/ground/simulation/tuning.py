@@ -121,6 +121,7 @@ def evaluate(workers, choices, believed, cells, starts, weights, seed, rate=50.0
             cell.conditions,
             seed + start,
             rate,
+            np.inf,  # one that loses the reference is as bad as its error
         )
         for count, cell, start in plan
     ]

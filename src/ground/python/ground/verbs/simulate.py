@@ -73,7 +73,7 @@ def _dest(option):
 CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
 LIFT = ["lift", "lift_time"]
 PATTERN = ["clock", "order", "levels", "hold", "rows_per_bit"]
-TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model"] + [
+TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model", "max_error"] + [
     _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
 ]
 # which of these options an input takes; bits, timed and lifted are what a CSV file may hold
@@ -190,6 +190,13 @@ def configure(parser):
     _add_numbers(tracking, GAINS, defaults.controller.gains)
     _add_numbers(tracking, CONTROL, defaults)
     tracking.add_argument(
+        "--max-error",
+        type=_number,
+        metavar="M",
+        help="error at which the controller stops when it lasts for 1 s, 0: a quarter of the "
+        "reference's half-width [m] (never)",
+    )
+    tracking.add_argument(
         "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
     )
 
@@ -272,6 +279,7 @@ def _tracking(arguments):
     params.start, params.tail = experiments.LEAD, experiments.TAIL
     params.duration = arguments.duration or DURATION
     _filled(params, CONTROL, arguments)
+    params.max_error = np.inf if arguments.max_error is None else arguments.max_error
     for name, value in _given(arguments, LIFT).items():
         setattr(params, name, value)
     params.controller.kind = arguments.controller or params.controller.kind

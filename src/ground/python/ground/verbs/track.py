@@ -27,8 +27,11 @@ Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: al
 --noise the controller knows the true state at its rate; with it, what mocap_state makes of a
 mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
 The craft starts at rest at the origin; with --seed a little elsewhere, and with --starts N so N
-times, and medians are given.
+times, and medians are given. As on the floor, a controller stops when the error has been larger than
+--max-error for a second, or when the craft never arrives; its errors then count as endless.
 """
+
+MOST_STOPS = 5  # that are printed
 
 REFERENCE = [
     ("--size", "size", common.positive, "M"),
@@ -50,6 +53,14 @@ def configure(parser):
     parser.add_argument("--smooth", action="store_true", help="line, waypoints: start, stop gently")
     parser.add_argument("--settled", type=common.seconds, metavar="S")
     parser.add_argument("--end-time", type=common.positive, metavar="S")
+    parser.add_argument(
+        "--max-error",
+        type=_bound,
+        default=0.0,
+        metavar="M",
+        help="error at which it stops, inf for never (a quarter of the reference's half-width, "
+        "0.05 to 0.5)",
+    )
     parser.add_argument("--starts", type=common.count, default=1, metavar="N")
     parser.add_argument(
         "--spread",
@@ -107,6 +118,9 @@ def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     truth, believed, controller, conditions = _loop(arguments)
+    use = tracking.effect_use(arguments.controller, believed)
+    if use["remark"]:
+        common.say(arguments, "model      %s" % use["remark"])
     task = _task(arguments)
     caution = task.reference.infeasibility(believed)
     if caution:
@@ -128,6 +142,7 @@ def run(arguments):
             conditions,
             seed,
             arguments.rate,
+            arguments.max_error,
         )
     except ValueError as error:
         raise IdentifyError(str(error))
@@ -139,7 +154,9 @@ def run(arguments):
         "seed": arguments.seed,
         "starts": len(runs),
         "window": [task.settled, task.until],
+        "max_error": arguments.max_error or task.reference.default_max_error(),
         "caution": caution or None,
+        "effects": {name: use[name] for name in ("used", "unused")},
         "gains": gains.get(controller),
     }
     result.update(tracking.pooled(runs))
@@ -147,9 +164,8 @@ def run(arguments):
         tracking_plots.tracked(arguments.picture, runs[0], task, result, arguments.force)
         result["picture"] = arguments.picture
     _say(arguments, result)
-    stopped = [r.numbers["stopped"] for r in runs if r.numbers["stopped"]]
-    if len(stopped) == len(runs):
-        raise IdentifyError("the controller stopped: %s" % stopped[0])
+    if result["stopped"] == len(runs):
+        raise IdentifyError("the controller stopped: %s" % _stop(result["stops"][0]))
     return result
 
 
@@ -201,6 +217,14 @@ def _say(arguments, result):
     say("computing  %.3f ms median, %.3f ms 99.9%%, a decision" % (c["median"], c["p999"]))
     if result["stopped"]:
         say("stopped    %d of %d runs ended early" % (result["stopped"], result["starts"]))
+    for stop in result["stops"][:MOST_STOPS]:
+        say("           run %d %s" % (stop["run"], _stop(stop)))
+    if len(result["stops"]) > MOST_STOPS:
+        say("           and %d more" % (len(result["stops"]) - MOST_STOPS))
+
+
+def _stop(stop):
+    return "at %.2f s: %s" % (stop["time"], stop["reason"])
 
 
 def metres(value):
@@ -216,6 +240,13 @@ def _factor(text):
     if not separator or not np.isfinite(value):
         raise argparse.ArgumentTypeError("'%s' is not NAME=FACTOR" % text)
     return name, value
+
+
+def _bound(text):
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
 
 
 def _share(text):

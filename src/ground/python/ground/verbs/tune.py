@@ -85,6 +85,9 @@ def run(arguments):
         if path:
             files.refuse_existing(path, arguments.force)
     model = common.load(arguments.model)
+    use = tracking.effect_use(arguments.controller, model)
+    if use["remark"]:
+        common.say(arguments, "model: %s" % use["remark"])
     weights = tuning.Weights(arguments.saturation_weight, arguments.effort_weight)
     try:
         seen = tuning.cells({k: _task(k) for k in arguments.references}, model)
@@ -95,6 +98,7 @@ def run(arguments):
     with workers.Workers(arguments.scheduler) as team:
         tuned, tried, compared = _search(arguments, team, model, before, seen, unseen, weights)
     result = _result(arguments, compared, seen + unseen, tried)
+    result["effects"] = {name: use[name] for name in ("used", "unused")}
     comments = [
         "Found by tune: %d candidates on %s of %s."
         % (len(tried), ", ".join(arguments.references), model.name),
