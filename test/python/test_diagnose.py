@@ -197,9 +197,11 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     own["gust"].write_text(text.replace("value: 0.1", "value: much"))
     with pytest.raises(IdentifyError, match="gust.yaml, line 4: a must be a number"):
         tried()
-    own["gust"].write_text(text.replace("name: gust", "name: motor_lag"))
-    with pytest.raises(IdentifyError, match="gust.yaml: there is another effect motor_lag"):
+    own["gust"].write_text(text.replace("name: gust", "name: swirl"))
+    with pytest.raises(IdentifyError, match="gust.yaml: --effects has another effect swirl"):
         tried()
+    own["gust"].write_text("name: motor_lag\ntau: 0.1\n")
+    assert tried() == set(_core.effects()) | {"swirl"}
     own["gust"].write_text("")
     with pytest.raises(IdentifyError, match="gust.yaml: it is empty"):
         tried()

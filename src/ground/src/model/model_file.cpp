@@ -422,7 +422,7 @@ Model loadModel(const std::string& path, std::vector<std::string>* warnings) {
   for (const Implausibility& found : implausibilities(model.body)) {
     const std::string text =
         path + ", line " + std::to_string(lines[found.key]) + ": " + found.message;
-    if (found.refused) throw std::runtime_error(text + "; such a craft is refused");
+    if (found.refused) throw std::runtime_error(text);
     if (warnings) warnings->push_back(text);
   }
   return model;

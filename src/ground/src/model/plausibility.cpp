@@ -211,6 +211,8 @@ std::vector<Implausibility> implausibilities(const Body<double>& body) {
   for (Implausibility& one : found) {
     if (std::find(causes.begin(), causes.end(), one.key) == causes.end()) continue;
     one.refused = true;
+    one.message += "; refused, as below " + withUnit(kLeastAcceleration, "") + " and above " +
+                   withUnit(kMostAcceleration, "m/s^2") + " no craft can be meant";
     break;
   }
   return found;

@@ -131,17 +131,18 @@ def _kept(arguments, runs, model, tried):
 
 def _candidates(arguments, model):
     """Effects to try, of the library and of --effects, by --only and --exclude. Those of --effects
-    are tried beside the library's of --only, unless --only names one of them."""
-    library = candidates.library(model)
+    are tried beside the library's of --only, unless --only names one of them, and in place of those
+    of the library that have their names."""
     own = [candidates.from_file(path) for path in arguments.effects]
     names = [c.name for c in own]
+    library = [c for c in candidates.library(model) if c.name not in names]
     known = [c.name for c in library] + names + list(model.effects)
     for name in (arguments.only or []) + arguments.exclude:
         if name not in known:
             raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
     for path, name in zip(arguments.effects, names):
-        if known.count(name) > 1:
-            raise IdentifyError("%s: there is another effect %s; rename it" % (path, name))
+        if names.count(name) > 1:
+            raise IdentifyError("%s: --effects has another effect %s" % (path, name))
     only = set(arguments.only or known)
     if not only & set(names):
         only |= set(names)
