@@ -9,6 +9,7 @@ import sys
 import time
 import unittest
 
+import dynamic_reconfigure.client
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped, Quaternion
@@ -166,6 +167,11 @@ MESSAGES = [
 WIRE = [
     ("30% of the packets lost", {"drop": 0.3}),
     ("packets twice and in disorder", {"twice": 0.3, "swap": 0.3}),
+]
+# fault, by how much /clock and all stamps are set [s]
+CLOCKS = [
+    ("clock and stamps set back by 2 s", -2.0),
+    ("clock and stamps set ahead by 2 s", 2.0),
 ]
 # fault, whether the craft comes back on another port
 RESTARTS = [("craft restarts", False), ("craft comes back elsewhere", True)]
@@ -327,6 +333,23 @@ class FaultsTest(unittest.TestCase):
         self.ended(FAULTS, begun)
         self.drive()  # and is driven again where it is now
 
+    def clock_is_set(self, name, seconds):
+        """Poses and clock agree before and after, as when the one computer of all is set."""
+        self.drive()
+        simulator = dynamic_reconfigure.client.Client("simulator", timeout=10)
+        offset = simulator.get_configuration()["clock_offset"]
+        begun, start = time.monotonic(), time.time()
+        simulator.update_configuration({"clock_offset": offset + seconds})
+        time.sleep(3)
+        simulator.close()
+        worst = max((t - start for t in self.wire.thrust_between(start, time.time())), default=0.0)
+        self.print(name, FAULTS, "thrust until %3.0f ms after it" % (1e3 * worst))
+        self.assertLess(worst, LIMIT)
+        self.ended(FAULTS, begun)
+        what = "time jumped %s by 2.0 s" % ("back" if seconds < 0 else "ahead")
+        self.assertIn(what, [m.reason for at, m in self.sender.all if at > begun])
+        self.drive()  # and can be driven again
+
     def test_started_while_disarmed(self):
         self.stop()
         self.arm(False)
@@ -342,8 +365,11 @@ class FaultsTest(unittest.TestCase):
 
 
 def add_tests(of, rows):
-    """A test each: rosunit does not count what fails in a subTest."""
+    """A test each: rosunit does not count what fails in a subTest. FAULTS in the environment, a
+    regular expression, chooses rows."""
     for row in rows:
+        if not re.search(os.environ.get("FAULTS", ""), row[0]):
+            continue
         name = "test_" + re.sub(r"\W+", "_", row[0])
         setattr(FaultsTest, name, lambda self, of=of, row=row: of(self, *row))
 
@@ -351,6 +377,7 @@ def add_tests(of, rows):
 add_tests(FaultsTest.mocap_fails, MOCAP)
 add_tests(FaultsTest.wire_fails, WIRE)
 add_tests(FaultsTest.topic_brings_nonsense, MESSAGES)
+add_tests(FaultsTest.clock_is_set, CLOCKS)
 add_tests(FaultsTest.craft_restarts, RESTARTS)
 
 if __name__ == "__main__":

@@ -345,6 +345,50 @@ TEST_F(GroundLinkTest, InvalidStateIsAFaultAtOnce) {
   EXPECT_TRUE(lastIs(kZero));
 }
 
+TEST_F(GroundLinkTest, AClockThatIsSetIsAFaultAndMakesAllBeforeItOld) {
+  armed();
+  feed(0.1, kDrive);
+  link().timeJumped(now_, "time jumped back by 2.0 s");
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(link().reason(), "time jumped back by 2.0 s");
+  EXPECT_TRUE(lastIs(kZero));
+  link().disarm(now_, "by hand");
+  EXPECT_EQ(arm(), "there is no state");
+  state();
+  EXPECT_EQ(arm(), "there is no fresh command");
+  command(kZero);
+  EXPECT_EQ(arm(), "");
+}
+
+TEST_F(GroundLinkTest, AClockThatIsSetWhileDisarmedIsNoFault) {
+  telemetry(kCraft);
+  feed(0.1, kZero);
+  link().timeJumped(now_, "time jumped ahead by 2.0 s");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  feed(0.1, kZero);
+  EXPECT_EQ(arm(), "");
+}
+
+TEST_F(GroundLinkTest, StampsOfTheFutureAreOfAnotherClock) {
+  armed();
+  feed(0.1, kDrive);
+  const double before = now_;
+  while (link().current() == State::kArmed && now_ < before + 1) {
+    state();
+    command(kDrive, "/a", -1.5);
+    wait(0.01);
+  }
+  EXPECT_NEAR(now_ - before, 0.2, 0.011);
+  EXPECT_EQ(link().reason(),
+            "commands are stale: a command of /a has a stamp from the future: the clocks differ");
+  link().disarm(now_, "by hand");
+  command(kZero, "/a", -0.1);  // clocks are never quite alike
+  state(true, -1.5);
+  EXPECT_NE(arm(), "");
+  state(true, -0.1);
+  EXPECT_EQ(arm(), "");
+}
+
 TEST_F(GroundLinkTest, FaultIsLatchedAndLeftByHandOnly) {
   fault();
   packets_.clear();

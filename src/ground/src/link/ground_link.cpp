@@ -9,6 +9,7 @@
 namespace ground {
 namespace {
 
+constexpr double kMostAhead = 1.0;  // of a stamp; beyond, it is of another clock [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 bool finite(const MotorCommand& c) {
@@ -115,6 +116,9 @@ void GroundLink::command(double now, double age, const std::string& source,
     return refuse("a command of " + source + " is thrust without lift", true);
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
+  if (age < -kMostAhead)
+    return refuse("a command of " + source + " has a stamp from the future: the clocks differ",
+                  true);
   if (source != command_source_ && command_until_ > now) {
     clash_until_ = now + params_.command_timeout;
     clash_ = "both " + command_source_ + " and " + source + " send commands: stop one of them";
@@ -139,8 +143,15 @@ void GroundLink::state(double now, double age, bool valid, const std::string& pr
   watch(now);
   state_valid_ = valid;
   state_problem_ = problem;
-  state_until_ = std::isfinite(age) ? now - std::max(0.0, age) + params_.state_timeout : kNever;
+  const bool believed = std::isfinite(age) && age >= -kMostAhead;
+  state_until_ = believed ? now - std::max(0.0, age) + params_.state_timeout : kNever;
   watch(now);
+}
+
+void GroundLink::timeJumped(double now, const std::string& what) {
+  watch(now);
+  command_until_ = state_until_ = kNever;
+  if (state_ == State::kArmed) fault(now, what);
 }
 
 std::string GroundLink::arm(double now) {

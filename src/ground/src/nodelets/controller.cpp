@@ -199,6 +199,8 @@ bool Controller::bridge(double now, const std::string& problem) {
 /// Moves the life cycle on; returns how long it may be left alone [s].
 double Controller::watch() {
   const double now = steadyNow();
+  const std::string jump = time_watch_.look();
+  if (!jump.empty() && (state_ == Status::LIFTING || running())) enter(Status::STOPPED, jump);
   if (auto_start_ && state_ == Status::IDLE) {
     auto_start_ = false;
     start();
@@ -213,8 +215,6 @@ double Controller::watch() {
   const bool bridged = running() && bridge(now, problem);
   if ((state_ == Status::LIFTING || running()) && !problem.empty() && !bridged)
     enter(Status::STOPPED, problem);
-  if ((state_ == Status::LIFTING && time < lifting_since_) || (running() && time < running_since_))
-    enter(Status::STOPPED, "time jumped back");
   const double lift_time = lifted_ ? 0 : params_.lift_time;
   if (state_ == Status::LIFTING && secondsBetween(lifting_since_, time) >= lift_time) begin(time);
 

@@ -37,8 +37,9 @@ namespace ground {
 /// heading_offset [rad], each for poses stamped after `from`, the first for those before, too.
 /// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, ~settings (axes and
 /// heading_offset, latched), and on tf world -> world_ned (z down) -> hovercraft. Repeated and late
-/// poses, and up to three in a row that cannot be, are passed over in silence; without poses, or
-/// with a pose that is frozen, it says so with invalid states at 10 Hz.
+/// poses, and up to three in a row that cannot be, are passed over in silence; when ROS time is set,
+/// the estimate starts anew; without poses, or with a pose that is frozen, it says so with invalid
+/// states at 10 Hz.
 class MocapState : public nodelet::Nodelet {
  public:
   ~MocapState() override {
@@ -167,6 +168,11 @@ class MocapState : public nodelet::Nodelet {
 
   void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    const std::string jump = time_watch_.look();
+    if (!jump.empty()) {
+      NODELET_WARN("mocap_state: %s: the estimate starts anew", jump.c_str());
+      for (const auto& estimator : estimators_) estimator->reset();
+    }
     if (!recorded_.empty()) follow(pose->header.stamp.toSec());
     if (repeats(pose->pose)) return;
     const StateEstimate& estimate = take(*pose);
@@ -328,6 +334,7 @@ class MocapState : public nodelet::Nodelet {
   const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{
       makeKalmanEstimator({}), makeFiniteDifferenceEstimator({})};
   int active_ = 0;
+  RosTimeWatch time_watch_;
   SteadyClock::duration timeout_{};
   double max_age_ = 0;  ///< [s]; 0: any
   bool freezes_ = true;

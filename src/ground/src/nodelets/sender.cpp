@@ -134,9 +134,9 @@ class Sender : public nodelet::Nodelet {
     return p;
   }
 
-  /// How old a message is by its stamp [s]; one from the future is not old.
+  /// How old a message is by its stamp [s]; negative when it is from the future.
   static double age(const std_msgs::Header& header) {
-    return std::max(0.0, secondsBetween(header.stamp, ros::Time::now()));
+    return secondsBetween(header.stamp, ros::Time::now());
   }
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
@@ -182,6 +182,8 @@ class Sender : public nodelet::Nodelet {
       const bool came = socket_->receive(wait, data, from);
       const std::lock_guard<std::mutex> lock(mutex_);
       const double now = steadyNow();
+      const std::string jump = time_watch_.look();
+      if (!jump.empty()) link_->timeJumped(now, jump);
       if (came) {
         if (const auto telemetry = link_->datagram(now, data, from)) collect(*telemetry);
       }
@@ -344,6 +346,7 @@ class Sender : public nodelet::Nodelet {
   DriveClock drive_;        ///< on the clock that begins at epoch_; guarded by mutex_
   ros::Time epoch_;         ///< time of the first command; guarded by mutex_
   bool drive_due_ = false;  ///< to be published; guarded by mutex_
+  RosTimeWatch time_watch_;     ///< of run()'s thread
   Status logged_;               ///< of report()'s thread
   std::size_t publishers_ = 0;  ///< of report()'s thread
   std::atomic<bool> running_{true};

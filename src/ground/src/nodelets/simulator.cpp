@@ -81,7 +81,7 @@ class Simulator : public nodelet::Nodelet {
     truth_publisher_ = nh.advertise<ground_msgs::State>("truth", 10);
     if (publish_clock_) clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [this](const Config& c) { return params(c).validate(); },
+        nh, [this](const Config& c) { return wrong(c); },
         [this](const Config& c) { apply(c); });
     model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -90,6 +90,12 @@ class Simulator : public nodelet::Nodelet {
       return std::string();
     });
     thread_ = std::thread([this] { run(); });
+  }
+
+  std::string wrong(const Config& c) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (room_->time() + c.clock_offset <= 0) return "clock_offset must leave the time positive";
+    return params(c).validate();
   }
 
   MocapParams params(const Config& c) const {
@@ -109,6 +115,7 @@ class Simulator : public nodelet::Nodelet {
     wall_origin_ = last_turn_ = SteadyClock::now();
     time_origin_ = room_->time();
     real_time_factor_ = c.real_time_factor;
+    clock_offset_ = c.clock_offset;
   }
 
   /// Simulated time by the wall's clock [s]. What was longer than a turn may take, when the computer
@@ -133,12 +140,13 @@ class Simulator : public nodelet::Nodelet {
       if (came && from == sender_) obey(datagram);
       const auto frames = room_->takeFrames();
       const RigidState<double> state = room_->state(), rate = room_->derivative();
+      const double offset = clock_offset_;
       lock.unlock();
 
-      publishClock(now);
-      for (const MocapFrame& frame : frames) publishPose(frame);
+      publishClock(now + offset);
+      for (const MocapFrame& frame : frames) publishPose(frame, offset);
       if (now >= next_truth) {
-        publishTruth(now, state, rate);
+        publishTruth(now + offset, state, rate);
         next_truth = now + kTruthPeriod;
       }
       if (now >= next_telemetry) {
@@ -164,12 +172,12 @@ class Simulator : public nodelet::Nodelet {
     clock_publisher_.publish(clock);
   }
 
-  void publishPose(const MocapFrame& frame) {
+  void publishPose(const MocapFrame& frame, double offset) {
     Eigen::Vector3d p;
     Eigen::Quaterniond q;
     mapping_.toMocap(frame.eta, kMarkerHeight, p, q);
     auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
-    pose->header.stamp = ros::Time(frame.captured);
+    pose->header.stamp = ros::Time(frame.captured + offset);
     pose->header.frame_id = "mocap";
     pose->pose.position.x = p.x();
     pose->pose.position.y = p.y();
@@ -213,10 +221,11 @@ class Simulator : public nodelet::Nodelet {
   static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
 
   CallbackThread callbacks_;
-  std::mutex mutex_;  ///< guards room_, input_max_, the origins and the factor
+  std::mutex mutex_;  ///< guards room_, input_max_, the origins, factor and offset
   std::unique_ptr<Room> room_;
   SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;
+  double clock_offset_ = 0;  ///< of all published times from the room's [s]
   MocapParams mocap_;
   AxisMapping mapping_;
   double input_max_ = 1;

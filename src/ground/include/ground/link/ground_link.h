@@ -57,12 +57,16 @@ class GroundLink {
   /// A datagram came in; gives the craft's telemetry when it is that.
   std::optional<CraftTelemetry> datagram(double now, const std::string& data,
                                          const UdpAddress& from);
-  /// A command of the controller named `source`, issued `age` seconds ago. Refused, and counted,
-  /// when it is not finite, too old, or, while armed, of anyone but the controller that the link
-  /// was armed with.
+  /// A command of the controller named `source`, issued `age` seconds ago; negative: its stamp is
+  /// from the future. Refused, and counted, when it is not finite, too old, more than a second
+  /// ahead, or, while armed, of anyone but the controller that the link was armed with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
-  /// A state measured `age` seconds ago; `problem` says why it is invalid.
+  /// A state measured `age` seconds ago (stale when that is more than a second in the future);
+  /// `problem` says why it is invalid.
   void state(double now, double age, bool valid, const std::string& problem = "");
+  /// The clock by which ages are measured was set: what came before is no longer fresh, and a craft
+  /// that is driven gets zeros (FAULT). `what` describes the jump.
+  void timeJumped(double now, const std::string& what);
   /// Arms; otherwise says why not.
   std::string arm(double now);
   void disarm(double now, const std::string& reason);

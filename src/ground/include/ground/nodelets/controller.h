@@ -17,6 +17,7 @@
 
 #include "ground/model/dynamics.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -35,7 +36,7 @@ struct ControllerParams {
 /// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED.
 /// Zero inputs go out in every state but LIFTING and RUNNING. It stops itself when the state is
 /// stale or invalid for recovery_time (until then thrust is zero), when the sender disarms, when
-/// time jumps back, when state or command are not finite and when the child objects.
+/// ROS time is set (RosTimeWatch), when state or command are not finite and when the child objects.
 ///
 /// Several controllers may be loaded into one manager: the one that was started last drives. It
 /// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
@@ -121,6 +122,7 @@ class Controller : public nodelet::Nodelet {
   ground_msgs::State::ConstPtr measured_;
   ground_msgs::State::ConstPtr known_;  ///< the last one with which it was driven
   double measured_at_ = -std::numeric_limits<double>::infinity();  ///< steady clock [s]
+  RosTimeWatch time_watch_;
   ros::Time lifting_since_, running_since_, last_update_;
   double started_at_ = 0;    ///< steady clock [s]
   double others_until_ = 0;  ///< how long another controller may be taken to drive [s]

@@ -3,6 +3,9 @@
 #include <ros/time.h>
 
 #include <chrono>
+#include <string>
+
+#include "ground/estimation/time_jump.h"
 
 namespace ground {
 
@@ -31,5 +34,26 @@ struct WatchdogClock {
 inline double steadyNow() {
   return std::chrono::duration<double>(WatchdogClock::now().time_since_epoch()).count();
 }
+
+/// Notices that ROS time was set, on a wall clock or a simulated one. One thread at a time.
+class RosTimeWatch {
+ public:
+  /// "time jumped back by 2.0 s" when it was set since the last call; empty otherwise.
+  std::string look() {
+    const double before = steadyNow();
+    const ros::Time time = ros::Time::now();
+    // The two clocks are not read at the same instant when the computer is busy.
+    if (time.isZero() || steadyNow() - before > kLongestReading) return "";
+    const auto clock = ros::Time::isSimTime() ? TimeJumpDetector::Clock::kSimulated
+                                              : TimeJumpDetector::Clock::kWall;
+    const double jump = detector_.update(before, secondsBetween(ros::Time(), time), clock);
+    return jump == 0 ? "" : describeTimeJump(jump);
+  }
+
+ private:
+  static constexpr double kLongestReading = 0.01;  // [s]
+
+  TimeJumpDetector detector_;
+};
 
 }  // namespace ground

@@ -1,0 +1,123 @@
+// Clocks that are set, slewed, paused and sped up, beside a steady one.
+#include "ground/estimation/time_jump.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <random>
+#include <vector>
+
+namespace ground {
+namespace {
+
+using Clock = TimeJumpDetector::Clock;
+
+/// Jumps found while a clock is looked at every `period` [s] of steady time for `duration` [s].
+std::vector<double> jumps(Clock clock, const std::function<double(double)>& shown, double duration,
+                          double period = 0.005) {
+  TimeJumpDetector detector;
+  std::vector<double> found;
+  for (double steady = 0; steady < duration; steady += period) {
+    const double jump = detector.update(steady, shown(steady), clock);
+    if (jump != 0) found.push_back(jump);
+  }
+  return found;
+}
+
+std::function<double(double)> set(double by, double pace = 1) {
+  return [=](double t) { return 1000 + pace * t + (t >= 5 ? by : 0); };
+}
+
+TEST(TimeJump, OfAWallClockIsFoundBothWays) {
+  for (double by : {-2.0, -0.2, 0.2, 2.0, 3600.0}) {
+    const std::vector<double> found = jumps(Clock::kWall, set(by), 10);
+    ASSERT_EQ(found.size(), 1u) << by;
+    EXPECT_NEAR(found[0], by, 0.002);
+  }
+  EXPECT_TRUE(jumps(Clock::kWall, set(0.1), 10).empty());
+}
+
+TEST(TimeJump, SlewingAWallClockIsNone) {
+  for (double rate : {-0.083, -5e-4, 5e-4, 0.083})
+    EXPECT_TRUE(jumps(Clock::kWall, [&](double t) { return t * (1 + rate); }, 600).empty()) << rate;
+  // Nor when it is looked at seldom.
+  EXPECT_TRUE(jumps(Clock::kWall, [](double t) { return 0.917 * t; }, 600, 30).empty());
+}
+
+TEST(TimeJump, SmallSettingsOfAWallClockAddUpWithinASecond) {
+  const auto often = [](double t) { return t + 0.1 * std::floor(t / 0.3); };
+  EXPECT_FALSE(jumps(Clock::kWall, often, 3).empty());
+}
+
+TEST(TimeJump, LateReadingsOfAWallClockAreNone) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> late(0, 0.02);
+  EXPECT_TRUE(jumps(Clock::kWall, [&](double t) { return t + late(random); }, 600).empty());
+}
+
+TEST(TimeJump, OfASimulatedClockIsFoundAtAnyPace) {
+  for (double pace : {0.1, 1.0, 5.0, 20.0}) {
+    for (double by : {-2.0, -0.5, 2.0}) {
+      const std::vector<double> found = jumps(Clock::kSimulated, set(by, pace), 10);
+      ASSERT_EQ(found.size(), 1u) << by << " at " << pace;
+      EXPECT_NEAR(found[0], by, 0.11 * std::max(1.0, pace));
+    }
+  }
+}
+
+TEST(TimeJump, PausesPacesAndStepsOfASimulatedClockAreNone) {
+  const auto none = [](const std::function<double(double)>& shown, double period = 0.005) {
+    return jumps(Clock::kSimulated, shown, 20, period).empty();
+  };
+  for (double pace : {0.1, 1.0, 20.0}) {
+    EXPECT_TRUE(none([&](double t) { return pace * t; }));
+    // It shows whole tenths only.
+    EXPECT_TRUE(none([&](double t) { return 0.1 * std::floor(10 * pace * t); }));
+    // It stops for three seconds, and goes on.
+    EXPECT_TRUE(none([&](double t) { return pace * (t < 8 ? t : std::max(8.0, t - 3)); }));
+    // It stops for half a second and catches up at once, or step by step.
+    const auto behind = [](double t) { return t > 8 && t < 8.5 ? 8.0 : t; };
+    EXPECT_TRUE(none([&](double t) { return pace * behind(t); }));
+    const auto twice = [](double t) { return t > 8 && t < 8.5 ? 8.0 : t < 8.51 ? std::min(t, 8.02) : t; };
+    EXPECT_TRUE(none([&](double t) { return pace * twice(t); }));
+    // Who looks at it is held up.
+    EXPECT_TRUE(none([&](double t) { return pace * t; }, 0.3));
+  }
+  // A person makes it twenty times as fast, and slow again.
+  EXPECT_TRUE(none([](double t) { return t < 5 ? t : t < 10 ? 5 + 20 * (t - 5) : 95 + t; }));
+}
+
+TEST(TimeJump, OfASimulatedClockIsFoundAfterAPause) {
+  const std::vector<double> found = jumps(
+      Clock::kSimulated, [](double t) { return t < 5 ? t : t < 8 ? 5 : t + 2; }, 12);
+  ASSERT_FALSE(found.empty());
+  EXPECT_GT(found[0], 0.5);
+}
+
+TEST(TimeJump, BeforeThePaceIsKnownOnlyTheWayBackIsFound) {
+  TimeJumpDetector detector;
+  EXPECT_EQ(detector.update(0, 0, Clock::kSimulated), 0);
+  EXPECT_EQ(detector.update(0.01, 1000, Clock::kSimulated), 0);
+  EXPECT_EQ(detector.update(0.02, 998, Clock::kSimulated), -2);
+}
+
+TEST(TimeJump, AnotherKindOfClockIsNone) {
+  TimeJumpDetector detector;
+  detector.update(0, 1.7e9, Clock::kWall);
+  EXPECT_EQ(detector.update(0.01, 1000, Clock::kSimulated), 0);
+  EXPECT_EQ(detector.update(0.02, 1.7e9, Clock::kWall), 0);
+}
+
+TEST(TimeJump, IsDescribed) {
+  EXPECT_EQ(describeTimeJump(-2.04), "time jumped back by 2.0 s");
+  EXPECT_EQ(describeTimeJump(1.96), "time jumped ahead by 2.0 s");
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
