@@ -20,7 +20,8 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def _varint(data, at):
+def varint(data, at):
+    """The number that starts at a byte, and where the next thing starts."""
     value = shift = 0
     while True:
         value |= (data[at] & 0x7F) << shift
@@ -36,10 +37,10 @@ def decode_motors(data):
     at = 0
     try:
         while at < len(data):
-            key, at = _varint(data, at)
+            key, at = varint(data, at)
             if key & 7 or not 1 <= key >> 3 <= 4 or key >> 3 in values:
                 raise ValueError("unexpected key %d" % key)
-            values[key >> 3], at = _varint(data, at)
+            values[key >> 3], at = varint(data, at)
     except IndexError:
         raise ValueError("cut short")
     if len(values) != 4 or not all(1000 <= v <= 2000 for v in values.values()):

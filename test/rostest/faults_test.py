@@ -168,6 +168,13 @@ WIRE = [
     ("30% of the packets lost", {"drop": 0.3}),
     ("packets twice and in disorder", {"twice": 0.3, "swap": 0.3}),
 ]
+# fault, who drives, whether the craft counts the commands that it takes
+ONE_WAY = [
+    ("craft hears nothing, and says so", "controller", True),
+    ("craft hears nothing, tracking", "controller", False),
+    ("craft hears nothing, PRBS", "prbs", False),
+]
+HEARING_LIMIT = 1.5  # of thrust that is sent to a craft that hears nothing [s]
 # fault, by how much /clock and all stamps are set [s]
 CLOCKS = [
     ("clock and stamps set back by 2 s", -2.0),
@@ -333,6 +340,33 @@ class FaultsTest(unittest.TestCase):
         self.ended(FAULTS, begun)
         self.drive()  # and is driven again where it is now
 
+    def craft_hears_nothing(self, name, driver, counts):
+        """Telemetry still comes. When it hears again, it is not driven on."""
+        self.drive()
+        self.wire.counts = counts
+        status = harness.Latest(driver + "/status", ControllerStatus, keep=True)
+        harness.wait_for(lambda: status.message, 5, "the status of " + driver)
+        if driver != "controller":
+            self.assertTrue(rospy.ServiceProxy(driver + "/start", Trigger)().success)
+            harness.wait_for(
+                lambda: status.message.state == ControllerStatus.RUNNING, 5, driver + " RUNNING"
+            )
+            time.sleep(1)
+        begun, start = time.monotonic(), time.time()
+        self.wire.deaf = True
+        time.sleep(2)
+        self.wire.deaf = False
+        time.sleep(0.5)
+        self.wire.counts = True
+        worst = max((t - start for t in self.wire.thrust_between(start, time.time())), default=0.0)
+        self.print(name, FAULTS, "thrust until %4.0f ms after it" % (1e3 * worst))
+        self.assertLess(worst, HEARING_LIMIT)
+        self.assertIn("does not do as it is told", self.sender.message.reason)
+        self.assertIn(
+            ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun}
+        )
+        self.drive()
+
     def clock_is_set(self, name, seconds):
         """Poses and clock agree before and after, as when the one computer of all is set."""
         self.drive()
@@ -377,6 +411,7 @@ def add_tests(of, rows):
 add_tests(FaultsTest.mocap_fails, MOCAP)
 add_tests(FaultsTest.wire_fails, WIRE)
 add_tests(FaultsTest.topic_brings_nonsense, MESSAGES)
+add_tests(FaultsTest.craft_hears_nothing, ONE_WAY)
 add_tests(FaultsTest.clock_is_set, CLOCKS)
 add_tests(FaultsTest.craft_restarts, RESTARTS)
 

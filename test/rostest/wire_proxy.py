@@ -4,14 +4,31 @@ import select
 import socket
 import threading
 
-from fake_craft import SO_TIMESTAMPNS, Packet, decode_motors, receive
+from fake_craft import SO_TIMESTAMPNS, Packet, decode_motors, receive, varint
+
+
+COUNT = 13  # field of a DroneState
+
+
+def without_count(telemetry):
+    """A DroneState as a craft sends it that does not count the commands it takes."""
+    at, kept = 0, b""
+    while at < len(telemetry):
+        start = at
+        key, at = varint(telemetry, at)
+        at = at + 4 if key & 7 == 5 else varint(telemetry, at)[1]
+        if key >> 3 != COUNT:
+            kept += telemetry[start:at]
+    return kept
 
 
 class WireProxy:
     """Passes datagrams between a sender and the craft that believes this to be its sender.
 
     drop, twice: shares of packets that are lost, that come twice; swap: share that comes after the
-    next one. packets: what the sender has sent, before it was spoilt.
+    next one. deaf: nothing reaches the craft; silent: nothing comes from it; counts: whether its
+    telemetry says how many commands it has taken. packets: what the sender has sent, before it was
+    spoilt.
     """
 
     def __init__(self, sender_port, port, seed=1):
@@ -20,7 +37,8 @@ class WireProxy:
         self._random = random.Random(seed)
         self._to_craft = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._to_craft.bind(("127.0.0.1", port))
-        self.silent = False  # nothing comes from the craft
+        self.silent = self.deaf = False
+        self.counts = True
         self.move()
         self._sender, self._craft = ("127.0.0.1", sender_port), None
         self._held = None
@@ -41,14 +59,16 @@ class WireProxy:
                 if ready is self._to_craft:
                     self._craft = source
                     if not self.silent:
-                        self._to_sender.sendto(data, self._sender)
+                        self._to_sender.sendto(
+                            data if self.counts else without_count(data), self._sender
+                        )
                 else:
                     lift, _, right, left = [(v - 1000) / 1000 for v in decode_motors(data)]
                     self.packets.append(Packet(arrival, left, right, lift))
                     self._spoil(data)
 
     def _spoil(self, data):
-        if self._craft is None or self._random.random() < self.drop:
+        if self._craft is None or self.deaf or self._random.random() < self.drop:
             return
         if self._held is None and self._random.random() < self.swap:
             self._held = data

@@ -44,6 +44,12 @@ class GroundLinkTest : public testing::Test {
   void telemetry(const UdpAddress& from) {
     link().datagram(now_, encodeTelemetry(CraftTelemetry()), from);
   }
+  /// Telemetry that counts the commands that have reached the craft.
+  void counted(std::uint32_t commands) {
+    CraftTelemetry t;
+    t.commands = commands;
+    link().datagram(now_, encodeTelemetry(t), kCraft);
+  }
   void garbage(const UdpAddress& from) { link().datagram(now_, "hello", from); }
   void command(const MotorCommand& c, const std::string& source = "/a", double age = 0) {
     link().command(now_, age, source, c);
@@ -257,6 +263,67 @@ TEST_F(GroundLinkTest, ACraftThatFallsSilentIsAFault) {
   ASSERT_EQ(arm(), "");
   feed(3, kDrive);
   EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, ACraftThatCountsNoMoreCommandsIsAFault) {
+  armed();
+  for (std::uint32_t i = 0; i < 300; ++i) {
+    counted(i);
+    feed(0.01, kDrive);
+  }
+  ASSERT_EQ(link().current(), State::kArmed);
+  const double last = now_;
+  while (link().current() == State::kArmed && now_ < last + 2) {
+    counted(299);
+    feed(0.01, kDrive);
+  }
+  EXPECT_NEAR(now_ - last, 1.0, 0.03);
+  EXPECT_EQ(link().reason(),
+            "the craft does not do as it is told: it counts the commands that reach it, and none "
+            "does any more");
+  EXPECT_TRUE(lastIs(kZero));
+  // When it hears again, it is not driven on.
+  const std::size_t sent = packets_.size();
+  for (std::uint32_t i = 300; i < 350; ++i) {
+    counted(i);
+    feed(0.01, kDrive);
+  }
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(allZeroSince(sent));
+}
+
+TEST_F(GroundLinkTest, ACraftThatIsSilentOrDoesNotCountIsNotDeaf) {
+  armed();
+  counted(5);
+  feed(1.5, kDrive);  // shorter than craft_timeout
+  EXPECT_EQ(link().current(), State::kArmed);
+  for (int i = 0; i < 300; ++i) {
+    telemetry(kCraft);
+    feed(0.01, kDrive);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, OneThatIsRestartedCountsAnew) {
+  armed();
+  for (std::uint32_t i = 0; i < 300; ++i) {
+    counted(i % 90);
+    feed(0.01, kDrive);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+}
+
+TEST_F(GroundLinkTest, DisobedienceIsAFaultWhileArmedOnly) {
+  telemetry(kCraft);
+  link().disobeyed(now_, "it moves as without thrust");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  armed();
+  feed(0.1, kDrive);
+  EXPECT_EQ(link().sent().left, kDrive.left);
+  link().disobeyed(now_, "it moves as without thrust");
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(link().reason(), "the craft does not do as it is told: it moves as without thrust");
+  EXPECT_TRUE(lastIs(kZero));
 }
 
 TEST_F(GroundLinkTest, StaleCommandsAreAFault) {

@@ -122,6 +122,18 @@ TEST(DroneState, RoundTrip) {
   EXPECT_EQ(read.mag, t.mag);
 }
 
+TEST(DroneState, MayCountTheCommandsThatReachedTheCraft) {
+  CraftTelemetry t = someTelemetry(), read;
+  const std::string without = encodeTelemetry(t);
+  t.commands = 300;
+  const std::string with = encodeTelemetry(t);
+  EXPECT_EQ(with, without + bytes({0x68, 0xac, 0x02}));  // field 13
+  ASSERT_TRUE(decodeTelemetry(with, read));
+  EXPECT_EQ(read.commands, 300u);
+  ASSERT_TRUE(decodeTelemetry(without, read));
+  EXPECT_FALSE(read.commands);
+}
+
 TEST(DroneState, RefusesGarbageAndSaysWhy) {
   CraftTelemetry t;
   t.roll = 42;

@@ -41,6 +41,8 @@ std::string GroundLinkParams::validate() const {
   if (!positive(peer_timeout)) return "peer_timeout must be positive";
   if (!std::isfinite(craft_timeout) || craft_timeout < 0)
     return "craft_timeout must not be negative";
+  if (obedience_timeout != 0 && !(obedience_timeout >= 0.5 && obedience_timeout <= 10))
+    return "obedience_timeout must be 0 or between 0.5 and 10 s";
   if (!positive(send_timeout)) return "send_timeout must be positive";
   return "";
 }
@@ -51,6 +53,7 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
       fixed_(peer),
       peer_(peer),
       peer_heard_(kNever),
+      peer_counted_(kNever),
       command_until_(kNever),
       clash_until_(kNever),
       state_until_(kNever),
@@ -100,6 +103,8 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
   if (!understood) return std::nullopt;
   peer_speaks_ = peer_locked_ = true;
   ++counters_.received;
+  if (telemetry.commands != peer_count_) peer_counted_ = now;
+  peer_count_ = telemetry.commands;
   return telemetry;
 }
 
@@ -154,6 +159,10 @@ void GroundLink::timeJumped(double now, const std::string& what) {
   if (state_ == State::kArmed) fault(now, what);
 }
 
+void GroundLink::disobeyed(double now, const std::string& how) {
+  if (state_ == State::kArmed) fault(now, because("the craft does not do as it is told", how));
+}
+
 std::string GroundLink::arm(double now) {
   watch(now);
   if (stopped_) return reason_;
@@ -175,6 +184,7 @@ std::string GroundLink::arm(double now) {
   armed_source_ = command_source_;
   peer_locked_ = true;
   lost_since_ = kNever;
+  peer_counted_ = now;
   enter(State::kArmed, "armed with commands of " + armed_source_);
   return "";
 }
@@ -211,6 +221,8 @@ void GroundLink::watch(double now) {
   }
   // It may have been restarted, and is not to be met by thrust when it is back.
   if (silent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
+  if (deaf())
+    return disobeyed(now, "it counts the commands that reach it, and none does any more");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
 }
@@ -218,6 +230,12 @@ void GroundLink::watch(double now) {
 /// Of a craft that has never sent telemetry nothing is known.
 bool GroundLink::silent(double now) const {
   return peer_speaks_ && params_.craft_timeout > 0 && now - peer_heard_ > params_.craft_timeout;
+}
+
+/// Whether the craft itself says that nothing reaches it; one that is silent says nothing.
+bool GroundLink::deaf() const {
+  return peer_count_ && params_.obedience_timeout > 0 &&
+         peer_heard_ - peer_counted_ > params_.obedience_timeout;
 }
 
 std::string GroundLink::stateProblem(double now) const {
@@ -247,6 +265,7 @@ void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand()); }
 void GroundLink::sendPacket(double now, const MotorCommand& command) {
   if (peer_.port == 0) return;
   const std::string problem = send_(encodeMotors(command), peer_);
+  sent_ = command;
   if (problem.empty()) {
     ++counters_.sent;
   } else if (send_problem_.empty()) {

@@ -10,7 +10,7 @@ namespace ground {
 namespace {
 
 constexpr unsigned kOff = 1000, kRange = 1000;
-constexpr std::size_t kLongestTelemetry = 128;  // three floats and nine ints take 114 bytes at most
+constexpr std::size_t kLongestTelemetry = 128;  // three floats, nine ints and a count: 120 bytes at most
 
 unsigned toMotor(double value) {
   return kOff + static_cast<unsigned>(std::lround(kRange * std::clamp(value, 0.0, 1.0)));
@@ -69,6 +69,7 @@ std::string encodeTelemetry(const CraftTelemetry& t) {
   state.set_mag_x(t.mag[0]);
   state.set_mag_y(t.mag[1]);
   state.set_mag_z(t.mag[2]);
+  if (t.commands) state.set_motors_received(*t.commands);
   return state.SerializeAsString();
 }
 
@@ -86,7 +87,9 @@ bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t, std::string
        state.yaw(),
        {state.acc_x(), state.acc_y(), state.acc_z()},
        {state.gyro_x(), state.gyro_y(), state.gyro_z()},
-       {state.mag_x(), state.mag_y(), state.mag_z()}};
+       {state.mag_x(), state.mag_y(), state.mag_z()},
+       std::nullopt};
+  if (state.has_motors_received()) t.commands = state.motors_received();
   return true;
 }
 

@@ -17,11 +17,14 @@
 #include <cstring>
 #include <deque>
 #include <mutex>
+#include <optional>
 #include <pluginlib/class_list_macros.hpp>
 #include <thread>
 
+#include "ground/estimation/obedience_monitor.h"
 #include "ground/link/ground_link.h"
 #include "ground/model/drive_clock.h"
+#include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
@@ -31,10 +34,11 @@ namespace ground {
 /// UDP link from the ROS graph to the craft.
 ///
 /// Parameters: port (3333), bind_address (0.0.0.0), peer (HOST or HOST:PORT of the craft; learned
-/// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), and
-/// those of Sender.cfg. Subscribes: controls, state. Publishes: ~status (latched), ~telemetry,
-/// drive (latched; when the newest drive began). Services: ~arm, in a thread of its own. Zero packets
-/// go out when disarmed, in fault and at the end.
+/// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), model
+/// (model file of the craft, through which its motion shows whether it does as it is told; not looked
+/// at when empty), and those of Sender.cfg. Subscribes: controls, state. Publishes: ~status
+/// (latched), ~telemetry, drive (latched; when the newest drive began). Services: ~arm, in a thread
+/// of its own. Zero packets go out when disarmed, in fault and at the end.
 ///
 /// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
 /// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
@@ -79,6 +83,12 @@ class Sender : public nodelet::Nodelet {
     const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
     const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
+    const auto model_file = optionalParameter<std::string>(nh, "model", "");
+    if (!model_file.empty()) {
+      const Model model = loadModel(model_file);
+      obedience_ = std::make_unique<ObedienceMonitor>(model);
+      input_max_ = model.body.input_max;
+    }
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
     if (!peer_text.empty() && !peer.known())
       throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
@@ -98,6 +108,7 @@ class Sender : public nodelet::Nodelet {
         [this](const SenderConfig& c) {
           const std::lock_guard<std::mutex> lock(mutex_);
           link_->setParams(params(c));
+          obedience_timeout_ = c.obedience_timeout;
         });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
@@ -131,6 +142,7 @@ class Sender : public nodelet::Nodelet {
     p.require_state = c.require_state;
     p.require_lift = c.require_lift;
     p.craft_timeout = c.craft_timeout;
+    p.obedience_timeout = c.obedience_timeout;
     return p;
   }
 
@@ -151,7 +163,40 @@ class Sender : public nodelet::Nodelet {
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard<std::mutex> lock(mutex_);
     link_->state(steadyNow(), age(state->header), state->valid, state->status);
+    if (state->valid) watchMotion(*state);
     collect();
+  }
+
+  /// Whether the craft moves by what was sent to it. mutex_ is held.
+  void watchMotion(const ground_msgs::State& message) {
+    if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed)
+      return;
+    RigidState<double> state;
+    std::copy(message.eta.begin(), message.eta.end(), state.eta.data());
+    std::copy(message.nu.begin(), message.nu.end(), state.nu.data());
+    const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
+                                   message.nu_covariance[8]);
+    if (!state.eta.allFinite() || !state.nu.allFinite() || !variance.allFinite()) return;
+    obedience_->measure(secondsBetween(armed_at_, message.header.stamp), state, variance);
+    if (obedience_->disobeys(obedience_timeout_))
+      link_->disobeyed(steadyNow(), "it moves as without thrust");
+  }
+
+  /// Keeps what was sent while armed, for watchMotion(). mutex_ is held.
+  void noteSent() {
+    if (!obedience_) return;
+    const bool armed = link_->current() == GroundLink::State::kArmed;
+    const MotorCommand& sent = link_->sent();
+    const bool begins = armed && !noted_;
+    if (begins) {
+      obedience_->reset();
+      armed_at_ = ros::Time::now();
+    }
+    if (armed && (begins || sent.left != noted_->left || sent.right != noted_->right ||
+                  sent.lift != noted_->lift))
+      obedience_->command(secondsBetween(armed_at_, ros::Time::now()),
+                          input_max_ * Vector2<double>(sent.left, sent.right), sent.lift);
+    noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
@@ -204,8 +249,10 @@ class Sender : public nodelet::Nodelet {
     }
   }
 
-  /// Puts the status into the outbox when it has changed. mutex_ is held.
+  /// Notes what the link did: what was sent, and the status for the outbox when it has changed.
+  /// mutex_ is held.
   void collect() {
+    noteSent();
     if (link_->revision() == collected_) return;
     collected_ = link_->revision();
     noteLift();
@@ -334,9 +381,13 @@ class Sender : public nodelet::Nodelet {
   }
 
   CallbackThread callbacks_, arm_callbacks_;
-  std::mutex mutex_;  ///< guards link_, auto_arm_, reporting_, collected_ and the outbox
+  std::mutex mutex_;  ///< guards all up to the outbox
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
+  std::unique_ptr<ObedienceMonitor> obedience_;  ///< nobody when there is no model
+  double obedience_timeout_ = 0, input_max_ = 1;
+  std::optional<MotorCommand> noted_;  ///< the last command that obedience_ knows of, while armed
+  ros::Time armed_at_;
   bool auto_arm_ = false;
   bool reporting_ = true;
   std::uint64_t collected_ = 0;  ///< revision of the link that the newest status shows

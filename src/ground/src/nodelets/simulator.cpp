@@ -162,6 +162,7 @@ class Simulator : public nodelet::Nodelet {
       NODELET_WARN_THROTTLE(1, "simulator: a datagram of the sender is not a Motors message");
       return;
     }
+    ++commands_;
     room_->command(input_max_ * command.left, input_max_ * command.right, command.lift);
   }
 
@@ -211,6 +212,7 @@ class Simulator : public nodelet::Nodelet {
     telemetry.acc = {static_cast<int>(std::lround(kMilliG * specific[0])),
                      static_cast<int>(std::lround(kMilliG * specific[1])), -1000};
     telemetry.gyro = {0, 0, static_cast<int>(std::lround(kDegrees * state.nu.z()))};
+    telemetry.commands = commands_;
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
 
@@ -229,6 +231,7 @@ class Simulator : public nodelet::Nodelet {
   MocapParams mocap_;
   AxisMapping mapping_;
   double input_max_ = 1;
+  std::uint32_t commands_ = 0;  ///< that have reached the craft; of run()'s thread
   bool publish_clock_ = true;
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;

@@ -246,7 +246,9 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     }
     if (now >= driver.end()) return;
     if (const std::optional<Command> command = driver.act(now)) {
-      room.command(input_max * command->left, input_max * command->right, command->lift);
+      const bool deaf = now >= params.deaf_from && now < params.deaf_until;
+      if (!deaf)
+        room.command(input_max * command->left, input_max * command->right, command->lift);
       log.commands.push_back(*command);
     }
   }

@@ -21,6 +21,8 @@ struct GroundLinkParams {
   /// [s].
   double peer_timeout = 2.0;
   double craft_timeout = 2.0;  ///< such silence before a fault, 0 for none [s]
+  /// The craft may not do as told for so long before a fault, 0 for ever [s].
+  double obedience_timeout = 1.0;
   double send_timeout = 0.2;  ///< longest that the system may refuse to send while armed [s]
   bool require_state = true;  ///< whether a valid state is needed to drive
   bool require_lift = true;   ///< whether thrust is refused while the lift is off
@@ -34,8 +36,9 @@ struct GroundLinkParams {
 /// FAULT sends zero packets and stays until disarmed by hand. ARMED is entered only with a known
 /// craft, a fresh valid state and a fresh zero command of a single controller, and left for FAULT
 /// as soon as commands are stale or packets cannot be sent, and when the state is stale or invalid
-/// for recovery_time; until then zero packets go out, and the commands again when it is back. All
-/// times are those of one steady clock [s]; the caller supplies them, and serialises the calls.
+/// for recovery_time; until then zero packets go out, and the commands again when it is back. A
+/// craft that counts the commands that reach it is a fault when its count stands still. All times
+/// are those of one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
@@ -67,6 +70,8 @@ class GroundLink {
   /// The clock by which ages are measured was set: what came before is no longer fresh, and a craft
   /// that is driven gets zeros (FAULT). `what` describes the jump.
   void timeJumped(double now, const std::string& what);
+  /// The craft does not do as it is told; `how` that is seen. A fault while armed.
+  void disobeyed(double now, const std::string& how);
   /// Arms; otherwise says why not.
   std::string arm(double now);
   void disarm(double now, const std::string& reason);
@@ -89,6 +94,8 @@ class GroundLink {
   const std::string& refusal() const { return refusal_; }
   /// Why packets cannot be sent; empty when they can.
   const std::string& sendProblem() const { return send_problem_; }
+  /// The command of the last packet.
+  const MotorCommand& sent() const { return sent_; }
   /// When the next packet is due [s].
   double nextPacket() const { return next_packet_; }
   /// Grows with every change of state, reason or craft.
@@ -100,6 +107,7 @@ class GroundLink {
   void watch(double now);
   std::string stateProblem(double now) const;
   bool silent(double now) const;
+  bool deaf() const;
   void enter(State state, const std::string& reason);
   void fault(double now, const std::string& reason);
   void transmit(double now);
@@ -112,10 +120,13 @@ class GroundLink {
   bool peer_speaks_ = false;  ///< has sent a DroneState
   bool peer_locked_ = false;  ///< is the craft for certain: speaks, or was armed
   double peer_heard_;         ///< last datagram of the craft
+  std::optional<std::uint32_t> peer_count_;  ///< of commands, by the craft; when it counts them
+  double peer_counted_;                      ///< when that changed, or the craft was armed
   std::size_t publishers_ = 0;
   State state_ = State::kDisarmed;
   bool stopped_ = false;
   std::string reason_ = "not armed yet";
+  MotorCommand sent_;
   MotorCommand command_;  ///< last one that was not refused
   std::string command_source_, armed_source_;
   std::string command_problem_;  ///< why the controller's newest command is not command_

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <string>
 
 namespace ground {
@@ -16,6 +18,8 @@ struct MotorCommand {
 struct CraftTelemetry {
   float roll = 0, pitch = 0, yaw = 0;
   std::array<int, 3> acc{}, gyro{}, mag{};
+  /// Commands taken since it was switched on; nothing from a craft that does not count them.
+  std::optional<std::uint32_t> commands;
 };
 
 /// Datagram to the craft: each motor 1000 + 1000 clip(value), both lift motors alike. Throws

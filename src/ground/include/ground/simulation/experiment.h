@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,9 @@ struct ExperimentParams {
   RigidState<double> initial;  ///< of the craft
   MocapParams mocap;
   unsigned long seed = 1;  ///< of the mocap's noise and losses
+  /// From when until when commands do not reach the craft [s].
+  double deaf_from = std::numeric_limits<double>::infinity();
+  double deaf_until = std::numeric_limits<double>::infinity();
 };
 
 /// A controller as the nodelets run it: lift alone first, then decisions at `rate` on the states

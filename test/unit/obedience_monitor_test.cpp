@@ -1,0 +1,161 @@
+// Crafts that hear their commands and crafts that do not, seen by their motion.
+#include "ground/estimation/obedience_monitor.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "ground/estimation/velocity_estimator.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+#include "ground/simulation/experiment.h"
+
+namespace ground {
+namespace {
+
+constexpr double kTimeout = 1.0;   // the sender's default [s]
+constexpr double kNever = 1e9;     // [s]
+constexpr double kDeafFrom = 5.0;  // [s]
+
+Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+ExperimentLog drive(const Model& truth, const std::string& controller, double deaf_from,
+                    double deaf_until, double duration, unsigned long seed = 1) {
+  TrackingParams tracking;
+  tracking.controller.kind = controller;
+  tracking.controller.prbs.duration = tracking.duration = duration;
+  tracking.controller.prbs_seed = seed;
+  tracking.reference.size = 1.5;
+  tracking.reference.rate_of_turn = 0.4;
+  ExperimentParams params;
+  params.seed = seed;
+  params.deaf_from = deaf_from;
+  params.deaf_until = deaf_until;
+  return trackReference(truth, craft(), tracking, params);
+}
+
+/// When the craft of a log is first blamed [s], by a monitor that believes in the craft; never: 0.
+/// `spoil` may change states.
+double blamed(const ExperimentLog& log,
+              const std::function<void(double, RigidState<double>&)>& spoil = {}) {
+  const Model model = craft();
+  ObedienceMonitor monitor(model);
+  const auto estimator = makeKalmanEstimator({});
+  std::size_t next = 0;
+  for (const MocapFrame& frame : log.frames) {
+    for (; next < log.commands.size() && log.commands[next].time <= frame.delivered; ++next)
+      monitor.command(log.commands[next].time,
+                      {log.commands[next].left, log.commands[next].right},
+                      log.commands[next].lift);
+    const StateEstimate& e = estimator->update(frame.captured, frame.eta);
+    if (!e.valid || !e.used) continue;
+    RigidState<double> state{e.eta, e.nu};
+    if (spoil) spoil(frame.captured, state);
+    monitor.measure(frame.captured, state, e.nu_covariance.diagonal());
+    if (monitor.disobeys(kTimeout)) return frame.delivered;
+  }
+  return 0;
+}
+
+double noticedAfter(const Model& truth, const std::string& controller, unsigned long seed = 1) {
+  const double at = blamed(drive(truth, controller, kDeafFrom, kNever, kDeafFrom + 3, seed));
+  return at == 0 ? kNever : at - kDeafFrom;
+}
+
+class Obedience : public testing::TestWithParam<const char*> {};
+
+TEST_P(Obedience, ACraftThatHearsNothingIsNoticedWithinOneAndAHalfSeconds) {
+  for (unsigned long seed : {1ul, 2ul, 3ul}) {
+    const double after = noticedAfter(craft(), GetParam(), seed);
+    EXPECT_GT(after, 0.7);  // its motors stop by themselves after 0.25 s
+    EXPECT_LT(after, 1.5);
+  }
+}
+
+TEST_P(Obedience, ACraftThatHearsIsNotBlamed) {
+  EXPECT_EQ(blamed(drive(craft(), GetParam(), kNever, kNever, 20)), 0);
+}
+
+TEST_P(Obedience, AModelThatIsWrongByATwofoldBlamesNobodyWrongly) {
+  for (double factor : {0.5, 2.0}) {
+    Model truth = craft();
+    truth.body.k *= factor;
+    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "thrust " << factor;
+    EXPECT_LT(noticedAfter(truth, GetParam()), 2.5) << "thrust " << factor;
+    truth = craft();
+    truth.body.X_u *= factor;
+    truth.body.Y_v *= factor;
+    truth.body.N_r *= factor;
+    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "damping " << factor;
+  }
+}
+
+TEST_P(Obedience, AShortLossIsForgiven) {
+  EXPECT_EQ(blamed(drive(craft(), GetParam(), kDeafFrom, kDeafFrom + 0.5, kDeafFrom + 4)), 0);
+}
+
+TEST_P(Obedience, EffectsThatTheModelDoesNotHaveBlameNobodyWrongly) {
+  const std::map<std::string, std::map<std::string, double>> effects = {
+      {"motor_lag", {{"tau", 0.06}}},
+      {"input_delay", {{"delay", 0.04}}},
+      {"thrust_asymmetry", {{"a", 0.2}}},
+      {"coulomb_friction", {{"f", 0.01}}},
+      {"floor_tilt", {{"sx", 0.02}}}};
+  for (const auto& [name, values] : effects) {
+    Model truth = craft();
+    truth.addEffect(makeEffect(name));
+    for (const auto& [parameter, value] : values) truth.setValue(name + "." + parameter, value);
+    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 8)), 0) << name;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, Obedience, testing::Values("OpenLoopPRBS", "ModelPredictive"));
+
+TEST(ObedienceMonitor, ACollisionBlamesNobody) {
+  const ExperimentLog log = drive(craft(), "OpenLoopPRBS", kNever, kNever, 20);
+  for (double speed : {0.3, 1.0, 3.0}) {
+    for (double at = 5; at < 15; at += 0.7) {
+      const double found = blamed(log, [&](double time, RigidState<double>& state) {
+        if (time < at) return;
+        state.nu.x() -= speed;  // whoever bounced off keeps the change
+        state.nu.z() += 5 * speed;
+      });
+      EXPECT_EQ(found, 0) << speed << " m/s at " << at;
+    }
+  }
+}
+
+TEST(ObedienceMonitor, WithoutCommandsThereIsNothingToObey) {
+  ObedienceMonitor monitor(craft());
+  for (int i = 0; i < 1000; ++i) {
+    monitor.command(0.01 * i, {0, 0}, 1);
+    monitor.measure(0.01 * i, {}, Vector3<double>::Constant(1e-4));
+  }
+  EXPECT_NEAR(monitor.evidence(10), 0, 1e-12);
+  EXPECT_FALSE(monitor.disobeys(1));
+}
+
+TEST(ObedienceMonitor, ACraftThatStandsUnderFullThrustIsBlamedAndResetForgetsIt) {
+  ObedienceMonitor monitor(craft());
+  double blamed_at = 0;
+  for (int i = 0; i < 300 && blamed_at == 0; ++i) {
+    monitor.command(0.01 * i, {1, 1}, 1);
+    monitor.measure(0.01 * i, {}, Vector3<double>::Constant(1e-4));
+    if (monitor.disobeys(1)) blamed_at = 0.01 * i;
+  }
+  EXPECT_GT(blamed_at, 0.5);
+  EXPECT_LT(blamed_at, 1.1);
+  monitor.reset();
+  EXPECT_FALSE(monitor.disobeys(1));
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
