@@ -95,7 +95,7 @@ def sagging(tmp_path_factory):
 
 
 def cut(path, out, start, left_out=()):
-    """The part of a bag from `start` [s] after its beginning on, as a recorder started then has it."""
+    """The part of a bag from `start` [s] on, as a recorder that was started then has it."""
     import rosbag
 
     with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(out), "w") as part:
@@ -140,7 +140,25 @@ def _load(model):
     return _core.load_model(str(model))
 
 
-def test_without_a_record_t_begins_with_the_first_lift_or_the_run_and_info_says_so(sagging, tmp_path):
+def test_a_damaged_record_of_the_drive_is_taken_back_by_the_next(sagging, tmp_path):
+    import genpy
+    import rosbag
+    from ground.recordings import quality, recording
+
+    _, path = sagging
+    for wrong in (-7, 4):
+        damaged, count = tmp_path / ("damaged%d.bag" % wrong), 0
+        with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(damaged), "w") as out:
+            for topic, message, received in bag.read_messages():
+                if topic == DRIVE:
+                    count += 1
+                    message.began += genpy.Duration(wrong) if count == 20 else genpy.Duration(0)
+                out.write(topic, message, received)
+        run = quality.Run(recording.read_bag(str(damaged)))
+        assert run.drives[-1] == pytest.approx(0.5, abs=0.03)
+
+
+def test_without_a_record_t_begins_with_the_first_lift_or_the_run(sagging, tmp_path):
     import rosbag
 
     model, path = sagging

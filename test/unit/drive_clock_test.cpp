@@ -1,4 +1,4 @@
-// The origin of the model's t: when a drive begins, and that everybody who runs a model agrees on it.
+// The origin of the model's t: when a drive begins, and that all who run a model agree on it.
 #include "ground/model/drive_clock.h"
 
 #include <gtest/gtest.h>
@@ -97,8 +97,8 @@ TEST(DriveClock, AClockThatIsSetBackForgetsTheDrivesOfLater) {
   EXPECT_EQ(clock.starts(), std::vector<double>({1}));
 }
 
-/// A sagging craft's run: rest until 3 s, then lift, then a PRBS. Perfect mocap, whose room begins at
-/// a time that has nothing to do with the drive.
+/// A sagging craft's run: rest until 3 s, then lift, then a PRBS. Perfect mocap, whose room begins
+/// at a time that has nothing to do with the drive.
 struct DrivenRun {
   static constexpr double kLift = 3.0, kEnd = 23.0;
   Model truth = sagging(20);

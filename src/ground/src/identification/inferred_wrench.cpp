@@ -143,7 +143,8 @@ void WrenchFilter::linearise(const Model& model, const RunData& run,
       sample.deviation(2) = wrapAngle(sample.deviation(2));
       sample.heading = along[k].eta(2);
       thrust_.row(k) =
-          thrustWrench(dynamics, outside, run.inputs.drive.since(run.times[k]), along[k], simulations[0].actuated(),
+          thrustWrench(dynamics, outside, run.inputs.drive.since(run.times[k]), along[k],
+                       simulations[0].actuated(),
                        liftAt(run.inputs, run.times[k] - dynamics.inputDelay().a));
 
       sample.transition.setIdentity();

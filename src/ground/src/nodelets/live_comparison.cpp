@@ -30,9 +30,9 @@ namespace ground {
 /// One model, or two, beside the measurement: of a running experiment or of a bag that is played.
 ///
 /// Parameters: model (model file, required), model2 (another, optional) and those of
-/// LiveComparison.cfg, live. Subscribes: state, controls, drive. Publishes with every state: model_error,
-/// model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the last horizon,
-/// from the state seen then, with the commands since), model_comparison. Services:
+/// LiveComparison.cfg, live. Subscribes: state, controls, drive. Publishes with every state:
+/// model_error, model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the
+/// last horizon, from the state seen then, with the commands since), model_comparison. Services:
 /// ~load_model, ~load_model2 (take another model file).
 class LiveComparison : public nodelet::Nodelet {
  public:
@@ -245,8 +245,8 @@ class LiveComparison : public nodelet::Nodelet {
   ModelContest contest_{1.0, 10.0};
   ros::Time epoch_;   ///< from which the monitors' clock counts
   ros::Time newest_;  ///< stamp so far
-  DriveClock drive_;  ///< on that clock: when drives began
-  ground_msgs::Drive::ConstPtr recorded_;  ///< newest record of it
+  DriveClock drive_;  ///< when drives began, on the monitors' clock
+  ground_msgs::Drive::ConstPtr recorded_;  ///< the sender's newest record of that
   double last_paths_ = 0;
   ros::Publisher comparison_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;

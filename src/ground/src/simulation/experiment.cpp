@@ -185,8 +185,9 @@ class Tracker : public Driver {
       if (!lost.empty()) return finish(now, lost);
     }
     const double before = processorTime();
-    const Vector2<double> thrusters = controller_->decide(
-        {now, stamp_, state_, reference_.get(), reference_start_, params_.lift, drive_.origin(now)});
+    const Vector2<double> thrusters =
+        controller_->decide({now, stamp_, state_, reference_.get(), reference_start_, params_.lift,
+                             drive_.origin(now)});
     log_.decisions.push_back({now, thrusters, processorTime() - before});
     if (!thrusters.allFinite()) return finish(now, "the command is not finite");
     log_.references.push_back({stamp_, wanted});

@@ -34,8 +34,8 @@ class TrajectoryOptimizer {
   int steps() const { return static_cast<int>(inputs_.size()); }
   double step() const { return step_; }
 
-  /// The problem: from `start` at t [s] since the drive began, with references at the end of every step, under
-  /// a constant acceleration that the model lacks (body; m/s^2, m/s^2, rad/s^2).
+  /// The problem: from `start` at t [s] of the drive, with references at the end of every step,
+  /// under a constant acceleration that the model lacks (body; m/s^2, m/s^2, rad/s^2).
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs left, right, in the model's units; to be followed by rollOut().

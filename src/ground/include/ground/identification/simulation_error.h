@@ -16,7 +16,7 @@ struct RunData {
   std::vector<double> times;  ///< of the measurements, ascending [s]
   Eigen::MatrixX3d eta;       ///< x, y [m], psi unwrapped [rad], world_ned, smoothed
   Eigen::MatrixX3d nu;        ///< u, v [m/s], r [rad/s], body
-  InputSequence inputs;       ///< in the model's units of input; its drive clock gives the model's t
+  InputSequence inputs;       ///< in the model's units; its drive clock gives the model's t
   Eigen::MatrixX3d poses;     ///< the same as measured; as many as eta, or none: eta then
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
   /// White acceleration that no model explains, of x, y [m/s^1.5] and psi [rad/s^1.5]: what drives

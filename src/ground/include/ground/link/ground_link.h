@@ -83,8 +83,8 @@ class GroundLink {
   void sendZero(double now);
 
   State current() const { return state_; }
-  /// Lift that the craft is told to have, 0..1; a loss of the state that zero packets bridge does not
-  /// count.
+  /// Lift that the craft is told to have, 0..1; a loss of the state that zero packets bridge does
+  /// not count.
   double lift() const { return state_ == State::kArmed ? command_.lift : 0.0; }
   const std::string& reason() const { return reason_; }
   /// The craft's address; port 0 while it is not known.

@@ -30,9 +30,9 @@ class DriveClock {
   /// than the last one by more than 0.1 s means that the caller's clock was set back: drives that
   /// began later are forgotten.
   bool command(double time, double lift);
-  /// Takes a record: at `as_of` [s] the newest drive was the one that began at `began` [s]. It
-  /// takes the place of those that seemed to begin between the two, or up to 0.1 s earlier. A record
-  /// that is not finite or of the future (began > as_of) is left out.
+  /// Takes a record: at `as_of` [s] the newest drive was the one that began at `began` [s]. It takes
+  /// the place of those that seemed to begin between the two, or up to 0.1 s earlier. A record that
+  /// is not finite or of the future (began > as_of) is left out.
   void record(double began, double as_of);
 
   /// When the drive of time `time` began [s]; before the first drive, when that begins; infinity

@@ -44,12 +44,12 @@ class Dynamics {
   StepInputs<T> actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
                         T* states) const;
 
-  /// Time derivative of the rigid state; `nu` is the body acceleration. Here and below, t [s] is the
-  /// time since the drive began (DriveClock); what is below 0 counts as 0.
+  /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
+  /// is the time since the drive began (DriveClock); what is below 0 counts as 0.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
                            const ValueOf<T>& lift) const;
-  /// `count` classical Runge-Kutta steps of order 4 and length h [s] from t, which is advanced; each begins with the same inputs. H is ValueOf<T>, or T where the length has
-  /// derivatives. The pose stays as it is unless kPose.
+  /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
+  /// same inputs. H is ValueOf<T>, or T where h has derivatives. The pose stays as it is unless kPose.
   template <bool kPose = true, typename H = T>
   void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
             int count = 1) const;

@@ -50,6 +50,7 @@ class ReferenceTracking : public Controller {
   void shutdown() {
     reconfigure_.reset();
     model_service_ = ModelService();
+    drive_subscriber_.shutdown();
     Controller::shutdown();
   }
   /// Its kind, one of controllerNames().
@@ -307,7 +308,7 @@ class ReferenceTracking : public Controller {
   ros::Publisher reference_publisher_, path_publisher_, wanted_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
-  ros::Subscriber drive_subscriber_;  ///< last: its callback uses what is above
+  ros::Subscriber drive_subscriber_;
 };
 
 }  // namespace ground

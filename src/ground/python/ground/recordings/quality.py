@@ -23,9 +23,9 @@ class Run:
 
     Attributes: recording; motion; zero [s], the instant that the run's clock calls 0, and end [s] on
     it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
-    reply, how the motion follows the commands; drives, when each drive began [s], the origins of the
-    model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first command"
-    (which has lift already) or "start" (of the run: no command has lift).
+    reply, how the motion follows the commands; drives, when each drive began [s], the origins of
+    the model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first
+    command" (which has lift already) or "start" (of the run: no command has lift).
     """
 
     def __init__(self, recording):

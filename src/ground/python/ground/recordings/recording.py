@@ -32,8 +32,8 @@ class Recording:
     source: str  # which topics it came from
     clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
-    # (k, 2) [s], a row for each drive that was recorded: when it began, and until when it was said to
-    # be the newest; the sender's word, as in ground_msgs/Drive
+    # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began,
+    # and until when it was said to be the newest
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
     changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
@@ -100,7 +100,9 @@ def read_bag(path, axes=None, heading_offset=None):
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
     recording = _checked(path, poses, controls, source, warnings)
-    recording.drives = np.array(list(drives.items()), float).reshape(-1, 2)
+    # In the order of their last word: what one damaged message says, the next one takes back.
+    ordered = sorted(drives.items(), key=lambda row: row[1])
+    recording.drives = np.array(ordered, float).reshape(-1, 2)
     recording.settings, recording.changes = settings, changes
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(
