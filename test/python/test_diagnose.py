@@ -123,7 +123,7 @@ def test_what_is_too_small_to_matter_is_said_but_not_called_missing(tmp_path):
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["lowers_error_by"] < 0.01
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert slight["effect"] + " is seen as well" in text
+        assert slight["effect"] + " (" in text and "is visible and does not matter" in text
 
 
 def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
@@ -300,3 +300,32 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging):
     assert json.loads((out / "diagnosis.json").read_text()) == json.loads(
         (whole / "diagnosis.json").read_text()
     )
+
+
+@pytest.mark.parametrize(
+    "delay, seed, duration, verdict",
+    [
+        (0.0003, 1, 30, "complete"),
+        (0.00076, 2, 10, "complete"),
+        (0.00076, 3, 30, "complete"),
+        (0.001, 4, 30, "complete"),
+        (0.01, 1, 10, "missing"),
+    ],
+)
+def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
+    tmp_path, delay, seed, duration, verdict
+):
+    from ground import _core
+    from ground.analysis import candidates, diagnosis
+    from ground.recordings import quality, recording
+
+    truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)
+    bag = write_bag(tmp_path / "run.bag", seed=seed, duration=duration, model=truth)
+    runs = [quality.Run(recording.read_bag(str(bag))).data(_core.load_model(str(MODEL)))]
+    model = _core.load_model(str(MODEL))
+    tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
+    found = diagnosis.Diagnosis(runs, model, tried)
+    found.grow()
+    assert found.conclude().verdict == verdict, [(t.name, t.gain) for t in found.tried[0]]
+    if delay == 0.001:
+        assert found.slight.name == "input_delay"

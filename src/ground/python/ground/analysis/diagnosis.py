@@ -26,8 +26,12 @@ TELLS_APART = 2.0  # standard deviations between rivals that can be told apart
 SETTLED = 0.1  # log-likelihood by which one has to be better than the best to take its place
 ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
-EARNS = 0.01  # part of the held-out error by which an effect has to lower it
-SHOWS = 0.05  # or, if it explains the data, of the poses' noise power that it accounts for
+MIN_HELDOUT_GAIN = 0.01  # part of the held-out error by which an effect has to lower it
+# Where the data are explained an effect matters from one of these sizes on; more data make it more
+# certain, not larger. Its change of the motion, in parts of what the poses' noise leaves (they add up by
+# their squares: a smaller one raises the error by 4% at most) ...
+MIN_INFLUENCE = 0.3
+MIN_NOISE_POWER = 0.5  # ... and the part of the poses' noise power that it accounts for
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of
@@ -77,6 +81,7 @@ class Trial:
     equal: bool = False  # to the best one, as far as the data tell
     inclusion: float = 0.0
     fit: Any = None  # study.Fit
+    influence: float = None  # change of the motion by it, in parts of what the poses' noise leaves
 
     @property
     def seen(self):
@@ -134,7 +139,7 @@ class Diagnosis:
                 self._judge([t for t in found[:1] if t.fit is None])
         else:
             # Where all models are wrong, the likeliest need not be the one that predicts best.
-            self._judge(trials[1:], (1 - EARNS) * self.best.error.sum())
+            self._judge(trials[1:], (1 - MIN_HELDOUT_GAIN) * self.best.error.sum())
             for trial in trials:
                 if trial.fit is None:
                     trial.chance = 1.0
@@ -157,12 +162,13 @@ class Diagnosis:
 
     def _earns_its_place(self, trial):
         """Whether an effect does better on what was held out: where the data are explained with it, by
-        the likelihood of the poses, which sees more than the error does, on windows of every run. It
-        sees half a millisecond of a network as a lag; such an effect is there and does not matter.
+        the likelihood of the poses, which sees more than the error does, on windows of every run, and
+        with a change of the motion that is not lost in the noise. The likelihood of long runs sees a
+        millisecond of a network as a delay; such an effect is there and does not matter.
         """
-        lowers = bool(trial.fit.heldout.sum() < (1 - EARNS) * self.best.heldout.sum())
         if not self._explains(trial.fit):
-            return lowers
+            limit = (1 - MIN_HELDOUT_GAIN) * self.best.heldout.sum()
+            return bool(trial.fit.heldout.sum() < limit)
 
         def held_out(model):
             parts = [self.cut[i :: study.PARTS] for i in range(study.PARTS)]
@@ -170,7 +176,10 @@ class Diagnosis:
 
         costs = list(self.pool.map(held_out, (self.model, trial.model)))
         likelier = bool(costs[1] < costs[0])
-        matters = lowers or trial.gain > SHOWS * self.evidence.samples
+        change = study.change(self.runs, self.cut, self.best.model, trial.fit.model).sum()
+        trial.influence = float(change / study.noise_floor(self.runs, trial.fit.model).sum())
+        shows = trial.gain >= MIN_NOISE_POWER * self.evidence.samples
+        matters = shows or trial.influence >= MIN_INFLUENCE
         self.slight = trial if likelier and not matters else None
         return likelier and matters
 
@@ -379,7 +388,7 @@ class Diagnosis:
         named = {c.name: c for c in self.candidates}
         told = set(self.model.effects) | {t.name for tried in self.tried for t in tried if t.equal}
         unseen = [t for t in trials if not t.seen and t.name not in told]
-        found = [self._look_alike(named[t.name]) for t in unseen]
+        found = self.pool.map(self._look_alike, [named[t.name] for t in unseen])
         return [f for f in found if f]
 
     def _look_alike(self, candidate):

@@ -2,10 +2,18 @@
 from ground.analysis import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
+# What is refitted for the report only is bounded, so that the work grows with the data, not faster.
+JUDGED_WINDOWS = 3000  # effects times windows of the table's errors on held-out parts
+LEAST_JUDGED = 5  # effects, best first, that have these errors whatever the number of windows
+PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 
 
-def of(diagnosis, conclusion, model_name, heldout=()):
-    """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on."""
+def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
+    """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
+
+    thorough: errors of all effects in the table and the next experiment beside all runs, however many
+    there are; else errors of the effects that are ranked low in much data are None.
+    """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
     alike = diagnosis.unseen()
@@ -24,7 +32,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             "error": _errors(best, conclusion.heldout[-1]),
         },
         "noise_floor": conclusion.heldout_floor,
-        "candidates": _candidates(diagnosis, alike),
+        "candidates": _candidates(diagnosis, alike, thorough),
         "steps": [
             dict(
                 {k: step[k] for k in ("added", "removed") if k in step},
@@ -34,7 +42,7 @@ def of(diagnosis, conclusion, model_name, heldout=()):
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
         "slight": _slight(diagnosis),
-        "next_experiment": _next_experiment(diagnosis, alike),
+        "next_experiment": _next_experiment(diagnosis, alike, thorough),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
     if conclusion.verdict == "unexplained":
@@ -43,6 +51,8 @@ def of(diagnosis, conclusion, model_name, heldout=()):
 
 
 def _errors(fit, heldout=None):
+    if fit is None:
+        return {"fit": None, "heldout": None}
     heldout = fit.heldout.sum() if heldout is None else heldout
     return {"fit": float(fit.error.sum()), "heldout": float(heldout)}
 
@@ -59,12 +69,13 @@ def _parameters(parameters, prefix=""):
     }
 
 
-def _candidates(diagnosis, alike):
+def _candidates(diagnosis, alike, thorough):
     """The effects as they were tried beside the refitted nominal model, best first."""
     if not diagnosis.tried:
         return []
     trials = diagnosis.tried[0]
-    diagnosis.judge_all(trials)
+    most = max(LEAST_JUDGED, JUDGED_WINDOWS // len(diagnosis.cut))
+    diagnosis.judge_all(trials if thorough else trials[:most])
     group = [t.name for t in trials if t.equal]
     chosen = {c.name for c in diagnosis.chosen}
     taken_over = {a.name: a.moved for a in alike}
@@ -91,29 +102,32 @@ def _slight(diagnosis):
     return trial and {
         "effect": trial.name,
         "p_value": trial.chance,
+        "influence": trial.influence,
         "lowers_error_by": float(1 - trial.fit.heldout.sum() / diagnosis.best.heldout.sum()),
         "parameters": _parameters(trial.parameters, trial.name + "."),
     }
 
 
-def _next_experiment(diagnosis, alike):
-    """What would tell apart the first group of effects that the runs do not, or, where there is none,
-    would show an effect that they cannot; None without one."""
-    each = diagnosis.pool.map
+def _next_experiment(diagnosis, alike, thorough):
+    """What would distinguish the first group of effects that the runs do not, or, where there is none,
+    would show an effect that they cannot; None without one. What does not matter needs no experiment."""
+    each, runs = diagnosis.pool.map, diagnosis.evidence.runs
+    if len(runs) > PLANNED_ON and not thorough:
+        runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]
     for trials in diagnosis.tried:
         group = [t for t in trials if t.equal and t.chance < 1]
-        if len(group) > 1:
+        if len(group) > 1 and diagnosis.slight not in group:
             rivals = [
                 next_experiment.Rival(t.name, t.model, study.free_parameters(t.model))
                 for t in group
             ]
-            return next_experiment.propose(rivals, diagnosis.evidence.runs, each)
+            return next_experiment.propose(rivals, runs, each)
     for other in alike:
         rivals = [
             next_experiment.Rival(other.name, other.model, other.free),
             next_experiment.Rival("", diagnosis.model, other.free),
         ]
-        proposed = next_experiment.propose(rivals, diagnosis.evidence.runs, each)
+        proposed = next_experiment.propose(rivals, runs, each)
         if proposed:
             proposed["separates"] = [other.name] + other.moved
             return proposed

@@ -12,6 +12,7 @@ from ground.errors import IdentifyError
 from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
+FOLDS = 8  # of several runs, at most: bounds the number of refits
 # Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what
 # disturbs the craft on its way adds up along them.
 LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
@@ -34,7 +35,8 @@ class Fit:
 class Study:
     """Runs (_core.RunData), their windows, and the parts that are held out together.
 
-    Parts are runs, or quarters of a single run. Raises IdentifyError when runs are too short.
+    Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a single run.
+    Raises IdentifyError when runs are too short.
     """
 
     def __init__(self, runs, threads=0):
@@ -45,7 +47,7 @@ class Study:
         self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
         self.length = windows.WINDOW  # of windows that are fitted to [s]
         if len(runs) > 1:
-            self.parts = [[w for w in self.windows if w.run == i] for i in range(len(runs))]
+            self.part_of = np.array([w.run % FOLDS for w in self.windows])
         else:
             count = min(PARTS, len(self.windows))
             if count < 2:
@@ -54,7 +56,7 @@ class Study:
                     % (runs[0].name, windows.WINDOW)
                 )
             edges = np.arange(count + 1) * len(self.windows) // count
-            self.parts = [self.windows[a:b] for a, b in zip(edges[:-1], edges[1:])]
+            self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
     def fit(self, model, free, also=()):
         """Fits the free parameters, and once more without each part in turn.
@@ -108,8 +110,8 @@ class Study:
         heldout = np.zeros((len(self.windows), 3))
         states = iter(result["initial"])
         states = [list(itertools.islice(states, len(self._pieces(w)))) for w in self.windows]
-        for part in self.parts:
-            inside = np.array([w in part for w in self.windows])
+        for part in np.unique(self.part_of):
+            inside = self.part_of == part
             rest = np.flatnonzero(~inside)
             refitted = self._fit(
                 [self.windows[i] for i in rest],
@@ -120,7 +122,8 @@ class Study:
                 width=self.width,
                 initial=[state for i in rest for state in states[i]],
             )["model"]
-            heldout[inside] = window_errors(self.runs, part, refitted)
+            tested = [self.windows[i] for i in np.flatnonzero(inside)]
+            heldout[inside] = window_errors(self.runs, tested, refitted)
         samples = [w.last - w.first + 1 for w in self.windows]
         return Fit(
             fitted,
@@ -171,6 +174,18 @@ def window_errors(runs, chosen, model, truth=None):
         measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
         errors.append((np.abs(nu - measured) / scale.sigma(window.run)).mean(axis=0))
     return np.array(errors)
+
+
+def change(runs, chosen, model, other):
+    """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs, each
+    from the initial velocities that suit it best: how much is wrong with one if the other is true."""
+    problem = windows.problem(runs, chosen)
+    try:
+        motions = [problem.simulate(m)["nu"] for m in (model, other)]
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+    sizes = [np.abs(a - b) / problem.sigma(w.run) for w, a, b in zip(chosen, *motions)]
+    return np.concatenate(sizes).mean(axis=0)
 
 
 def noise_floor(runs, model, seed=1):

@@ -208,7 +208,7 @@ def _evidence(sheet, report):
             name,
             "%.4g" % nominal[name]["value"] if name in nominal else "",
             "%.4g" % p["value"],
-            "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "these data do not tell it",
+            "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "not identifiable from these data",
             p["unit"],
         ]
         for name, p in improved.items()

@@ -155,9 +155,11 @@ def verdict(report):
     )
     leaves = "the noise of the poses alone leaves %.3f." % floor
     if report["verdict"] == "complete":
+        small = report["slight"]
+        visible = "; %s is visible and does not matter" % _sized(small) if small else ""
         return (
-            "Nothing is missing: refitted, the model's error on held-out runs is %.3f, and "
-            % before
+            "Nothing is missing%s: refitted, the model's error on held-out runs is %.3f, and "
+            % (visible, before)
             + leaves
         )
     if report["verdict"] == "missing":
@@ -169,13 +171,26 @@ def verdict(report):
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
 
 
+def _sized(effect):
+    """An effect with the values of its parameters: "input_delay (delay 0.76 ms)"."""
+    values = ["%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in effect["parameters"].items()]
+    return "%s (%s)" % (effect["effect"], ", ".join(values))
+
+
+def quantity(value, unit):
+    """A value with its unit, a small one in thousandths where the unit is a single one."""
+    if unit in ("s", "m", "rad", "N") and 0 < abs(value) < 0.1:
+        return "%.2g m%s" % (1e3 * value, unit)
+    return ("%.2g %s" % (value, unit)).rstrip(" -")
+
+
 def parameters(values):
     """A line for each parameter of an effect."""
     for name, p in values.items():
         if p["identified"]:
             yield "%s %.4g %s [%.4g, %.4g]" % ((name, p["value"], p["unit"]) + tuple(p["ci95"]))
         else:
-            yield "%s: these data do not tell it" % name
+            yield "%s: not identifiable from these data" % name
 
 
 def apart(report):
@@ -211,16 +226,17 @@ def apart(report):
 
 
 def slight(report):
-    """What is seen but too small to be called missing."""
+    """An effect that is visible but too small to be called missing."""
     found = report["slight"]
     if found:
         yield (
-            "%s is seen as well (%s; p %.1g), too small to matter: the error on held-out runs falls by "
-            "%.1f%% with it."
+            "%s is visible (%s; p %.1g) and too small to matter: it changes the predicted motion by "
+            "%.0f%% of what the noise of the poses leaves, and lowers the error on held-out runs by %.1f%%."
             % (
                 found["effect"],
                 "; ".join(parameters(found["parameters"])),
                 found["p_value"],
+                100 * found["influence"],
                 100 * max(0.0, found["lowers_error_by"]),
             )
         )
@@ -262,12 +278,12 @@ def diagnosis(report):
         "parameters [95%]",
     )
     for c in report["candidates"][:8]:
-        yield "%4d %-24s %9.1g %9.0f %9.3f  %s" % (
+        yield "%4d %-24s %9.1g %9.0f %9s  %s" % (
             c["rank"],
             c["effect"] + ("*" if c["selected"] else ""),
             c["p_value"],
             c["delta_bic"],
-            c["error"]["heldout"],
+            number(c["error"]["heldout"]),
             "; ".join(parameters(c["parameters"])),
         )
     yield "error on held-out runs: %.3f refitted as it is" % report["nominal"]["error"]["heldout"]

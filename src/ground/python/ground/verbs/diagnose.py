@@ -44,6 +44,12 @@ def configure(parser):
         metavar="N",
         help="refit only the N effects that a score test finds most promising, in each step (all)",
     )
+    parser.add_argument(
+        "--thorough",
+        action="store_true",
+        help="however long the runs are, show errors on held-out runs of all effects and plan the "
+        "next experiment beside all runs",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -80,8 +86,9 @@ def run(arguments):
     if kept.taken:
         common.progress(arguments, "%d results of an interrupted diagnosis taken over" % kept.taken)
     conclusion = found.conclude(held)
-    common.progress(arguments, "writing what was found")
-    result = diagnosis_report.of(found, conclusion, arguments.model, held)
+    common.progress(arguments, "verdict: %s" % conclusion.verdict)
+    common.progress(arguments, "errors of the best effects, and the next experiment")
+    result = diagnosis_report.of(found, conclusion, arguments.model, held, arguments.thorough)
     arguments.output = paths["improved.yaml"]
     common.write_model(
         arguments,
@@ -97,9 +104,9 @@ def run(arguments):
         files.write_yaml(paths["proposal.yaml"], entry, arguments.force)
     else:
         del paths["proposal.yaml"]
-    common.progress(arguments, "drawing")
     for line in words.diagnosis(result):
         common.say(arguments, line)
+    common.progress(arguments, "drawing")
     with common.page(paths["report.html"], paths["diagnosis.json"]):
         report.diagnosis(
             paths["report.html"],
