@@ -1,6 +1,7 @@
 #include <ceres/ceres.h>
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
@@ -32,6 +33,8 @@ constexpr double kRough = 5e-2, kCoarse = 1e-5, kFine = 1e-8;
 constexpr double kNear = 1e-6;
 /// Cost of a sample that initial states may leave to the fit that follows.
 constexpr double kRoughly = 1e-4;
+/// Relative rise of the cost that values without information may cost for keeping their start.
+constexpr double kMaxRise = 0.01;
 
 /// Ends a solve when a parameter has come to a bound.
 class AtBound : public ceres::IterationCallback {
@@ -153,21 +156,24 @@ Eigen::VectorXd gradient(Linearisation& windows, const Free& free, const Robust&
 /// Descends by one loss. The solver's steps shorten to nothing in front of a bound, whatever the
 /// other parameters still have to go; so those that have come to a bound are held there while the
 /// others go on, and are let go when the cost falls inwards (active set).
+/// Parameters that are `fixed` stay where they are.
 void descend(Linearisation& windows, const Free& free, const Robust& robust, double tolerance,
-             const FitOptions& options, Solution& solution) {
+             const FitOptions& options, Solution& solution, std::vector<bool> fixed = {}) {
   const std::size_t n = free.index.size();
-  std::vector<bool> held(n, false);
+  fixed.resize(n, false);
+  std::vector<bool> held = fixed;
   std::vector<int> let_go(n, 0);
   const auto onBound = [&](std::size_t i) { return free.inward(i, solution.scaled[i]) != 0; };
   /// Whether the cost falls from the bound into the range.
   const auto fallsInwards = [&](const Eigen::VectorXd& slope, std::size_t i) {
     return slope(i) * free.inward(i, solution.scaled[i]) < -1e-6 * (1e-6 + solution.cost);
   };
-  for (std::size_t i = 0; i < n; ++i) held[i] = options.near && onBound(i);
-  if (std::count(held.begin(), held.end(), true) > 0) {
+  if (options.near)
+    for (std::size_t i = 0; i < n; ++i) held[i] = fixed[i] || onBound(i);
+  if (held != fixed) {
     solution.cost = 0;
     const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
-    for (std::size_t i = 0; i < n; ++i) held[i] = held[i] && !fallsInwards(slope, i);
+    for (std::size_t i = 0; i < n; ++i) held[i] = fixed[i] || (held[i] && !fallsInwards(slope, i));
   }
   while (true) {
     Free moving;
@@ -197,10 +203,10 @@ void descend(Linearisation& windows, const Free& free, const Robust& robust, dou
       if (onBound(i)) changed = held[i] = true;
     }
     if (changed) continue;
-    if (std::count(held.begin(), held.end(), true) == 0) return;
+    if (held == fixed) return;
     const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) {
-      if (!held[i] || let_go[i] == kPatience || !fallsInwards(slope, i)) continue;
+      if (!held[i] || fixed[i] || let_go[i] == kPatience || !fallsInwards(slope, i)) continue;
       held[i] = false;
       changed = true;
       ++let_go[i];
@@ -224,6 +230,39 @@ Solution descend(Linearisation& windows, const Free& free, const std::vector<dou
     if (!solution.usable) break;
   }
   return solution;
+}
+
+/// The same fit with its start along the directions that the data do not see: on its way a descent
+/// may have gone any length along them. As many parameters as there are such directions, those
+/// that move most along them, are put back to their start, and the others are fitted beside them.
+/// Returns what was found where that raises the cost: the data do rule the start out.
+Solution startKept(Linearisation& windows, const Free& free, const Eigen::MatrixXd& unseen,
+                   const FitOptions& options, const Solution& found) {
+  const auto n = static_cast<Eigen::Index>(free.index.size());
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> pivoted(unseen.transpose());
+  const Eigen::Index count = pivoted.rank();
+  Eigen::VectorXd way = Eigen::VectorXd::Zero(count);
+  Eigen::MatrixXd along(count, unseen.cols());
+  std::vector<bool> fixed(static_cast<std::size_t>(n), false);
+  for (Eigen::Index j = 0; j < count; ++j) {
+    const Eigen::Index i = pivoted.colsPermutation().indices()(j);
+    fixed[i] = true;
+    way(j) = free.base[free.index[i]] / free.scale[i] - found.scaled[i];
+    along.row(j) = unseen.row(i);
+  }
+  if (way.isZero(0)) return found;
+  const Eigen::VectorXd moved = unseen * along.completeOrthogonalDecomposition().solve(way);
+  Solution kept = found;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double start = free.base[free.index[i]] / free.scale[i];
+    kept.scaled[i] = fixed[i] ? start
+                              : std::clamp(found.scaled[i] + moved(i),
+                                           free.lower[i] / free.scale[i],
+                                           free.upper[i] / free.scale[i]);
+  }
+  descend(windows, free, {found.delta}, options.near ? kNear : kFine, options, kept, fixed);
+  const double rounding = 1e-12 * static_cast<double>(windows.problem().windows().size());
+  return kept.usable && kept.cost <= (1 + kMaxRise) * found.cost + rounding ? kept : found;
 }
 
 /// Windows cut into pieces of at most `length` seconds; of many, so many spread over all.
@@ -367,6 +406,15 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
       }
     }
   }
+  Uncertainty u = uncertainty(windows, free, free.coordinates(best.scaled.data()), best.initial,
+                              {best.delta}, options.block);
+  if (u.unseen.cols() > 0) {
+    const std::vector<bool> identified = u.identified;
+    best = startKept(windows, free, u.unseen, options, best);
+    u = uncertainty(windows, free, free.coordinates(best.scaled.data()), best.initial,
+                    {best.delta}, options.block);
+    for (int i = 0; i < n; ++i) u.identified[i] = u.identified[i] && identified[i];
+  }
   result.width = best.delta;
   result.initial = best.initial;
   result.iterations = best.iterations;
@@ -385,8 +433,6 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.model.setValues(values);
   result.objective = objective(result.model, best.initial);
 
-  const Uncertainty u =
-      uncertainty(windows, free, coordinates, best.initial, {best.delta}, options.block);
   const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   result.correlation = Eigen::MatrixXd::Identity(n, n);
   for (int i = 0; i < n; ++i)

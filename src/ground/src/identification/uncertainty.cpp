@@ -125,6 +125,8 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free,
     for (int i = 0, j = first++; i < n; ++i)
       if (std::pow(eigen.eigenvectors()(i, j), 2) > kTakesPart) result.identified[i] = false;
   const Eigen::MatrixXd seen = unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
+  const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
+  result.unseen = sizes.asDiagonal() * eigen.eigenvectors().leftCols(first);
   result.covariance = Eigen::MatrixXd::Zero(n, n);
   if (first == n || result.blocks < 2) {
     result.identified.assign(n, false);

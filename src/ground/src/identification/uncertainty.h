@@ -12,6 +12,7 @@ namespace ground {
 struct Uncertainty {
   Eigen::MatrixXd information, covariance;
   std::vector<bool> identified;  ///< false: the data say nothing, the variance is infinite
+  Eigen::MatrixXd unseen;        ///< columns: directions along which the cost does not change
   int blocks = 0;
 };
 

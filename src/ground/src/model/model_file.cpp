@@ -270,9 +270,14 @@ void readProvenance(const Reader& reader, const YAML::Node& node, Provenance& pr
         provenance.confidence_95[parameter] = {reader.number(interval[0], parameter),
                                                reader.number(interval[1], parameter)};
       });
+    } else if (key == "not_identified") {
+      if (!value.IsSequence()) reader.fail(value, "not_identified must be a list");
+      for (const auto& name : value)
+        provenance.not_identified.push_back(reader.text(name, key));
     } else {
       reader.unknown(value, key, "provenance",
-                     "date, command, bags, error_before, error_after, confidence_95");
+                     "date, command, bags, error_before, error_after, confidence_95, "
+                     "not_identified");
     }
   });
 }
@@ -346,6 +351,12 @@ void emitProvenance(YAML::Emitter& out, const Provenance& provenance) {
       out << YAML::Key << entry.first << YAML::Value << YAML::Flow << YAML::BeginSeq
           << format(entry.second.first) << format(entry.second.second) << YAML::EndSeq;
     out << YAML::EndMap;
+  }
+  if (!provenance.not_identified.empty()) {
+    out << YAML::Key << "not_identified" << YAML::Value << YAML::Flow << YAML::BeginSeq;
+    for (const std::string& name : provenance.not_identified) out << name;
+    out << YAML::EndSeq
+        << YAML::Comment("kept at their start values, or known only in combination");
   }
   out << YAML::EndMap;
 }

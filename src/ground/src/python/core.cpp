@@ -208,7 +208,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("bags", &Provenance::bags)
       .def_readwrite("error_before", &Provenance::error_before)
       .def_readwrite("error_after", &Provenance::error_after)
-      .def_readwrite("confidence_95", &Provenance::confidence_95);
+      .def_readwrite("confidence_95", &Provenance::confidence_95)
+      .def_readwrite("not_identified", &Provenance::not_identified);
 
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
