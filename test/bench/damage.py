@@ -59,9 +59,14 @@ def three(bag, folder):
 
 
 def parameters(fit):
-    """Value and standard error of the fitted parameters by name."""
+    """Value and 95% interval (None: infinite) of the fitted parameters by name."""
     found = json.loads(fit.out)["parameters"].items()
-    return {n: (p["value"], (p["ci95"][1] - p["ci95"][0]) / 3.92) for n, p in found}
+    return {name: (p["value"], p["ci95"]) for name, p in found}
+
+
+def standard_errors(now, wanted):
+    """How many standard errors of the undamaged fit lie between two fits, at most."""
+    return max(abs(now[n][0] - v) / ((high - low) / 3.92) for n, (v, (low, high)) in wanted.items())
 
 
 def damaged(data, case):
@@ -93,8 +98,7 @@ def examine(task):
             found.add("slow")
     fit = runs[1]
     if fit.status == 0:
-        now = parameters(fit)
-        moved = max(abs(now[n][0] - value) / error for n, (value, error) in wanted.items())
+        moved = standard_errors(parameters(fit), wanted)
         found.add("warned" if fit.err else "read without a word")
         if moved > CHANGED:
             found.add("changed" if fit.err else "changed silently")
