@@ -35,15 +35,17 @@ inline double steadyNow() {
   return std::chrono::duration<double>(WatchdogClock::now().time_since_epoch()).count();
 }
 
-/// Notices that ROS time was set, on a wall clock or a simulated one. One thread at a time.
+/// Notices that ROS time was set, on a wall clock or a simulated one, by the computer's own steady
+/// clock: WatchdogClock passes over pauses, after which a clock seems to have jumped. One thread at a
+/// time.
 class RosTimeWatch {
  public:
   /// "time jumped back by 2.0 s" when it was set since the last call; empty otherwise.
   std::string look() {
-    const double before = steadyNow();
+    const double before = steady();
     const ros::Time time = ros::Time::now();
     // The two clocks are not read at the same instant when the computer is busy.
-    if (time.isZero() || steadyNow() - before > kLongestReading) return "";
+    if (time.isZero() || steady() - before > kLongestReading) return "";
     const auto clock = ros::Time::isSimTime() ? TimeJumpDetector::Clock::kSimulated
                                               : TimeJumpDetector::Clock::kWall;
     const double jump = detector_.update(before, secondsBetween(ros::Time(), time), clock);
@@ -51,6 +53,11 @@ class RosTimeWatch {
   }
 
  private:
+  static double steady() {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+        .count();
+  }
+
   static constexpr double kLongestReading = 0.01;  // [s]
 
   TimeJumpDetector detector_;
