@@ -497,7 +497,7 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
 TEST(BacksteppingControl, SaysWhatItWantedBeforeTheBounds) {
   const Model model = tinyWhoover();
   const TrackingLaw law(model.body);
-  BacksteppingControl control(model.body, TrackingGains());
+  BacksteppingControl control(model, TrackingGains());
   const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
   Observation seen;
   seen.reference = circle.get();
