@@ -11,7 +11,7 @@ import time
 import xml.etree.ElementTree
 
 import pytest
-from conftest import ROOT, free_port, identify, located, wait_for
+from conftest import ROOT, free_port, identify, located, wait_for, write_bag
 
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
@@ -304,7 +304,7 @@ def test_relative_paths_are_those_of_the_callers_folder(tmp_path, monkeypatch):
     (folder / "csv").write_text("1,-1\n")
     (folder / "file").write_text("x,y\n0,0\n1,1\n")
     (folder / "gains").write_text("k_e: 0.01\n")
-    (folder / "bag").write_text("")
+    write_bag(folder / "bag", duration=1.0)
     monkeypatch.chdir(folder)
     for launch, arguments in RELATIVE:
         parameters = loaded(launch, *("%s:=%s" % (name, name) for name in arguments))
