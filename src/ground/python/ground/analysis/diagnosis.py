@@ -37,6 +37,7 @@ NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best a
 FLOORS = 5  # simulations that the noise floor is the mean of
 WHITE = 1e-9  # chance of such colour in the residuals of a true model; rejected spikes add some
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
+FIRST_WINDOWS = 100  # spread over the runs: what these exclude more cannot allow
 MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 RESAMPLES = 500  # of the bootstrap over windows
 
@@ -396,6 +397,11 @@ class Diagnosis:
         these runs allow it; else None."""
         free = study.free_parameters(self.model)
         neutral = candidate.neutral(self.model)
+        some, least = None, 0.0
+        if len(self.cut) > FIRST_WINDOWS:
+            few = self.cut[:: -(-len(self.cut) // FIRST_WINDOWS)]
+            some = evidence.Evidence(self.evidence.runs, few)
+            least = some.fit(self.model, free)["costs"].sum()
         for part in SIZES:
             model = neutral.copy()
             for p in effects.parameters_of(neutral, candidate.name):
@@ -403,6 +409,8 @@ class Diagnosis:
                 value = 1 / size if np.isinf(p["neutral"]) else p["neutral"] + size
                 model.set_value(p["name"], float(np.clip(value, p["lower"], p["upper"])))
             try:
+                if some and some.fit(model, free)["costs"].sum() - least >= SETTLED:
+                    continue
                 found = self.evidence.fit(model, free)
             except IdentifyError:
                 continue

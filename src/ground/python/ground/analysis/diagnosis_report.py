@@ -3,8 +3,8 @@ from ground.analysis import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
 # What is refitted for the report only is bounded, so that the work grows with the data, not faster.
-JUDGED_WINDOWS = 3000  # effects times windows of the table's errors on held-out parts
-LEAST_JUDGED = 5  # effects, best first, that have these errors whatever the number of windows
+JUDGED_WINDOWS = 1500  # effects times windows of the table's errors on held-out parts
+LEAST_JUDGED = 3  # effects, best first, that have these errors whatever the number of windows
 PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 
 
