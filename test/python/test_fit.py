@@ -59,3 +59,67 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
     single = validation.leave_blocks_out(runs, [model], whole, block=3, most=1000)
     assert (parts["folds"], single["folds"]) == (10, 20)
     assert parts["heldout"] == pytest.approx(single["heldout"], rel=0.01)
+
+
+def constant(level, nu=(0, 0, 0), seed=1):
+    """A change of write_bag: both commands at one level from first to last."""
+    import numpy as np
+    from ground import _core
+
+    def change(times, eta, inputs):
+        inputs = inputs.copy()
+        inputs[:, 1:3] = level
+        model = _core.load_model(str(MODEL))
+        run = _core.simulate(model, inputs, times, np.zeros(3), np.array(nu, float))
+        noise = np.random.default_rng(seed).normal(0, [3e-4, 3e-4, 5e-3], (len(times), 3))
+        eta = run["eta"] + noise
+        eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
+        return times, eta, inputs
+
+    return change
+
+
+def test_what_commands_that_never_change_do_not_tell_keeps_its_start_and_is_marked(tmp_path):
+    from ground import _core
+
+    start = _core.load_model(str(MODEL))
+    bag = write_bag(tmp_path / "run.bag", change=constant(0.5, seed=5))
+    out = tmp_path / "f.yaml"
+    report = run_verb("fit", bag, "--model", MODEL, "-o", out)
+    fitted = _core.load_model(str(out))
+    for name in ("I_z", "N_r"):
+        assert not report["parameters"][name]["identified"]
+        assert fitted.value(name) == start.value(name), name
+    assert report["parameters"]["k"]["identified"] and report["parameters"]["X_u"]["identified"]
+    assert fitted.value("k") == pytest.approx(0.062, rel=0.1)
+    assert fitted.provenance.not_identified == ["I_z", "N_r"]
+    assert "not_identified: [I_z, N_r]  # kept at their start values" in out.read_text()
+
+
+def test_of_a_known_ratio_one_part_keeps_its_start_and_the_ratio_is_fitted(tmp_path):
+    from ground import _core
+
+    other = tmp_path / "other.yaml"
+    other.write_text(MODEL.read_text().replace("N_r: 4.62e-5", "N_r: 9e-5"))
+    spin = write_bag(tmp_path / "run.bag", change=constant(0.0, (0.5, 0.2, 6)))
+    report = run_verb("fit", spin, "--model", other, "-o", tmp_path / "f.yaml")
+    fitted, start = _core.load_model(str(tmp_path / "f.yaml")), _core.load_model(str(other))
+    assert fitted.provenance.not_identified == ["I_z", "N_r", "k"]
+    assert fitted.value("k") == start.value("k")
+    assert start.value("N_r") == fitted.value("N_r") or start.value("I_z") == fitted.value("I_z")
+    assert fitted.value("N_r") / fitted.value("I_z") == pytest.approx(4.62e-5 / 8.8e-5, rel=0.03)
+    assert not report["parameters"]["I_z"]["identified"]
+
+
+def swapped(times, eta, inputs):
+    times = times.copy()
+    times[[100, 101]] = times[[101, 100]]
+    return times, eta, inputs
+
+
+def test_fit_warns_of_reversed_stamps_as_loudly_as_info(tmp_path, capsys):
+    bag = write_bag(tmp_path / "run.bag", change=swapped)
+    run_verb("fit", bag, "--model", MODEL, "-o", tmp_path / "f.yaml")
+    assert "warning: run: stamps out of order, sorted: 1" in capsys.readouterr().err
+    run_verb("add", "motor_lag", bag, "--model", MODEL, "-o", tmp_path / "g.yaml")
+    assert "warning: run: stamps out of order, sorted: 1" in capsys.readouterr().err

@@ -211,6 +211,7 @@ def write_model(arguments, model, error_before, error_after, parameters):
     provenance.bags = [os.path.basename(b) for b in arguments.bags]
     provenance.error_before, provenance.error_after = error_before, error_after
     provenance.confidence_95 = {name: p["ci95"] for name, p in parameters.items()}
+    provenance.not_identified = [name for name, p in parameters.items() if not p["identified"]]
     with files.new_file(arguments.output, arguments.force) as temporary:
         with open(temporary, "w") as file:
             file.write(model.format())
