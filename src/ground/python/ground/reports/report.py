@@ -11,18 +11,21 @@ ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "initial velocities of its own; σ are the run's standard deviations."
 )
+DRAWN = 8  # runs at most: to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 
-def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False):
+def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False, thorough=False):
     """Writes the page of a diagnosis.
 
     report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
     described: of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs:
-    files read.
+    files read. Of more than DRAWN runs so many are drawn, unless thorough.
     """
     winner = conclusion.improved if found.chosen else None
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
+    most = len(runs) if thorough else min(DRAWN, len(runs))
+    drawn = [i * len(runs) // most for i in range(most)]
 
     def both(task):
         run, role = task
@@ -31,7 +34,7 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
             studies.append(inspection.inspect(run, winner, IMPROVED, role))
         return studies
 
-    inspected = list(found.pool.map(both, runs))
+    inspected = list(found.pool.map(both, [runs[i] for i in drawn]))
     sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
     sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
@@ -41,7 +44,12 @@ def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), fo
     ]
     sheet.figure(figures.fall(steps, report["noise_floor"], "held-out runs"), ERROR)
     winner = " + ".join(report["improved"]["effects"])
-    _measured_against(sheet, inspected, described, winner)
+    if most < len(runs):
+        sheet.paragraph(
+            "Of %d runs %d, spread evenly, are drawn; identify diagnose --thorough draws all."
+            % (len(runs), most)
+        )
+    _measured_against(sheet, inspected, [described[i] for i in drawn], winner)
     _evidence(sheet, report)
     for sentence in words.slight(report):
         sheet.paragraph(sentence)

@@ -47,8 +47,8 @@ def configure(parser):
     parser.add_argument(
         "--thorough",
         action="store_true",
-        help="however long the runs are, show errors on held-out runs of all effects and plan the "
-        "next experiment beside all runs",
+        help="however much data there is, show errors on held-out runs of all effects, plan the next "
+        "experiment beside all runs and draw all of them",
     )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
@@ -117,6 +117,7 @@ def run(arguments):
             held,
             arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
             arguments.force,
+            arguments.thorough,
         )
     kept.done()
     common.say(arguments, "")
