@@ -39,7 +39,7 @@ def weak_directions(fit):
 
 
 def sentences(fit):
-    """What to tell the user about parameters that the data do not tell."""
+    """What to tell the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:
             yield "%s is at its bound: the data would have it beyond" % p["name"]

@@ -74,9 +74,30 @@ def _measured(settings):
     return text
 
 
+def grave(d):
+    """What is odd in a way that a repair may have got wrong, a sentence each: not for info alone."""
+    poses, controls = d["poses"], d["controls"]
+    if poses["stamps_out_of_order"]:
+        yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
+    if poses["frozen"]:
+        yield "frozen poses (repeated samples of a moving craft), dropped: %d" % poses["frozen"]
+    if abs(d["clock_offset"]) > 0.05:
+        yield "the stamps of the poses are %.3f s off the clock of the commands, shifted" % (
+            -d["clock_offset"]
+        )
+    if d["reply"] and d["reply"]["lag"] < quality.IMPOSSIBLE_LAG:
+        yield (
+            "the motion comes %.0f ms BEFORE its commands: the clocks of poses and commands differ"
+            % (-1e3 * d["reply"]["lag"])
+        )
+    if controls["changes"] and not d["reply"]:
+        yield "the motion does not follow the commands: are poses and commands of the same run?"
+
+
 def findings(d):
     """What is odd and what was repaired, a sentence each."""
     poses, controls = d["poses"], d["controls"]
+    yield from grave(d)
     clock = poses.get("frame_clock")
     if clock:
         late = clock["lateness"]
@@ -107,8 +128,6 @@ def findings(d):
         )
     for count, what in (
         (poses["duplicate_stamps"], "repeated stamps"),
-        (poses["stamps_out_of_order"], "stamps out of order, sorted"),
-        (poses["frozen"], "frozen poses (the last one said again), dropped"),
         (poses["heading_wraps"], "wraps of the heading, unwrapped"),
         (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
     ):
@@ -116,10 +135,6 @@ def findings(d):
             yield "%s: %d" % (what, count)
     if poses["spikes"]:
         yield "spikes, smoothed over: %s" % (_named(poses["spikes"], lambda t: "%.2f s" % t),)
-    if abs(d["clock_offset"]) > 0.05:
-        yield "the stamps of the poses are %.3f s off the clock of the commands, shifted" % (
-            -d["clock_offset"]
-        )
     if controls["start_after_poses"] < -0.01:
         yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
     if controls["start_after_poses"] > 0.2:
@@ -130,13 +145,6 @@ def findings(d):
         yield "commands end %.2f s before the poses" % -controls["end_after_poses"]
     if d["rest"] > 0.2:
         yield "the craft rests for %.2f s at the start" % d["rest"]
-    if d["reply"] and d["reply"]["lag"] < quality.IMPOSSIBLE_LAG:
-        yield (
-            "the motion comes %.0f ms BEFORE its commands: the clocks of poses and commands differ"
-            % (-1e3 * d["reply"]["lag"])
-        )
-    if controls["changes"] and not d["reply"]:
-        yield "the motion does not follow the commands: are poses and commands of the same run?"
     if d["contacts"]:
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
             d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])

@@ -81,7 +81,7 @@ def _lines(arguments, count, before, after, report):
             name,
             "" if was is None else "%.4g" % was["value"],
             p["value"],
-            interval if p["identified"] else "these data do not tell it",
+            interval if p["identified"] else "not identifiable from these data",
         )
     parts = "each run by a fit to the others" if count > 1 else "each quarter by a fit to the rest"
     words = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from ground import _core, errors, files, origin
 from ground.errors import IdentifyError
-from ground.recordings import bags as bag_files, quality, recording as recordings, settings
+from ground.recordings import bags as bag_files, findings, quality, recording as recordings, settings
 
 
 class Bags(argparse.Action):
@@ -148,12 +148,16 @@ def load(path):
 
 def prepare(arguments, model, bags=None, others=()):
     """Every bag (of the arguments, if none are given) read and repaired; `others`: as for read.
+    Warns of what the repair of a recording may have got wrong.
 
     Returns quality.Run and the _core.RunData of the part that is asked for, of each.
     """
     if not model.input_max > 0:
         raise IdentifyError("the model's input_max is not positive")
     runs = [quality.Run(r) for r in read(arguments, bags, others)]
+    for run in runs:
+        for finding in findings.grave(run.describe()):
+            print("warning: %s: %s" % (run.recording.name, finding), file=sys.stderr)
     note_heading_offset(model, runs)
     return runs, [data(arguments, run, model) for run in runs]
 

@@ -178,10 +178,10 @@ def _write(arguments, fitted, report):
 
 
 def _lines(arguments, runs, result, report):
-    """What is printed: parameters, errors, runs one by one, and what the data do not tell."""
+    """What is printed: parameters, errors, runs one by one, and what is not identifiable."""
     yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
     for p in result["parameters"]:
-        interval = "[%.4g, %.4g]" % p["ci95"] if p["identified"] else "these data do not tell it"
+        interval = "[%.4g, %.4g]" % p["ci95"] if p["identified"] else "not identifiable from these data"
         yield "%-18s %12.4g %12.4g   %s %s" % (
             p["name"],
             p["start"],
