@@ -15,7 +15,9 @@ DRAWN = 8  # runs at most: to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 
-def diagnosis(path, report, found, conclusion, described, held=(), inputs=(), force=False, thorough=False):
+def diagnosis(
+    path, report, found, conclusion, described, held=(), inputs=(), force=False, thorough=False
+):
     """Writes the page of a diagnosis.
 
     report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
