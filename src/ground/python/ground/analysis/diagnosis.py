@@ -37,7 +37,6 @@ NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best a
 FLOORS = 5  # simulations that the noise floor is the mean of
 WHITE = 1e-9  # chance of such colour in the residuals of a true model; rejected spikes add some
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
-FIRST_WINDOWS = 100  # spread over the runs: what these exclude more cannot allow
 MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 RESAMPLES = 500  # of the bootstrap over windows
 
@@ -95,10 +94,20 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are refitted in
     a step, best by score test first (all for None); threads: 0 for all cores; progress: called with
-    a sentence now and then; kept: Unfinished, of this very work.
+    a sentence now and then; kept: Unfinished, of this very work; most: windows to look at.
     """
 
-    def __init__(self, runs, model, candidates, budget=None, threads=0, progress=None, kept=None):
+    def __init__(
+        self,
+        runs,
+        model,
+        candidates,
+        budget=None,
+        threads=0,
+        progress=None,
+        kept=None,
+        most=study.MAX_WINDOWS,
+    ):
         self.runs = runs
         self.given = model
         self.candidates = candidates
@@ -106,7 +115,7 @@ class Diagnosis:
         self.say = progress or (lambda text: None)
         self.kept = kept or Unfinished()
         self.pool = ThreadPoolExecutor(threads or os.cpu_count())
-        self.study = study.Study(runs, threads=1)
+        self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []
@@ -397,11 +406,6 @@ class Diagnosis:
         these runs allow it; else None."""
         free = study.free_parameters(self.model)
         neutral = candidate.neutral(self.model)
-        some, least = None, 0.0
-        if len(self.cut) > FIRST_WINDOWS:
-            few = self.cut[:: -(-len(self.cut) // FIRST_WINDOWS)]
-            some = evidence.Evidence(self.evidence.runs, few)
-            least = some.fit(self.model, free)["costs"].sum()
         for part in SIZES:
             model = neutral.copy()
             for p in effects.parameters_of(neutral, candidate.name):
@@ -409,8 +413,6 @@ class Diagnosis:
                 value = 1 / size if np.isinf(p["neutral"]) else p["neutral"] + size
                 model.set_value(p["name"], float(np.clip(value, p["lower"], p["upper"])))
             try:
-                if some and some.fit(model, free)["costs"].sum() - least >= SETTLED:
-                    continue
                 found = self.evidence.fit(model, free)
             except IdentifyError:
                 continue

@@ -21,6 +21,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "schema": SCHEMA,
         "model": model_name,
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
+        "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,
         "nominal": {
             "parameters": _parameters(nominal.parameters.values()),

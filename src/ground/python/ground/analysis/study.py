@@ -13,6 +13,7 @@ from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
 FOLDS = 8  # of several runs, at most: bounds the number of refits
+MAX_WINDOWS = 160  # four minutes: many times what distinguishes the effects that matter
 # Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what
 # disturbs the craft on its way adds up along them.
 LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
@@ -36,14 +37,17 @@ class Study:
     """Runs (_core.RunData), their windows, and the parts that are held out together.
 
     Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a single run.
+    Of long runs it takes about `most` windows, spread evenly, so that its work does not grow with them.
     Raises IdentifyError when runs are too short.
     """
 
-    def __init__(self, runs, threads=0):
+    def __init__(self, runs, threads=0, most=MAX_WINDOWS):
         self.runs = runs
         # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
         self.threads = threads
-        self.windows = windows.cut(runs)
+        every = windows.cut(runs)
+        self.windows = windows.spread(every, most)
+        self.available = len(every)  # windows, of which it takes these
         self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
         self.length = windows.WINDOW  # of windows that are fitted to [s]
         if len(runs) > 1:

@@ -24,6 +24,20 @@ def cut_part(run, index, start, end, length=WINDOW):
     return _core.cut_windows(run, index, start, end, length, MAX_GAP)
 
 
+def spread(windows, most):
+    """At most about `most` windows, spread evenly over each run; every run keeps one."""
+    if len(windows) <= most:
+        return windows
+    of_run = {}
+    for window in windows:
+        of_run.setdefault(window.run, []).append(window)
+    chosen = []
+    for found in of_run.values():
+        count = max(1, round(most * len(found) / len(windows)))
+        chosen += [found[i * len(found) // count] for i in range(count)]
+    return chosen
+
+
 def cut_again(runs, window, length):
     """Windows of `length` seconds in a window; the window itself where none fits in."""
     times = runs[window.run].times

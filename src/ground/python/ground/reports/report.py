@@ -53,7 +53,7 @@ def diagnosis(
         )
     _measured_against(sheet, inspected, [described[i] for i in drawn], winner)
     _evidence(sheet, report)
-    for sentence in words.slight(report):
+    for sentence in list(words.extent(report)) + list(words.slight(report)):
         sheet.paragraph(sentence)
     apart = list(words.apart(report))
     sheet.heading("What cannot be told apart, and the next experiment")

@@ -265,6 +265,16 @@ def unexplained(report):
         )
 
 
+def extent(report):
+    """How much of the data was looked at, where that is not all."""
+    count = report["windows"]
+    if count["used"] < count["available"]:
+        yield (
+            "looked at %d of %d windows, spread evenly over the runs; --thorough looks at all"
+            % (count["used"], count["available"])
+        )
+
+
 def diagnosis(report):
     """What the terminal says of a diagnosis."""
     yield verdict(report)
@@ -291,6 +301,7 @@ def diagnosis(report):
         what = "with " + step["added"] if "added" in step else "without " + step["removed"]
         yield "%29.3f %s" % (step["error"]["heldout"], what)
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
+    yield from extent(report)
     yield from slight(report)
     yield from apart(report)
     yield from unexplained(report)

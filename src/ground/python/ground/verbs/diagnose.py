@@ -1,4 +1,5 @@
 """identify diagnose: which physical effect a model lacks."""
+import math
 import os
 
 import numpy as np
@@ -47,8 +48,8 @@ def configure(parser):
     parser.add_argument(
         "--thorough",
         action="store_true",
-        help="however much data there is, show errors on held-out runs of all effects, plan the next "
-        "experiment beside all runs and draw all of them",
+        help="however much data there is, look at all of it, show errors on held-out runs of all effects, "
+        "plan the next experiment beside all runs and draw all of them",
     )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
@@ -81,6 +82,7 @@ def run(arguments):
         arguments.budget,
         progress=lambda text: common.progress(arguments, text),
         kept=kept,
+        **({"most": math.inf} if arguments.thorough else {}),
     )
     found.grow()
     if kept.taken:
@@ -133,7 +135,8 @@ def _kept(arguments, runs, model, tried):
         (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
         for r in runs
     ]
-    identity = (measured, model.format(), neutral, arguments.budget, origin.versions())
+    options = arguments.budget, arguments.thorough
+    identity = (measured, model.format(), neutral, options, origin.versions())
     return Unfinished(os.path.join(arguments.output, ".unfinished"), identity)
 
 
