@@ -109,7 +109,7 @@ def test_bad_input_is_refused_with_a_reason(tmp_path, lagging):
     for arguments, words in (
         (["wobble", bag, "--model", MODEL], ["wobble"]),
         ([tmp_path / "none.yaml", bag, "--model", MODEL], ["none.yaml", "cannot be read"]),
-        ([out_of_place, bag, "--model", MODEL], ["list.yaml", "not one effect"]),
+        ([out_of_place, bag, "--model", MODEL], ["list.yaml", "must be one effect"]),
         ([bad, bag, "--model", MODEL], ["bad.yaml"]),
         (
             ["motor_lag", bag, "--model", MODEL, "--holdout", bag],

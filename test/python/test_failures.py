@@ -136,9 +136,10 @@ def test_what_is_no_file_is_one_line(here, capsys):
     fit = ["fit", "run.bag", "--model", "model.yaml", "-o"]
     fails(capsys, fit + ["x" * 300 + ".yaml"], "name", "shorter")
     fails(capsys, fit + ["/proc/out.yaml"], "/proc/out.yaml")
-    fails(capsys, ["info", "."], "a folder, not a bag")
+    (here / "empty").mkdir()
+    fails(capsys, ["info", "empty"], "no bag in this folder")
     fails(capsys, ["info", "x" * 300], "no such file")
-    fails(capsys, ["fit", ".", "--model", "model.yaml", "-o", "out.yaml"], "a folder, not a bag")
+    fails(capsys, ["fit", "empty", "--model", "model.yaml", "-o", "out.yaml"], "no bag in this")
     fails(capsys, ["fit", "run.bag", "--model", ".", "-o", "out.yaml"], "model file")
     fails(capsys, ["fit", "run.bag", "--model", "run.bag", "-o", "out.yaml"], "run.bag")
     fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "run.bag"], "folder")

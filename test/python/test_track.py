@@ -184,6 +184,9 @@ def test_only_what_follows_a_reference_tracks():
         assert refused.returncode == 2
         assert "invalid choice: 'OpenLoopPRBS'" in refused.stderr
         assert "ModelPredictive" in refused.stderr and "usage: " in refused.stderr
+    from ground import _core
+    from ground.simulation import gains, tracking
+
     model = _core.load_model(str(MODEL))
     baseline = tracking.run(
         model, model, gains.choice("OpenLoopPRBS"), tracking.task("circle")

@@ -28,10 +28,11 @@ ROUNDS = 3  # at most, of levels by the best trial and ranks by the levels
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
 MIN_HELDOUT_GAIN = 0.01  # part of the held-out error by which an effect has to lower it
 # Where the data are explained an effect matters from one of these sizes on; more data make it more
-# certain, not larger. Its change of the motion, in parts of what the poses' noise leaves (they add up by
-# their squares: a smaller one raises the error by 4% at most) ...
+# certain, not larger. Its change of the motion, in parts of what the poses' noise leaves ...
 MIN_INFLUENCE = 0.3
-MIN_NOISE_POWER = 0.5  # ... and the part of the poses' noise power that it accounts for
+# ... and the part of the poses' noise power that it accounts for: 0.04 for a delay of 1 ms in a PRBS,
+# 0.14 for a force of 1% of full thrust.
+MIN_NOISE_POWER = 0.06
 FAR_BETTER = 0.8  # of the error: what comes so far below is another minimum
 NEARLY = 0.1  # of the fall of the error: rivals that come so near to the best are its equals
 FLOORS = 5  # simulations that the noise floor is the mean of

@@ -37,7 +37,9 @@ def mend_stamps(stamps, received):
     # A message may come late, which looks like a stamp that is too early; none comes too soon.
     punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
     alike = np.ptp(around, axis=1) < REGULAR * error
-    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual
+    # A message that was overtaken has a stamp that is right, in the place of another one.
+    overtaken = np.abs(received - np.sort(stamps) - typical) < REGULAR * error
+    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual & ~overtaken
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0
