@@ -37,9 +37,8 @@ def mend_stamps(stamps, received):
     # A message may come late, which looks like a stamp that is too early; none comes too soon.
     punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
     alike = np.ptp(around, axis=1) < REGULAR * error
-    # A message that was overtaken has a stamp that is right, in the place of another one.
-    overtaken = np.abs(received - np.sort(stamps) - typical) < REGULAR * error
-    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual & ~overtaken
+    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual
+    wrong &= ~_overtaken(stamps, received - typical, REGULAR * error)
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0
@@ -66,6 +65,15 @@ def lone_commands(times, controls):
                 channel,
                 " and ".join("%g at %.2f s" % (values[i], times[i] - times[0]) for i in at),
             )
+
+
+def _overtaken(stamps, expected, tolerance):
+    """Which messages have the stamp that is expected of the next one, and that one has theirs: both are
+    right and came in the wrong order. All (n,) [s]."""
+    fits = (np.abs(stamps[1:] - expected[:-1]) < tolerance[:-1]) & (
+        np.abs(stamps[:-1] - expected[1:]) < tolerance[1:]
+    )
+    return np.append(fits, False) | np.append(False, fits)
 
 
 def _neighbours(count):
