@@ -38,7 +38,7 @@ def mend_stamps(stamps, received):
     punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
     alike = np.ptp(around, axis=1) < REGULAR * error
     wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual
-    wrong &= ~_overtaken(stamps, received - typical, REGULAR * error)
+    wrong &= ~_overtaken(stamps)
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0
@@ -67,13 +67,17 @@ def lone_commands(times, controls):
             )
 
 
-def _overtaken(stamps, expected, tolerance):
-    """Which messages have the stamp that is expected of the next one, and that one has theirs: both are
-    right and came in the wrong order. All (n,) [s]."""
-    fits = (np.abs(stamps[1:] - expected[:-1]) < tolerance[:-1]) & (
-        np.abs(stamps[:-1] - expected[1:]) < tolerance[1:]
-    )
-    return np.append(fits, False) | np.append(False, fits)
+def _overtaken(stamps):
+    """Which messages came in the wrong order with stamps that are right: sorted, each takes the place
+    that is left for it, about a period from the one before and the one after. stamps: (n,) [s]."""
+    order = np.argsort(stamps, kind="stable")
+    steps = np.diff(stamps[order])
+    period = np.median(steps)
+    even = np.abs(steps - period) < 0.5 * period
+    placed = np.append(even, False) & np.append(False, even)
+    found = np.zeros(len(stamps), bool)
+    found[order] = placed & (order != np.arange(len(stamps)))
+    return found
 
 
 def _neighbours(count):
