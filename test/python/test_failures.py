@@ -144,7 +144,7 @@ def test_what_is_no_file_is_one_line(here, capsys):
     fails(capsys, ["info", "empty"], "no bag in this folder")
     fails(capsys, ["info", "x" * 300], "no such file")
     fails(capsys, ["fit", "empty", "--model", "model.yaml", "-o", "out.yaml"], "no bag in this")
-    fails(capsys, ["fit", "run.bag", "--model", ".", "-o", "out.yaml"], "model file")
+    fails(capsys, ["fit", "run.bag", "--model", ".", "-o", "out.yaml"], "it is a folder")
     fails(capsys, ["fit", "run.bag", "--model", "run.bag", "-o", "out.yaml"], "run.bag")
     fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "run.bag"], "folder")
     fails(capsys, ["compare", "run.bag", "--model", "model.yaml", "-o", "x" * 300], "folder")
