@@ -10,6 +10,8 @@ in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 SEED ?= 1
+# Kinds of processor that the core is built for besides any: NATIVE, ON (all) or OFF
+WIDE ?= NATIVE
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage install clean
@@ -103,7 +105,7 @@ bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
 
 build/CMakeCache.txt: $(installed)
-	@$(in_ros) cmake -S . -B build > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
+	@$(in_ros) cmake -S . -B build -DGROUND_WIDE=$(WIDE) > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
 	@touch $@
 
 $(installed): .ci/debian-packages.txt .ci/install-dependencies
