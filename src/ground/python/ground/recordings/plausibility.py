@@ -5,7 +5,8 @@ twice, or where one message is unlike all others.
 """
 import numpy as np
 
-MIN_STAMP_ERROR = 1e-3  # of a stamp against the recorder's clock [s]
+MIN_STAMP_ERROR = 1e-3  # of a stamp against the recorder's clock where delays are exact [s]
+MIN_LIVE_ERROR = 0.015  # the same where they scatter: a busy recorder's clock is late by half of it [s]
 SCATTERS = 20  # times the typical scatter of delays that an error has to exceed as well
 EXACT = 1e-4  # scatter of delays below which no message is ever late [s]
 REGULAR = 0.25  # part of that error by which receipts and delays around may be uneven
@@ -37,7 +38,8 @@ def mend_stamps(stamps, received):
     # A message may come late, which looks like a stamp that is too early; none comes too soon.
     punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
     alike = np.ptp(around, axis=1) < REGULAR * error
-    wrong = (error > max(MIN_STAMP_ERROR, SCATTERS * scatter)) & alike & punctual
+    least = MIN_STAMP_ERROR if scatter < EXACT else MIN_LIVE_ERROR
+    wrong = (error > max(least, SCATTERS * scatter)) & alike & punctual
     wrong &= ~_overtaken(stamps)
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
