@@ -99,7 +99,7 @@ class MocapState : public nodelet::Nodelet {
         AxisMapping(recorded_.back().axes, recorded_.back().heading_offset);
       }
     } catch (const XmlRpc::XmlRpcException& error) {
-      throw std::runtime_error("parameter recorded is no list of from, axes and heading_offset: " +
+      throw std::runtime_error("parameter recorded is not a list of from, axes and heading_offset: " +
                                error.getMessage());
     }
     if (recorded_.empty()) return;

@@ -102,7 +102,8 @@ class Sender : public nodelet::Nodelet {
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
-    drive_publisher_ = getMTNodeHandle().advertise<ground_msgs::Drive>("drive", 1, true);
+    drive_publisher_ =
+        callbacks_.handle(getNodeHandle()).advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {

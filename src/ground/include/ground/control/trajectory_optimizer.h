@@ -35,7 +35,7 @@ class TrajectoryOptimizer {
   double step() const { return step_; }
 
   /// The problem: from `start` at t [s] of the drive, with references at the end of every step,
-  /// under a constant acceleration that the model lacks (body; m/s^2, m/s^2, rad/s^2).
+  /// under a constant acceleration beside the model (body; m/s^2, m/s^2, rad/s^2).
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs left, right, in the model's units; to be followed by rollOut().

@@ -12,7 +12,7 @@ from ground.errors import IdentifyError
 from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
-FOLDS = 8  # of several runs, at most: bounds the number of refits
+FOLDS = 8  # largest number of parts that several runs are held out in: bounds the refits
 MAX_WINDOWS = 160  # four minutes: many times what distinguishes the effects that matter
 # Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what
 # disturbs the craft on its way adds up along them.

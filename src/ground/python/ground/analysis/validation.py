@@ -4,8 +4,8 @@ import numpy as np
 from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
-FOLDS = 10  # of blocks, at most: bounds the number of refits, whatever the length of the runs
-RUN_FOLDS = 20  # of runs, at most
+FOLDS = 10  # largest number of parts that blocks are held out in, whatever the length of the runs
+RUN_FOLDS = 20  # largest number of parts that runs are held out in
 
 
 def leave_runs_out(runs, fit, whole, length=windows.WINDOW, most=RUN_FOLDS, say=None):
