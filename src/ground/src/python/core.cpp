@@ -6,6 +6,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "bindings.h"
 #include "ground/control/feasibility.h"
 #include "ground/control/prbs.h"
 #include "ground/control/tracking_watch.h"
@@ -704,4 +705,5 @@ PYBIND11_MODULE(_core, module) {
           "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
       .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
       .def_property_readonly("stretches", &WrenchFilter::stretches);
+  ground::bindGreyBox(module);
 }

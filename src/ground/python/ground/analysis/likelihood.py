@@ -1,0 +1,105 @@
+"""How likely recorded poses are under a model with a random disturbance: what effects are tested by.
+
+The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and a white wrench in the
+body's frame, wrench and thrust that differ from run to run, white noise of the poses. Parameters and
+levels are fitted together.
+"""
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.errors import IdentifyError
+
+CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
+BLOCK = 1.0  # of time, for standard errors [s]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The likeliest parameters and levels."""
+
+    point: Any  # _core.GreyBoxPoint: model, levels, loudness
+    free: Tuple[str, ...]  # names of the free parameters
+    log_posterior: float  # log-likelihood and the levels' prior
+    by_run: np.ndarray  # (runs,) log-likelihood
+    information: np.ndarray  # (free, free) by coordinate / scale
+    scale: np.ndarray  # (free,) of the coordinates
+    at_bound: Tuple[bool, ...]
+    level_information: np.ndarray  # of the logarithms of levels, then of the runs' loudness
+    trims: Tuple[dict, ...]  # of each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    converged: bool
+
+    @property
+    def model(self):
+        return self.point.model
+
+    @property
+    def deviation(self):
+        """Standard deviations of the free parameters' coordinates (free,)."""
+        covariance = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
+        return np.sqrt(np.maximum(np.diag(covariance), 0)) * self.scale
+
+
+class Likelihood:
+    """Runs (_core.RunData) under models with a disturbance. threads: of one fit."""
+
+    def __init__(self, runs, threads=1):
+        self.runs = list(runs)
+        self.threads = threads
+        self.box = call(_core.GreyBox, self.runs)
+
+    def fit(self, model, free, near=None, levels=True):
+        """The likeliest values of the free parameters, sought from the model's own.
+
+        near: a Fit whose levels are near; without it the search begins far away. levels: whether
+        they are fitted, too. Raises IdentifyError when the model cannot be simulated.
+        """
+        if near is None:
+            start = self.box.start(model)
+        else:
+            start = _core.GreyBoxPoint(model, near.point.levels, near.point.loudness)
+        found = call(
+            self.box.fit,
+            start,
+            list(free),
+            levels=levels,
+            far=near is None,
+            cap=CAP,
+            threads=self.threads,
+        )
+        return Fit(
+            found["point"],
+            tuple(free),
+            found["log_posterior"],
+            np.array(found["by_run"]),
+            np.array(found["information"]),
+            np.array(found["scale"]),
+            tuple(found["at_bound"]),
+            np.array(found["level_information"]),
+            tuple(found["trims"]),
+            found["converged"],
+        )
+
+    def blocks(self, fit, loudness=()):
+        """Log-likelihood of blocks of time under another fit, one array a run."""
+        point = _core.GreyBoxPoint(fit.model, fit.point.levels, list(loudness))
+        return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
+
+    def scores(self, fit, model, names):
+        """Derivatives of the log-likelihood at a fit by parameters of a model that extends the fit's
+        at their neutral values: score (blocks, n), information (n, n), scale (n,), run (blocks,)."""
+        point = _core.GreyBoxPoint(model, fit.point.levels, fit.point.loudness)
+        found = call(
+            self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads
+        )
+        return {key: np.array(value) for key, value in found.items()}
+
+
+def call(function, *arguments, **options):
+    """The core's answer; IdentifyError in place of what it throws."""
+    try:
+        return function(*arguments, **options)
+    except (RuntimeError, ValueError) as error:
+        raise IdentifyError(str(error))

@@ -1,0 +1,81 @@
+"""Score tests (Rao 1948) of all effects beside a fit: what each, and each few together, would gain."""
+import numpy as np
+
+from ground.analysis import candidates as effects, study
+
+UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
+
+
+class ScoreTests:
+    """Effects that a fit does without, all at their neutral parameters."""
+
+    def __init__(self, likelihood, fit, candidates):
+        extended = fit.model
+        for candidate in candidates:
+            extended = candidate.neutral(extended)
+        nuisance = list(fit.free)
+        described = {c.name: effects.parameters_of(extended, c.name) for c in candidates}
+        names = [p["name"] for c in candidates for p in described[c.name]]
+        found = likelihood.scores(fit, extended, nuisance + names)
+        self.extended = extended
+        self.scale = found["scale"][len(nuisance) :]
+        self.columns = {
+            c.name: [names.index(p["name"]) for p in described[c.name]] for c in candidates
+        }
+        self.names = names
+        # Sign that a coordinate's step must have where the neutral value is a bound.
+        self.side = np.array([_side(p) for c in candidates for p in described[c.name]])
+        self._project(found, len(nuisance))
+
+    def _project(self, found, count):
+        """Scores and information with the nuisance parameters fitted along."""
+        A, blocks = found["information"], found["score"]
+        n, s = slice(0, count), slice(count, None)
+        onto = solve(A[n, n], A[n, s])
+        self.raw = np.diag(A)[s]
+        self.information = A[s, s] - A[s, n] @ onto
+        self.blocks = blocks[:, s] - blocks[:, n] @ onto
+        self.score = self.blocks.sum(axis=0)
+
+    def seen(self, name):
+        """Part of the information that the fitted parameters cannot take over, of the worst parameter."""
+        at = self.columns[name]
+        raw = np.where(self.raw[at] > 0, self.raw[at], np.inf)
+        return float(np.min(np.diag(self.information)[at] / raw))
+
+    def test(self, names):
+        """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads there:
+        (gain, step by parameter name in coordinates)."""
+        at = np.array([i for name in names for i in self.columns[name]], int)
+        moving = at
+        while len(moving):
+            step = solve(self.information[np.ix_(moving, moving)], self.score[moving])
+            allowed = self.side[moving] * step >= 0
+            if allowed.all():
+                break
+            moving = moving[allowed]
+        if not len(moving):
+            return 0.0, {}
+        gain = float(self.score[moving] @ step)
+        return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
+
+
+def _side(parameter):
+    """1 or -1 where a coordinate can only grow or fall from its neutral value, else 0."""
+    if parameter["neutral"] == parameter["lower"]:
+        return 1
+    if parameter["neutral"] == parameter["upper"]:
+        # the coordinate of an infinite time constant is its reciprocal
+        return 1 if np.isinf(parameter["neutral"]) else -1
+    return 0
+
+
+def solve(matrix, right):
+    """Of a matrix that may be singular: directions that nothing is known of stay where they are."""
+    if not len(matrix):
+        return np.zeros((0,) + right.shape[1:])
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / size / size[:, None]
+    right = right / (size if right.ndim == 1 else size[:, None])
+    solution = np.linalg.lstsq(scaled, right, rcond=1e-9)[0]
+    return solution / (size if right.ndim == 1 else size[:, None])

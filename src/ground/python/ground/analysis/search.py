@@ -1,0 +1,218 @@
+"""Which set of effects makes recorded poses likeliest.
+
+Forward, backward and swap steps over sets of effects. Score tests of all effects, alone and in pairs,
+say which sets are worth a refit; a set's likelihood is that of a refit with its levels. An effect has to
+raise the log-likelihood ratio 2 (L1 - L0) by more than chance would with the best of so many effects.
+"""
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ground.analysis import candidates as effects
+from ground.analysis.score_tests import ScoreTests
+from ground.errors import IdentifyError
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What a search goes by."""
+
+    level: float = 0.01  # chance of choosing an effect although none is missing
+    refitted: int = 4  # effects that are refitted in a step, best by score test first
+    pairs: int = 2  # pairs that are refitted in a step
+    worth: float = 3.0  # expected gain for each parameter from which on a refit is worth while
+    steps: tuple = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
+    rivals: int = 3  # effects that are tried in the place of one that was chosen
+    apart: float = 7.0  # log-likelihood ratio from which on a rival is excluded: were it the truth,
+    # the ratio would come out so high with a chance of at most 0.4% (the root of it is the least
+    # number of standard deviations that it is off)
+
+
+class Search:
+    """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over items,
+    side by side if it can; say: called with a sentence now and then."""
+
+    def __init__(self, likelihood, model, free_of, candidates, criteria=Criteria(), each=map, say=None):
+        self.likelihood = likelihood
+        self.given = model
+        self.free_of = free_of
+        self.candidates = {c.name: c for c in candidates}
+        self.criteria = criteria
+        self.each = each
+        self.say = say or (lambda text: None)
+        self.fits = {}  # by set of effects
+        self.tests = {}
+
+    def nominal(self, near=None):
+        """The Fit of the model as it is."""
+        if frozenset() not in self.fits:
+            self.fits[frozenset()] = self.likelihood.fit(
+                self.given, self.free_of(self.given), near
+            )
+        return self.fits[frozenset()]
+
+    def run(self, start=frozenset()):
+        """The set of effects by which the likelihood rises beyond chance."""
+        current = frozenset(start)
+        self.nominal()
+        while True:
+            better = self._grow(current)
+            if better is None:
+                return current
+            current = self._prune(better)
+            self.say("with %s" % (", ".join(sorted(current)) or "no effect"))
+
+    def ratio(self, names, without):
+        """Log-likelihood ratio 2 (L1 - L0) of two sets of effects that were fitted."""
+        return 2 * (self.fits[names].log_posterior - self.fits[without].log_posterior)
+
+    def test_beside(self, names):
+        """ScoreTests of all effects beside a fitted set."""
+        if names not in self.tests:
+            rest = [c for n, c in self.candidates.items() if n not in names]
+            self.tests[names] = ScoreTests(self.likelihood, self.fits[names], rest)
+        return self.tests[names]
+
+    def threshold(self, name):
+        """Log-likelihood ratio that an effect has to reach."""
+        return self._threshold(self._size(name))
+
+    def _threshold(self, size):
+        chance = self.criteria.level / max(1, len(self.candidates))
+        return float(stats.chi2.isf(chance, size))
+
+    def _size(self, name):
+        return len(effects.parameters_of(self.candidates[name].add(self.given), name))
+
+    def value(self, names):
+        """What sets are compared by: the log-likelihood ratio to the model as it is, less what each
+        effect has to reach."""
+        return self.ratio(names, frozenset()) - sum(self.threshold(n) for n in names)
+
+    def _grow(self, current):
+        """A better set with an effect or a pair more; None without one."""
+        proposals = self._proposals(current)
+        self._fit_all(current, proposals)
+        fitted = [current | set(p) for p in proposals if current | set(p) in self.fits]
+        best = max(fitted, key=self.value, default=current)
+        return best if self.value(best) > self.value(current) else None
+
+    def _proposals(self, current):
+        tests, criteria = self.test_beside(current), self.criteria
+        rest = list(tests.columns)
+        gains = {(n,): tests.test((n,))[0] - self._size(n) for n in rest}
+        singles = sorted(gains, key=gains.get, reverse=True)
+        promising = [
+            s for s in singles if gains[s] + self._size(s[0]) > criteria.worth * self._size(s[0])
+        ]
+        chosen = promising[: criteria.refitted]
+        turned = [(n,) for n in rest if (n,) not in chosen and self._has_starts(n)]
+        pairs = {}
+        for pair in itertools.combinations(rest, 2):
+            gain = tests.test(pair)[0] - sum(self._size(n) for n in pair)
+            alone = max(gains[(n,)] for n in pair)
+            needed = min(self.threshold(n) for n in pair)
+            if gain > alone + needed / 2:
+                pairs[pair] = gain
+        best = sorted(pairs, key=pairs.get, reverse=True)
+        least = max((gains[s] for s in chosen), default=0)
+        return chosen + turned + [p for p in best if pairs[p] > least][: criteria.pairs]
+
+    def _has_starts(self, name):
+        """Whether an effect has minima far from its neutral parameters."""
+        return len(list(self.candidates[name].starts(self.given))) > 1
+
+    def _fit_all(self, current, proposals):
+        """Fits of a set with each proposal more."""
+        wanted = [p for p in proposals if current | set(p) not in self.fits]
+        for proposal, fit in zip(wanted, self.each(lambda p: self._refit(current, p), wanted)):
+            if fit is not None:
+                self.fits[current | set(proposal)] = fit
+
+    def _refit(self, current, added):
+        """The likeliest fit with effects more, from where score tests and the effects' own starts lead."""
+        base, tests = self.fits[current], self.test_beside(current)
+        extended = base.model
+        for name in added:
+            extended = self.candidates[name].neutral(extended)
+        _, step = tests.test(added)
+        best = None
+        for start in self._starts(extended, added, step):
+            try:
+                found = self.likelihood.fit(start, self.free_of(extended), base)
+            except IdentifyError:
+                continue
+            if best is None or found.log_posterior > best.log_posterior:
+                best = found
+            if best.log_posterior > base.log_posterior + 1 and not self._many(added):
+                break
+        return best
+
+    def _many(self, added):
+        return any(self._has_starts(n) for n in added)
+
+    def _starts(self, extended, added, step):
+        described = {p["name"]: p for p in extended.parameters()}
+        for part in self.criteria.steps:
+            model = extended.copy()
+            for name, by in step.items():
+                model.set_value(name, moved(described[name], model.value(name), part * by))
+            yield model
+        for name in added:
+            for other in list(self.candidates[name].starts(self.given))[1:]:
+                model = extended.copy()
+                for p in effects.parameters_of(other, name):
+                    model.set_value(p["name"], other.value(p["name"]))
+                yield model
+
+    def _without(self, current, name):
+        """Fits a set without one of its effects."""
+        rest = current - {name}
+        if rest not in self.fits:
+            model = self.fits[current].model.copy()
+            model.remove_effect(name)
+            self.fits[rest] = self.likelihood.fit(model, self.free_of(model), self.fits[current])
+        return rest
+
+    def _prune(self, current):
+        """Takes out and swaps effects while that is better."""
+        while current:
+            others = []
+            for name in sorted(current):
+                rest = self._without(current, name)
+                others.append(rest)
+                if len(current) > 1:
+                    others += self.swaps(current, name)
+            best = max(others, key=self.value)
+            if self.value(best) <= self.value(current):
+                return current
+            current = best
+        return current
+
+    def swaps(self, current, name):
+        """Fitted sets with another effect in the place of one of a set."""
+        rest = self._without(current, name)
+        tests = self.test_beside(rest)
+        gains = {n: tests.test((n,))[0] for n in tests.columns if n != name}
+        proposals = sorted(gains, key=gains.get, reverse=True)[: self.criteria.rivals]
+        proposals = [(n,) for n in proposals if gains[n] > self.criteria.worth * self._size(n)]
+        self._fit_all(rest, proposals)
+        return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
+
+    def rivals(self, current, name):
+        """Effects that do in the place of one of a set what it does, as far as the data tell."""
+        behind = {}
+        for other in self.swaps(current, name):
+            (rival,) = other - current
+            behind[rival] = self.value(current) - self.value(other)
+        return [n for n in sorted(behind, key=behind.get) if behind[n] < self.criteria.apart]
+
+
+def moved(parameter, value, by):
+    """A value after a step of its coordinate, kept inside its range."""
+    if np.isinf(parameter["neutral"]):  # of a time constant that is neutral at infinity: 1 / value
+        rate = (0 if np.isinf(value) else 1 / value) + by
+        return float(np.clip(1 / rate if rate > 0 else np.inf, parameter["lower"], parameter["upper"]))
+    return float(np.clip(value + by, parameter["lower"], parameter["upper"]))

@@ -1,0 +1,41 @@
+#include "free_parameters.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+namespace ground {
+
+Free makeFree(const Model& model, const std::vector<std::string>& names) {
+  Free free;
+  free.base = model.coordinates();
+  const auto infos = model.parameters();
+  for (const std::string& name : names) {
+    const int index = model.index(name);
+    if (std::find(free.index.begin(), free.index.end(), index) != free.index.end())
+      throw std::invalid_argument("parameter " + name + " is named twice");
+    const ParameterInfo& info = infos[index];
+    const bool reciprocal = info.coordinate == Coordinate::kReciprocal;
+    const double scale = std::max(std::abs(model.coordinates()[index]), info.scale(model.body));
+    free.index.push_back(index);
+    free.scale.push_back(scale > 0 ? scale : 1.0);
+    free.reciprocal.push_back(reciprocal);
+    free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
+    free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
+    // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
+    const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
+    if (infinite || free.lower.back() == std::numeric_limits<double>::min())
+      free.lower.back() = 1e-6 * free.scale.back();
+  }
+  const auto has = [&names](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  if (has("k") && has("I_z") && (has("m") || has("l")))
+    throw std::invalid_argument(
+        "m or l cannot be free together with k and I_z: velocities only tell k/m, k l/I_z and the "
+        "dampings over m and I_z; weigh the craft and measure its lever");
+  return free;
+}
+
+}  // namespace ground

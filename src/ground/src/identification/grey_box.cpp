@@ -1,0 +1,385 @@
+#include "ground/identification/grey_box.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+
+#include "disturbance_filter.h"
+#include "free_parameters.h"
+#include "parallel.h"
+
+namespace ground {
+namespace {
+
+constexpr int kLevels = DisturbanceLevels::kCount;
+using LevelVector = Eigen::Matrix<double, kLevels, 1>;
+
+constexpr double kLoudness = 0.5;    // deviation of its prior
+constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the search
+constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
+
+/// Levels whose strength follows the loudness of the run: sigma and white.
+constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};
+
+DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
+  DisturbanceLevels levels = point.levels;
+  if (!point.loudness.empty()) {
+    const double factor = std::exp(point.loudness[run]);
+    levels.sigma *= factor;
+    levels.white *= factor;
+  }
+  return levels;
+}
+
+LevelVector logs(const DisturbanceLevels& levels) {
+  LevelVector result;
+  const auto values = levels.values();
+  for (int i = 0; i < kLevels; ++i) result(i) = std::log(values[i]);
+  return result;
+}
+
+DisturbanceLevels fromLogs(const LevelVector& logs) {
+  std::array<double, kLevels> values;
+  for (int i = 0; i < kLevels; ++i) values[i] = std::exp(logs(i));
+  return DisturbanceLevels::of(values);
+}
+
+/// The prior of levels and loudness.
+struct Prior {
+  LevelVector median, precision;
+
+  explicit Prior(const Body<double>& body) {
+    const LevelPrior prior(body);
+    median = logs(prior.median);
+    for (int i = 0; i < kLevels; ++i) precision(i) = std::pow(prior.deviation[i], -2);
+  }
+  double operator()(const GreyBoxPoint& point) const {
+    const LevelVector away = logs(point.levels) - median;
+    double value = -0.5 * away.dot(precision.cwiseProduct(away));
+    for (const double loud : point.loudness) value -= 0.5 * std::pow(loud / kLoudness, 2);
+    return value;
+  }
+};
+
+/// Recordings at a point: filters, and the likelihood there.
+class Search {
+ public:
+  Search(const std::vector<RunData>& runs, double max_gap, int threads) : threads_(threads) {
+    for (const RunData& run : runs) filters_.emplace_back(run, max_gap);
+    by_run_.resize(runs.size());
+  }
+
+  double evaluate(const GreyBoxPoint& point, double cap) {
+    inParallel(filters_.size(), threads_, [&](std::size_t i) {
+      by_run_[i] = filters_[i].run(point.model, levelsOf(point, i), cap);
+    });
+    return std::accumulate(by_run_.begin(), by_run_.end(), 0.0);
+  }
+
+  RunScores scores(const GreyBoxPoint& point, const Free& free) const {
+    std::vector<RunScores> found(filters_.size());
+    inParallel(filters_.size(), threads_, [&](std::size_t i) {
+      found[i] = filters_[i].scores(point.model, free, 1e9);
+    });
+    for (std::size_t i = 1; i < found.size(); ++i) {
+      found[0].score += found[i].score;
+      found[0].information += found[i].information;
+    }
+    return found[0];
+  }
+
+  std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point) const {
+    std::vector<RunLevelScores> found(filters_.size());
+    inParallel(filters_.size(), threads_, [&](std::size_t i) {
+      found[i] = filters_[i].levelScores(levelsOf(point, i));
+    });
+    return found;
+  }
+
+  const std::vector<DisturbanceFilter>& filters() const { return filters_; }
+  const std::vector<double>& byRun() const { return by_run_; }
+
+ private:
+  int threads_;
+  std::vector<DisturbanceFilter> filters_;
+  std::vector<double> by_run_;
+};
+
+/// A step of damped scoring within bounds: parameters at a bound that want out stay there.
+Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::VectorXd& score,
+                            double damping, const Free& free, const std::vector<double>& scaled) {
+  const auto n = score.size();
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(n);
+  std::vector<bool> held(static_cast<std::size_t>(n), false);
+  for (int round = 0; round < 4; ++round) {
+    std::vector<Eigen::Index> moving;
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (!held[i]) moving.push_back(i);
+    const auto m = static_cast<Eigen::Index>(moving.size());
+    if (m == 0) return step;
+    Eigen::MatrixXd A(m, m);
+    Eigen::VectorXd b(m);
+    for (Eigen::Index i = 0; i < m; ++i) {
+      b(i) = score(moving[i]);
+      for (Eigen::Index j = 0; j < m; ++j) A(i, j) = information(moving[i], moving[j]);
+    }
+    A.diagonal() += damping * A.diagonal() + Eigen::VectorXd::Constant(m, 1e-9 + 1e-6 * damping);
+    const Eigen::VectorXd found = A.ldlt().solve(b);
+    bool changed = false;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      const auto at = static_cast<std::size_t>(moving[i]);
+      const double low = free.lower[at] / free.scale[at], high = free.upper[at] / free.scale[at];
+      const double to = scaled[at] + found(i);
+      step(moving[i]) = std::clamp(to, low, high) - scaled[at];
+      // Holding it lets the others follow.
+      if ((scaled[at] <= low && to < low) || (scaled[at] >= high && to > high))
+        changed = held[at] = true;
+    }
+    if (!changed) break;
+    step.setZero();
+  }
+  return step;
+}
+
+void setCoordinates(Model& model, const std::vector<double>& coordinates) {
+  const auto infos = model.parameters();
+  std::vector<double> values = model.values();
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (coordinates[i] != model.coordinates()[i])
+      values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
+  model.setValues(values);
+}
+
+/// Ascends to the likeliest point.
+class Ascent {
+ public:
+  Ascent(Search& search, const GreyBoxPoint& start, const GreyBoxOptions& options)
+      : search_(search), options_(options), prior_(start.model.body), point_(start) {
+    free_ = options.free.empty() ? Free() : makeFree(start.model, options.free);
+    for (std::size_t i = 0; i < free_.index.size(); ++i)
+      scaled_.push_back(free_.base[free_.index[i]] / free_.scale[i]);
+    if (point_.loudness.empty()) point_.loudness.assign(search.filters().size(), 0.0);
+  }
+
+  GreyBoxFit run() {
+    std::vector<double> caps = {options_.cap};
+    if (options_.far) caps = {std::numeric_limits<double>::infinity(), 200, options_.cap};
+    for (const double cap : caps) climb(cap);
+    return result();
+  }
+
+ private:
+  double value(const GreyBoxPoint& point, double cap) {
+    return search_.evaluate(point, cap) + prior_(point);
+  }
+
+  void derive() {
+    if (!free_.index.empty()) {
+      RunScores found = search_.scores(point_, free_);
+      score_ = found.score.colwise().sum().transpose();
+      information_ = found.information;
+    }
+    if (options_.levels) deriveLevels();
+  }
+
+  /// Levels, then the loudness of each run: its derivatives are sums of those by the run's levels.
+  void deriveLevels() {
+    const auto found = search_.levelScores(point_);
+    const auto runs = static_cast<Eigen::Index>(found.size());
+    level_score_ = Eigen::VectorXd::Zero(kLevels + runs);
+    level_information_ = Eigen::MatrixXd::Zero(kLevels + runs, kLevels + runs);
+    level_score_.head<kLevels>() =
+        -prior_.precision.cwiseProduct(logs(point_.levels) - prior_.median);
+    level_information_.diagonal().head<kLevels>() = prior_.precision;
+    constexpr double kPrecision = 1 / (kLoudness * kLoudness);
+    for (Eigen::Index i = 0; i < runs; ++i) {
+      const RunLevelScores& run = found[static_cast<std::size_t>(i)];
+      level_score_.head<kLevels>() += run.score;
+      level_information_.topLeftCorner<kLevels, kLevels>() += run.information;
+      double slope = -kPrecision * point_.loudness[static_cast<std::size_t>(i)], bend = kPrecision;
+      Eigen::VectorXd across = Eigen::VectorXd::Zero(kLevels);
+      for (const int a : kLoud) {
+        slope += run.score(a);
+        across += run.information.col(a);
+      }
+      for (const int a : kLoud) bend += across(a);
+      level_score_(kLevels + i) = slope;
+      level_information_(kLevels + i, kLevels + i) = bend;
+      level_information_.block(0, kLevels + i, kLevels, 1) = across;
+      level_information_.block(kLevels + i, 0, 1, kLevels) = across.transpose();
+    }
+  }
+
+  void climb(double cap) {
+    double best = value(point_, cap);
+    if (!std::isfinite(best))
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+    double damping = 1e-3;
+    converged_ = false;
+    for (int i = 0; i < options_.max_iterations && !converged_; ++i, ++iterations_) {
+      derive();
+      bool better = false;
+      for (int trial = 0; trial < 8 && !better; ++trial) {
+        GreyBoxPoint other = point_;
+        std::vector<double> scaled = scaled_;
+        double expected = 0;
+        if (!scaled.empty()) {
+          const Eigen::VectorXd step = boundedStep(information_, score_, damping, free_, scaled_);
+          for (std::size_t j = 0; j < scaled.size(); ++j) scaled[j] += step(j);
+          expected += score_.dot(step) - 0.5 * step.dot(information_ * step);
+          setCoordinates(other.model, free_.coordinates(scaled.data()));
+        }
+        if (options_.levels) {
+          Eigen::MatrixXd damped = level_information_;
+          damped.diagonal() *= 1 + damping;
+          Eigen::VectorXd step = damped.ldlt().solve(level_score_);
+          const double longest = step.cwiseAbs().maxCoeff();
+          if (longest > kLongestLevel) step *= kLongestLevel / longest;
+          expected += level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
+          other.levels = fromLogs(logs(other.levels) + step.head<kLevels>());
+          for (std::size_t r = 0; r < other.loudness.size(); ++r)
+            other.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
+        }
+        const double found = value(other, cap);
+        if (std::isfinite(found) && found > best - 1e-9) {
+          converged_ = found - best < kSettled && expected < 2 * kSettled;
+          better = true;
+          best = found;
+          point_ = other;
+          scaled_ = scaled;
+          damping = std::max(1e-6, damping * (trial == 0 ? 0.2 : 1));
+        } else {
+          if (expected < kSettled) break;
+          damping *= trial < 2 ? 10 : 30;
+        }
+      }
+      if (!better) {
+        value(point_, cap);  // back to where derivatives belong
+        converged_ = true;
+      }
+    }
+    best_ = best;
+  }
+
+  GreyBoxFit result() {
+    derive();
+    GreyBoxFit fit;
+    fit.point = point_;
+    fit.by_run = search_.byRun();
+    fit.log_likelihood = std::accumulate(fit.by_run.begin(), fit.by_run.end(), 0.0);
+    fit.log_posterior = best_;
+    for (const DisturbanceFilter& filter : search_.filters()) {
+      const Eigen::Vector4d &mean = filter.constants(), &sigma = filter.constantsSigma();
+      fit.trims.push_back({mean.head<3>(), sigma.head<3>(), mean(3), sigma(3)});
+    }
+    fit.information = information_;
+    fit.scale = free_.scale;
+    for (std::size_t i = 0; i < free_.index.size(); ++i)
+      fit.at_bound.push_back(free_.inward(i, scaled_[i]) != 0);
+    fit.level_information = level_information_;
+    fit.iterations = iterations_;
+    fit.converged = converged_;
+    return fit;
+  }
+
+  Search& search_;
+  const GreyBoxOptions& options_;
+  const Prior prior_;
+  GreyBoxPoint point_;
+  Free free_;
+  std::vector<double> scaled_;
+  Eigen::VectorXd score_;
+  Eigen::MatrixXd information_;
+  Eigen::VectorXd level_score_;
+  Eigen::MatrixXd level_information_;
+  double best_ = 0;
+  int iterations_ = 0;
+  bool converged_ = false;
+};
+
+}  // namespace
+
+GreyBox::GreyBox(std::vector<RunData> runs, double max_gap)
+    : runs_(std::move(runs)), max_gap_(max_gap) {
+  for (const RunData& run : runs_) DisturbanceFilter(run, max_gap_);
+}
+
+GreyBox::~GreyBox() = default;
+
+GreyBoxPoint GreyBox::start(const Model& model) const {
+  GreyBoxPoint point{model, LevelPrior(model.body).median, {}};
+  point.levels.sigma *= 5;
+  return point;
+}
+
+GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const {
+  Search search(runs_, max_gap_, options.threads);
+  return Ascent(search, start, options).run();
+}
+
+std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap,
+                                                 double block, int threads) const {
+  Search search(runs_, max_gap_, threads);
+  search.evaluate(point, cap);
+  std::vector<Eigen::VectorXd> result;
+  for (const DisturbanceFilter& filter : search.filters()) result.push_back(filter.densities(block));
+  return result;
+}
+
+GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::string>& parameters,
+                              double cap, double block, int threads) const {
+  Search search(runs_, max_gap_, threads);
+  const Free free = makeFree(point.model, parameters);
+  if (!std::isfinite(search.evaluate(point, cap)))
+    throw std::runtime_error("the model's motion along the recordings is not finite");
+  std::vector<RunScores> found(runs_.size());
+  inParallel(runs_.size(), threads, [&](std::size_t i) {
+    found[i] = search.filters()[i].scores(point.model, free, block);
+  });
+  GreyBoxScores result;
+  result.scale = free.scale;
+  const auto n = static_cast<Eigen::Index>(parameters.size());
+  Eigen::Index rows = 0;
+  for (const RunScores& run : found) rows += run.score.rows();
+  result.score.resize(rows, n);
+  result.information = Eigen::MatrixXd::Zero(n, n);
+  rows = 0;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    result.score.middleRows(rows, found[i].score.rows()) = found[i].score;
+    result.run.insert(result.run.end(), static_cast<std::size_t>(found[i].score.rows()),
+                      static_cast<int>(i));
+    result.information += found[i].information;
+    rows += found[i].score.rows();
+  }
+  return result;
+}
+
+GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double cap,
+                                    const Eigen::MatrixXd& acting,
+                                    const std::vector<int>& channels) const {
+  if (run < 0 || run >= static_cast<int>(runs_.size()))
+    throw std::invalid_argument("there is no such run");
+  const auto at = static_cast<std::size_t>(run);
+  DisturbanceFilter filter(runs_[at], max_gap_);
+  filter.run(point.model, levelsOf(point, at), cap);
+  const auto count = static_cast<Eigen::Index>(filter.samples().size());
+  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
+      (acting.cols() > 0 && acting.rows() != count))
+    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
+  for (const int channel : channels)
+    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
+  GreyBoxResiduals result;
+  result.whitened.resize(count, 3);
+  for (std::size_t k = 0; k < filter.samples().size(); ++k) {
+    result.whitened.row(static_cast<Eigen::Index>(k)) = filter.whitened(k);
+    result.scored.push_back(!filter.samples()[k].starts);
+  }
+  result.wrench = filter.wrench();
+  if (acting.cols() > 0) result.responses = filter.responses(acting, channels);
+  return result;
+}
+
+}  // namespace ground

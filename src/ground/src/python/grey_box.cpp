@@ -1,0 +1,125 @@
+// Bindings of the stochastic likelihood.
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "ground/identification/grey_box.h"
+
+namespace py = pybind11;
+
+namespace ground {
+namespace {
+
+py::dict levelsToDict(const DisturbanceLevels& levels) {
+  py::dict d;
+  const auto values = levels.values();
+  for (int i = 0; i < DisturbanceLevels::kCount; ++i)
+    d[py::str(DisturbanceLevels::names()[i])] = values[i];
+  return d;
+}
+
+DisturbanceLevels levelsFromDict(const py::dict& d) {
+  std::array<double, DisturbanceLevels::kCount> values;
+  for (int i = 0; i < DisturbanceLevels::kCount; ++i)
+    values[i] = d[py::str(DisturbanceLevels::names()[i])].cast<double>();
+  return DisturbanceLevels::of(values);
+}
+
+py::dict toDict(const GreyBoxFit& fit) {
+  py::dict d;
+  d["point"] = fit.point;
+  d["log_likelihood"] = fit.log_likelihood;
+  d["log_posterior"] = fit.log_posterior;
+  d["by_run"] = fit.by_run;
+  py::list trims;
+  for (const RunTrim& trim : fit.trims) {
+    py::dict t;
+    t["wrench"] = trim.wrench;
+    t["wrench_sigma"] = trim.wrench_sigma;
+    t["thrust"] = trim.thrust;
+    t["thrust_sigma"] = trim.thrust_sigma;
+    trims.append(t);
+  }
+  d["trims"] = trims;
+  d["information"] = fit.information;
+  d["scale"] = fit.scale;
+  d["at_bound"] = fit.at_bound;
+  d["level_information"] = fit.level_information;
+  d["iterations"] = fit.iterations;
+  d["converged"] = fit.converged;
+  return d;
+}
+
+}  // namespace
+
+void bindGreyBox(py::module_& module) {
+  py::class_<GreyBoxPoint>(module, "GreyBoxPoint",
+                           "A model and the levels of what is random beside it.")
+      .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> loudness) {
+             return GreyBoxPoint{model, levelsFromDict(levels), std::move(loudness)};
+           }),
+           py::arg("model"), py::arg("levels"), py::arg("loudness") = std::vector<double>())
+      .def_readonly("model", &GreyBoxPoint::model)
+      .def_property_readonly("levels",
+                             [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
+      .def_readonly("loudness", &GreyBoxPoint::loudness);
+  py::class_<GreyBox>(module, "GreyBox", "Stochastic grey-box likelihood of recorded poses.")
+      .def(py::init<std::vector<RunData>, double>(), py::arg("runs"), py::arg("max_gap") = 0.1)
+      .def("start", &GreyBox::start, py::arg("model"))
+      .def(
+          "fit",
+          [](const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
+             bool levels, double cap, bool far, int max_iterations, int threads) {
+            GreyBoxOptions options{free, levels, cap, far, max_iterations, threads};
+            GreyBoxFit fit;
+            {
+              const py::gil_scoped_release release;
+              fit = box.fit(start, options);
+            }
+            return toDict(fit);
+          },
+          py::arg("start"), py::arg("free"), py::arg("levels") = true, py::arg("cap") = 25.0,
+          py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
+      .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
+           py::arg("block") = 1.0, py::arg("threads") = 1,
+           py::call_guard<py::gil_scoped_release>())
+      .def(
+          "scores",
+          [](const GreyBox& box, const GreyBoxPoint& point,
+             const std::vector<std::string>& parameters, double cap, double block, int threads) {
+            GreyBoxScores found;
+            {
+              const py::gil_scoped_release release;
+              found = box.scores(point, parameters, cap, block, threads);
+            }
+            py::dict d;
+            d["scale"] = found.scale;
+            d["score"] = found.score;
+            d["run"] = found.run;
+            d["information"] = found.information;
+            return d;
+          },
+          py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0, py::arg("block") = 1.0,
+          py::arg("threads") = 1)
+      .def(
+          "residuals",
+          [](const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
+             const Eigen::MatrixXd& acting, const std::vector<int>& channels) {
+            GreyBoxResiduals found;
+            {
+              const py::gil_scoped_release release;
+              found = box.residuals(point, run, cap, acting, channels);
+            }
+            py::dict d;
+            d["whitened"] = found.whitened;
+            d["scored"] = found.scored;
+            d["wrench"] = found.wrench;
+            d["responses"] = found.responses;
+            return d;
+          },
+          py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
+          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>());
+}
+
+}  // namespace ground
