@@ -40,6 +40,13 @@ def lagging(tmp_path):
     return bags_of(tmp_path, truth)
 
 
+def tried_by_default():
+    """Names of the library's effects that a diagnosis tries unless told otherwise."""
+    from ground import _core
+
+    return {name for name, effect in _core.effects().items() if not effect["opt_in"]}
+
+
 def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     out = tmp_path / "out"
     result = diagnose(*lagging, "--model", MODEL, "-o", out)
@@ -57,8 +64,8 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     assert report["nominal"]["error"]["heldout"] > 3 * report["improved"]["error"]["heldout"]
     assert report["improved"]["error"]["heldout"] == pytest.approx(report["noise_floor"], rel=0.15)
     assert [s["added"] for s in report["steps"]] == ["motor_lag"]
-    assert len(report["candidates"]) == 21
-    assert [c["rank"] for c in report["candidates"]] == list(range(1, 22))
+    assert {c["effect"] for c in report["candidates"]} == tried_by_default()
+    assert [c["rank"] for c in report["candidates"]] == list(range(1, len(tried_by_default()) + 1))
     page = (out / "report.html").read_text()
     assert "motor_lag is missing" in page
     # simulator and controllers take the model as it is
@@ -185,10 +192,12 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         )
         return {c.name for c in verb._candidates(arguments, model)}
 
-    assert tried() == set(_core.effects()) | {"gust", "swirl"}
+    assert tried() == tried_by_default() | {"gust", "swirl"}
     assert tried("--only", "motor_lag") == {"motor_lag", "gust", "swirl"}
     assert tried("--only", "gust") == {"gust"}
     assert tried("--only", "gust", "motor_lag") == {"gust", "motor_lag"}
+    assert tried("--only", "gust", "floor_friction_map") == {"gust", "floor_friction_map"}
+    assert tried("floor_friction_map") == tried() | {"floor_friction_map"}  # one more of --effects
     assert "swirl" not in tried("--exclude", "swirl")
     with pytest.raises(IdentifyError, match="there is no effect guts"):
         tried("--only", "guts")
@@ -201,7 +210,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     with pytest.raises(IdentifyError, match="gust.yaml: --effects has another effect swirl"):
         tried()
     own["gust"].write_text("name: motor_lag\ntau: 0.1\n")
-    assert tried() == set(_core.effects()) | {"swirl"}
+    assert tried() == tried_by_default() | {"swirl"}
     own["gust"].write_text("")
     with pytest.raises(IdentifyError, match="gust.yaml: it is empty"):
         tried()

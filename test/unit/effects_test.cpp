@@ -29,13 +29,16 @@ InputSequence excitation() {
   return inputs;
 }
 
+const Vector3<double> kPlace(0.5, -1.0, 2.0);
+
 template <typename T>
-std::vector<Measurement<T>> run(const Model& model, const std::vector<T>& coordinates) {
+std::vector<Measurement<T>> run(const Model& model, const std::vector<T>& coordinates,
+                                const Vector3<double>& place = kPlace) {
   static const InputSequence inputs = excitation();
   const Dynamics<T> dynamics(model, coordinates);
   RigidState<T> start;
   start.nu = Vector3<double>(0.3, -0.2, 1.0).cast<T>();
-  start.eta = Vector3<double>(0.5, -1.0, 2.0).cast<T>();
+  start.eta = place.cast<T>();
   Simulation<T> simulation(dynamics, inputs, start, 0.05);
   std::vector<Measurement<T>> trajectory;
   for (double t = 0.1; t < 1.9; t += 0.113) {
@@ -58,14 +61,21 @@ TEST_P(EveryEffect, IsExactlyAbsentAtItsNeutralValue) {
 }
 
 TEST_P(EveryEffect, ChangesTheMotionInEachOfItsParameters) {
+  // Somewhere in the room: the floor's friction is a matter of the place.
   const Model neutral = with(GetParam());
   const auto infos = neutral.parameters();
-  const auto nominal = run(neutral, neutral.coordinates());
   for (std::size_t p = bodyParameters().size(); p < infos.size(); ++p) {
     std::vector<double> coordinates = neutral.coordinates();
     coordinates[p] += infos[p].scale(neutral.body);
-    const auto changed = run(neutral, coordinates);
-    EXPECT_GT(difference(nominal.back(), changed.back()), 1e-4) << infos[p].name;
+    double largest = 0;
+    for (double x = -2; x <= 2; ++x)
+      for (double y = -2; y <= 2; ++y) {
+        const Vector3<double> place(x, y, 2.0);
+        const auto nominal = run(neutral, neutral.coordinates(), place),
+                   changed = run(neutral, coordinates, place);
+        largest = std::max(largest, difference(nominal.back(), changed.back()));
+      }
+    EXPECT_GT(largest, 1e-4) << infos[p].name;
   }
 }
 
@@ -133,6 +143,8 @@ TEST(EffectLibrary, HasTheContractedNames) {
                                              "com_offset",
                                              "coulomb_friction",
                                              "differential_side_force",
+                                             "directional_yaw_damping",
+                                             "floor_friction_map",
                                              "floor_tilt",
                                              "heading_offset",
                                              "input_delay",
@@ -140,6 +152,7 @@ TEST(EffectLibrary, HasTheContractedNames) {
                                              "momentum_drag",
                                              "motor_lag",
                                              "quadratic_drag",
+                                             "skirt_friction",
                                              "sway_yaw_damping",
                                              "thrust_asymmetry",
                                              "thrust_curve",
@@ -252,6 +265,113 @@ TEST(Physics, MeasurementOffsetsCommute) {
   const Vector3<double> velocity = (at(h).eta - at(-h).eta) / (2 * h);
   const Vector2<double> body = worldToBody<double>(a.eta.z(), velocity.head<2>());
   EXPECT_LT((body - a.nu.head<2>()).norm(), 1e-8);
+}
+
+TEST(Physics, DirectionalYawDampingAddsClockwiseAndTakesOffTheOtherWay) {
+  Model model = with("directional_yaw_damping");
+  model.setValue("directional_yaw_damping.na", 2.5e-5);
+  RigidState<double> clockwise, other;
+  clockwise.nu.z() = 8;
+  other.nu.z() = -8;
+  const double damping = model.body.N_r / model.body.I_z, more = 2.5e-5 / model.body.I_z;
+  // The smooth passage through zero takes (0.1/8)^2/2 off.
+  EXPECT_NEAR(acceleration(model, clockwise).nu.z(), -8 * (damping + more), 2e-4 * more * 8);
+  EXPECT_NEAR(acceleration(model, other).nu.z(), 8 * (damping - more), 2e-4 * more * 8);
+}
+
+TEST(Physics, SkirtFrictionIsDryFrictionThatVanishesWithLift) {
+  Model skirt = with("skirt_friction"), dry = with("coulomb_friction");
+  skirt.setValue("skirt_friction.f0", 0.02);
+  skirt.setValue("skirt_friction.n0", 1e-4);
+  dry.setValue("coulomb_friction.f", 0.25 * 0.02);
+  dry.setValue("coulomb_friction.n", 0.25 * 1e-4);
+  RigidState<double> state;
+  state.nu << 0.4, -0.3, 2.0;
+  const auto at = [&](const Model& model, double lift) {
+    return Dynamics<double>(model).derivative(0, state, {0.5, 0.2}, lift).nu;
+  };
+  EXPECT_LT((at(skirt, 0.75) - at(dry, 0.75)).norm(), 1e-12);
+  EXPECT_GT((at(tinyWhoover(), 0.75) - at(dry, 0.75)).norm(), 0.1);
+  EXPECT_EQ(at(skirt, 1.0), at(tinyWhoover(), 1.0));
+}
+
+/// Damping that the floor adds at a place, seen in the acceleration [N s/m].
+double floorDamping(const Model& model, double x, double y) {
+  RigidState<double> state;
+  state.eta << x, y, 0.3;
+  state.nu << 0.5, 0.25, 0;
+  const Vector3<double> change =
+      acceleration(tinyWhoover(), state).nu - acceleration(model, state).nu;
+  EXPECT_NEAR(change.y(), 0.5 * change.x(), 1e-12);  // against the velocity
+  EXPECT_EQ(change.z(), 0);
+  return model.body.m * change.x() / 0.5;
+}
+
+TEST(Physics, FloorFrictionIsInterpolatedBetweenTheNodesOfItsGrid) {
+  Model model = with("floor_friction_map");
+  model.setValue("floor_friction_map.c_3_1", 0.01);   // x = 1 m, y = -1 m
+  model.setValue("floor_friction_map.c_4_1", 0.02);   // x = 2 m, y = -1 m
+  model.setValue("floor_friction_map.c_4_2", -0.03);  // x = 2 m, y = 0 m
+  EXPECT_NEAR(floorDamping(model, 1, -1), 0.01, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 2, 0), -0.03, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 1.25, -1), 0.75 * 0.01 + 0.25 * 0.02, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 1.5, -0.25), 0.25 * (0.5 * 0.01 + 0.5 * 0.02) + 0.75 * 0.5 * -0.03,
+              1e-12);
+  EXPECT_NEAR(floorDamping(model, 0.5, -1.5), 0.25 * 0.01, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 7, -1), 0.02, 1e-12);  // as at the edge
+  EXPECT_EQ(floorDamping(model, -1, 1), 0.0);
+}
+
+TEST(Physics, FloorFrictionKnowsItsDerivativeByThePlaceAlsoOnANode) {
+  Model model = with("floor_friction_map");
+  model.setValue("floor_friction_map.c_2_2", 0.01);
+  model.setValue("floor_friction_map.c_3_2", 0.03);
+  for (const double x : {0.0, 0.4}) {
+    RigidState<Jet> state;
+    state.eta.x() = Jet(x, 0);
+    state.nu.x() = Jet(0.5);
+    const Jet surge = Dynamics<Jet>(model).derivative(Jet(0), state, {Jet(0), Jet(0)}, 1.0).nu.x();
+    EXPECT_NEAR(surge.v[0], -0.5 * (0.03 - 0.01) / model.body.m, 1e-12) << x;
+  }
+}
+
+TEST(Penalty, BindsNeighboursOnTheFloorAndNothingElse) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("motor_lag"));
+  model.addEffect(makeEffect("floor_friction_map"));
+  std::vector<std::string> names;
+  for (const ParameterInfo& info : model.parameters()) names.push_back(info.name);
+  const Eigen::MatrixXd W = model.penalty(names);
+  ASSERT_EQ(W.rows(), model.parameterCount());
+  EXPECT_EQ(W, W.transpose());
+  EXPECT_TRUE(W.topRows(8).isZero(0)) << "body and motor_lag have no prior";
+  const Eigen::Index first = 8, count = 25;
+  const double scale = model.parameters().back().scale(model.body);
+  // What the prior says of a floor: differences along x and along y, and values, in scales.
+  const auto cost = [&](const Eigen::MatrixXd& floor) {
+    Eigen::VectorXd x = Eigen::VectorXd::Zero(W.rows());
+    for (Eigen::Index i = 0; i < 5; ++i)
+      for (Eigen::Index j = 0; j < 5; ++j) x(first + 5 * i + j) = scale * floor(i, j);
+    return 0.5 * x.dot(W * x);
+  };
+  const Eigen::MatrixXd level = Eigen::MatrixXd::Ones(5, 5);
+  EXPECT_NEAR(cost(level), 0.5 * count / 9.0, 1e-9);
+  Eigen::MatrixXd slope(5, 5), ruts(5, 5);
+  for (Eigen::Index i = 0; i < 5; ++i)
+    for (Eigen::Index j = 0; j < 5; ++j) {
+      slope(i, j) = i - 2;
+      ruts(i, j) = j % 2 ? -1 : 1;
+    }
+  EXPECT_NEAR(cost(slope), 0.5 * (20 * 1.0 + slope.squaredNorm() / 9), 1e-9);
+  EXPECT_NEAR(cost(ruts), 0.5 * (20 * 4.0 + ruts.squaredNorm() / 9), 1e-9);
+  // of some parameters, in their own order
+  const Eigen::MatrixXd some = model.penalty(
+      {"floor_friction_map.c_0_1", "k", "floor_friction_map.c_0_0", "floor_friction_map.c_2_2"});
+  const double unit = 1 / (scale * scale);
+  Eigen::MatrixXd expected(4, 4);
+  expected << 3 + 1 / 9.0, 0, -1, 0, 0, 0, 0, 0, -1, 0, 2 + 1 / 9.0, 0, 0, 0, 0, 4 + 1 / 9.0;
+  EXPECT_LT((some - unit * expected).cwiseAbs().maxCoeff(), 1e-9 * unit);
+  EXPECT_THROW(model.penalty({"floor_friction_map.c_5_0"}), std::invalid_argument);
 }
 
 ExpressionDefinition cubicDamping() {

@@ -162,6 +162,25 @@ std::vector<double> Model::coordinates() const {
   return all;
 }
 
+Eigen::MatrixXd Model::penalty(const std::vector<std::string>& names) const {
+  Eigen::MatrixXd all = Eigen::MatrixXd::Zero(parameterCount(), parameterCount());
+  auto first = static_cast<Eigen::Index>(bodyParameters().size());
+  for (const Entry& entry : effects) {
+    const EffectInfo& info = entry.effect->info();
+    const auto count = static_cast<Eigen::Index>(info.parameters.size());
+    if (info.penalty) all.block(first, first, count, count) = info.penalty(body);
+    first += count;
+  }
+  std::vector<int> places;
+  for (const std::string& name : names) places.push_back(index(name));
+  const auto count = static_cast<Eigen::Index>(names.size());
+  Eigen::MatrixXd chosen(count, count);
+  for (Eigen::Index i = 0; i < count; ++i)
+    for (Eigen::Index j = 0; j < count; ++j)
+      chosen(i, j) = all(places[static_cast<std::size_t>(i)], places[static_cast<std::size_t>(j)]);
+  return chosen;
+}
+
 int Model::parameterCount() const { return static_cast<int>(values().size()); }
 
 int Model::stateCount() const {

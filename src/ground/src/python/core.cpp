@@ -239,6 +239,9 @@ PYBIND11_MODULE(_core, module) {
           "Name, unit, doc, neutral value and bounds of every parameter.")
       .def("value", &Model::value, py::arg("parameter"))
       .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
+      .def("penalty", &Model::penalty, py::arg("parameters"),
+           "Prior on the named parameters: W (n, n), by which the log-likelihood loses "
+           "(x - x0)' W (x - x0)/2 at coordinates x, x0 the neutral ones.")
       .def(
           "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
           py::arg("name"), "Adds an effect of the library at its neutral values.")
@@ -273,11 +276,13 @@ PYBIND11_MODULE(_core, module) {
           py::dict d;
           d["summary"] = info.summary;
           d["parameters"] = describe(info.parameters);
+          d["opt_in"] = info.opt_in;
           all[py::str(name)] = d;
         }
         return all;
       },
-      "The effects of the library by name.");
+      "The effects of the library by name. A diagnosis tries those with `opt_in` only when it is "
+      "asked to.");
   module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
              py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
              "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "

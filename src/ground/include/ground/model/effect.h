@@ -40,6 +40,12 @@ struct EffectInfo {
   std::string summary;
   std::vector<ParameterInfo> parameters;
   int states = 0;  ///< number of states of its own
+  /// A diagnosis tries it only when it is asked for by name: it has many parameters.
+  bool opt_in = false;
+  /// Prior on the parameters: W, symmetric, positive semidefinite, a row for each parameter; the
+  /// log-likelihood loses (x - x0)' W (x - x0)/2 at coordinates x, x0 the neutral ones. Empty
+  /// function: no prior.
+  std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
 };
 
 /// Inputs that act over one integration step, at its start, middle and end.

@@ -57,6 +57,9 @@ class Model {
   void setValue(const std::string& parameter, double value);
   /// The same in solver coordinates, the vector that Dynamics takes.
   std::vector<double> coordinates() const;
+  /// Prior on the named parameters (EffectInfo::penalty), (n, n); zero where an effect has none.
+  /// The other parameters stay where they are. Throws std::invalid_argument on an unknown name.
+  Eigen::MatrixXd penalty(const std::vector<std::string>& names) const;
 
   int parameterCount() const;
   int stateCount() const;  ///< states of all effects together

@@ -50,9 +50,14 @@ def of_library(name):
     return Candidate(name, add)
 
 
-def library(model):
-    """Candidates for all effects of the library that the model does not have."""
-    return [of_library(name) for name in _core.effects() if name not in model.effects]
+def library(model, wanted=()):
+    """Candidates for the effects of the library that the model does not have; for those that a
+    diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
+    return [
+        of_library(name)
+        for name, effect in _core.effects().items()
+        if name not in model.effects and (name in wanted or not effect["opt_in"])
+    ]
 
 
 def from_file(path):

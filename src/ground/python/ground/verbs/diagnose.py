@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from ground import files, origin
+from ground import _core, files, origin
 from ground.analysis import candidates
 from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
@@ -14,6 +14,7 @@ from ground.verbs import common
 
 NAME = "diagnose"
 SUMMARY = "which physical effect a model lacks, with evidence, and the model with it"
+ON_REQUEST = [name for name, effect in _core.effects().items() if effect["opt_in"]]
 
 
 def configure(parser):
@@ -27,17 +28,18 @@ def configure(parser):
         "--only",
         metavar="EFFECT",
         nargs="+",
-        help="effects to try, of the library and of --effects (all)",
+        help="effects to try, of the library and of --effects (all but %s)" % ", ".join(ON_REQUEST),
     )
     parser.add_argument(
         "--exclude", metavar="EFFECT", nargs="+", default=[], help="effects not to try"
     )
     parser.add_argument(
         "--effects",
-        metavar="FILE.yaml",
+        metavar="EFFECT",
         nargs="+",
         default=[],
-        help="effects of one's own to try as well, one a file, as model files list them",
+        help="effects to try as well: your own, one in each FILE.yaml, as model files list them, or "
+        "by name those of the library that it does not try by default (%s)" % ", ".join(ON_REQUEST),
     )
     parser.add_argument(
         "--budget",
@@ -74,6 +76,7 @@ def run(arguments):
     # slow to load, for the other verbs as well
     from ground.analysis import diagnosis, diagnosis_report
 
+    own_files = [e for e in arguments.effects if e not in ON_REQUEST]
     kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(
         runs,
@@ -117,7 +120,7 @@ def run(arguments):
             conclusion,
             quality.describe(prepared + prepared_held),
             held,
-            arguments.bags + arguments.holdout + [arguments.model] + arguments.effects,
+            arguments.bags + arguments.holdout + [arguments.model] + own_files,
             arguments.force,
             arguments.thorough,
         )
@@ -144,17 +147,18 @@ def _candidates(arguments, model):
     """Effects to try, of the library and of --effects, by --only and --exclude. Those of --effects
     are tried beside the library's of --only, unless --only names one of them, and in place of those
     of the library that have their names."""
-    own = [candidates.from_file(path) for path in arguments.effects]
+    own = [candidates.named(effect) for effect in arguments.effects]
     names = [c.name for c in own]
-    library = [c for c in candidates.library(model) if c.name not in names]
-    known = [c.name for c in library] + names + list(model.effects)
+    library = [c for c in candidates.library(model, arguments.only or ()) if c.name not in names]
+    by_default = [c.name for c in library] + names + list(model.effects)
+    known = by_default + [name for name in ON_REQUEST if name not in by_default]
     for name in (arguments.only or []) + arguments.exclude:
         if name not in known:
             raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
     for path, name in zip(arguments.effects, names):
         if names.count(name) > 1:
             raise IdentifyError("%s: --effects has another effect %s" % (path, name))
-    only = set(arguments.only or known)
+    only = set(arguments.only or by_default)
     if not only & set(names):
         only |= set(names)
     chosen = [c for c in library + own if c.name in only and c.name not in arguments.exclude]

@@ -1,5 +1,4 @@
-#include <cmath>
-
+#include "dry_friction.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/typical.h"
 
@@ -20,17 +19,8 @@ struct CoulombFriction {
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
-    using std::sqrt;
-    const T &u = point.nu.x(), &v = point.nu.y(), &r = point.nu.z();
-    const T force = p[0] / sqrt(u * u + v * v + kSlow * kSlow);
-    wrench(0) -= force * u;
-    wrench(1) -= force * v;
-    wrench(2) -= p[1] * r / sqrt(r * r + kSlowYaw * kSlowYaw);
+    addDryFriction(point, p[0], p[1], wrench);
   }
-
- private:
-  static constexpr double kSlow = 0.01;    // [m/s] below which friction is proportional to speed
-  static constexpr double kSlowYaw = 0.1;  // [rad/s]
 };
 GROUND_REGISTER_EFFECT(CoulombFriction)
 

@@ -1,0 +1,29 @@
+#include "dry_friction.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+
+/// Yaw damping that differs by the direction of spin: N = -n_a |r|, |r| with a smooth passage
+/// through zero. Where n_a is positive, a craft that turns clockwise seen from above (r > 0) is
+/// damped by N_r + n_a, one that turns the other way by N_r - n_a.
+struct DirectionalYawDamping {
+  static constexpr bool kUsesPose = false;
+
+  static EffectInfo info() {
+    return {"directional_yaw_damping",
+            "yaw damping that differs by the direction of spin",
+            {{"na", "N m s", "more damping clockwise, less the other way", 0, -1e3, 1e3,
+              [](const Body<double>& b) {
+                return 0.1 * typical::moment(b) / typical::yawRate(b);
+              }}}};
+  }
+  template <typename T>
+  static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
+    const T& r = point.nu.z();
+    wrench(2) -= p[0] * r * smoothSign(r, kSlowYaw);
+  }
+};
+GROUND_REGISTER_EFFECT(DirectionalYawDamping)
+
+}  // namespace ground
