@@ -102,18 +102,18 @@ struct Covariance {
     V push[3][kN], top[6][kN];  // covariance of what acts, and of what is moved, with the state
     for (int j = 0; j < kN; ++j) {
       for (int i = 0; i < 3; ++i)
-        push[i][j] = step.mean[i] * P[6 + i][j] + P[9 + i][j] + V(s.thrust[i]) * P[12][j];
+        push[i][j] = step.mean[i] * P[6 + i][j] + P[9 + i][j];
       for (int i = 0; i < 6; ++i) {
         V sum = V(s.motion[i][0]) * P[0][j];
         for (int k = 1; k < 6; ++k) sum += V(s.motion[i][k]) * P[k][j];
         for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k][j];
-        top[i][j] = sum;
+        top[i][j] = sum + V(s.by_thrust[i]) * P[12][j];
       }
     }
     V acting[6][3];  // covariance of what is moved with what acts
     for (int i = 0; i < 6; ++i)
       for (int k = 0; k < 3; ++k)
-        acting[i][k] = step.mean[k] * top[i][6 + k] + top[i][9 + k] + V(s.thrust[k]) * top[i][12];
+        acting[i][k] = step.mean[k] * top[i][6 + k] + top[i][9 + k];
     V third[6][3], half[6][3];  // of the noise that comes in on the way
     for (int i = 0; i < 6; ++i)
       for (int k = 0; k < 3; ++k) {
@@ -122,8 +122,8 @@ struct Covariance {
       }
     for (int i = 0; i < 6; ++i)
       for (int j = i; j < 6; ++j) {
-        V sum = top[i][0] * V(s.motion[j][0]);
-        for (int k = 1; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
+        V sum = top[i][12] * V(s.by_thrust[j]);
+        for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
         for (int k = 0; k < 3; ++k)
           sum += (acting[i][k] + third[i][k]) * V(s.response[j][k]);
         P[i][j] = P[j][i] = sum;
@@ -171,11 +171,10 @@ void moveDeviation(const FilterSample& s, const V left[3], const V mean[3], V* x
   const auto at = [&](int i) { return x + i * count; };
   for (int j = 0; j < count; ++j) {
     V push[3], next[6];
-    for (int i = 0; i < 3; ++i)
-      push[i] = mean[i] * at(6 + i)[j] + at(9 + i)[j] + V(s.thrust[i]) * at(12)[j];
+    for (int i = 0; i < 3; ++i) push[i] = mean[i] * at(6 + i)[j] + at(9 + i)[j];
     for (int i = 0; i < 6; ++i) {
-      V sum = V(s.motion[i][0]) * at(0)[j];
-      for (int k = 1; k < 6; ++k) sum += V(s.motion[i][k]) * at(k)[j];
+      V sum = V(s.by_thrust[i]) * at(12)[j];
+      for (int k = 0; k < 6; ++k) sum += V(s.motion[i][k]) * at(k)[j];
       for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k];
       next[i] = sum;
     }
@@ -207,11 +206,6 @@ void passGap(Simulation<Jet>& simulation, double until) {
   simulation.advance(until);
 }
 
-/// The wrench of thrusters at full levels.
-Vector3<double> thrustWrench(const Body<double>& body, const Vector2<double>& input) {
-  return {body.k * (input(0) + input(1)), 0, body.k * body.l * (input(0) - input(1))};
-}
-
 }  // namespace
 
 DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
@@ -235,7 +229,11 @@ DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
 }
 
 double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap) {
-  const Dynamics<Jet> dynamics(model);
+  constexpr int kThrust = 6;  // direction of a Jet
+  std::vector<Jet> coordinates;
+  for (const double value : model.coordinates()) coordinates.emplace_back(value);
+  coordinates[static_cast<std::size_t>(model.index("k"))].v[kThrust] = model.body.k;
+  const Dynamics<Jet> dynamics(model, coordinates);
   Matrix3<double> mobility;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) mobility(i, j) = dynamics.mass()(i, j).a;
@@ -306,16 +304,18 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
       seeded.eta(i) = Jet(at.eta(i), i);
       seeded.nu(i) = Jet(at.nu(i), 3 + i);
     }
-    const Vector2<Jet> before = simulation.actuated();
     simulation.state() = seeded;
     simulation.advance(run_.times[k + 1]);
-    const Vector2<Jet> after = simulation.actuated();
     const RigidState<Jet>& to = simulation.state();
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 6; ++j) {
         s.motion[i][j] = to.eta(i).v[j];
         s.motion[3 + i][j] = to.nu(i).v[j];
       }
+    for (int i = 0; i < 3; ++i) {
+      s.by_thrust[i] = to.eta(i).v[kThrust];
+      s.by_thrust[3 + i] = to.nu(i).v[kThrust];
+    }
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < 3; ++j) {
         double sum = 0;  // the mean of the motion by velocity at the step's start and end
@@ -323,17 +323,12 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
           sum += (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0)) * mobility(l, j);
         s.response[i][j] = 0.5 * s.dt * sum;
       }
-    const Vector3<double> thrust = thrustWrench(
-        model.body, {0.5 * (before(0).a + after(0).a), 0.5 * (before(1).a + after(1).a)});
     const Random<double>::Step step = random.over(s.dt);
-    for (int i = 0; i < 3; ++i) {
-      s.thrust[i] = thrust(i);
-      s.push(i) = step.mean[i] * push(i) + constant(i) + constant(3) * thrust(i);
-    }
+    for (int i = 0; i < 3; ++i) s.push(i) = step.mean[i] * push(i) + constant(i);
     covariance.move(s, step);
     for (int i = 0; i < 3; ++i) {
-      at.eta(i) = to.eta(i).a;
-      at.nu(i) = to.nu(i).a;
+      at.eta(i) = to.eta(i).a + s.by_thrust[i] * constant(3);
+      at.nu(i) = to.nu(i).a + s.by_thrust[3 + i] * constant(3);
       for (int j = 0; j < 3; ++j) {
         at.eta(i) += s.response[i][j] * s.push(j);
         at.nu(i) += s.response[3 + i][j] * s.push(j);

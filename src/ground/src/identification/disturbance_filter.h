@@ -25,7 +25,7 @@ struct FilterSample {
   double seen[3][6];                           ///< derivative of the pose by pose and velocity
   double motion[6][6];                         ///< of the next pose and velocity by these
   double response[6][3];                       ///< of these by a wrench that is held
-  double thrust[3];                            ///< wrench of the thrusters until then
+  double by_thrust[6];                         ///< of these by a relative change of all thrust
   double dt;                                   ///< to the next sample; 0 at the end of a stretch
   double log_density;                          ///< of the pose after those before it; 0 at a start
   bool starts;                                 ///< a stretch: nothing is carried over but trims

@@ -36,7 +36,7 @@ LevelPrior::LevelPrior(const Body<double>& body) {
   median.white = 0.001 * full;
   median.trim = 0.003 * full;
   median.thrust = 0.01;
-  deviation = {1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.5, 1.5, 1.5, 0.4, 0.4, 1.5, 1.5, 1.5, 1.5};
+  deviation = {1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.5, 1.5, 1.5, 0.4, 0.4, 1.5, 1.5, 1.5, 0.7};
 }
 
 }  // namespace ground

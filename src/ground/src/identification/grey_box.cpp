@@ -1,12 +1,14 @@
 #include "ground/identification/grey_box.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
 
+#include "descent.h"
 #include "disturbance_filter.h"
 #include "free_parameters.h"
 #include "parallel.h"
@@ -19,9 +21,12 @@ using LevelVector = Eigen::Matrix<double, kLevels, 1>;
 
 constexpr double kLoudness = 0.5;    // deviation of its prior
 constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the search
+constexpr double kUnidentified = 30;  // deviation in parts of a parameter's typical size
+constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
 constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
 
 /// Levels whose strength follows the loudness of the run: sigma and white.
+constexpr int kFirstTrim = 11;  // of the levels
 constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};
 
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
@@ -165,9 +170,15 @@ class Ascent {
   }
 
   GreyBoxFit run() {
-    std::vector<double> caps = {options_.cap};
-    if (options_.far) caps = {std::numeric_limits<double>::infinity(), 200, options_.cap};
-    for (const double cap : caps) climb(cap);
+    if (options_.far) {
+      // Were what differs between runs free from the start, it would take the parameters' place.
+      hold_trims_ = true;
+      climb(std::numeric_limits<double>::infinity());
+      climb(200);
+      hold_trims_ = false;
+    }
+    climb(options_.cap);
+    if (centreThrust()) climb(options_.cap);  // or back
     return result();
   }
 
@@ -211,6 +222,39 @@ class Ascent {
       level_information_.block(0, kLevels + i, kLevels, 1) = across;
       level_information_.block(kLevels + i, 0, 1, kLevels) = across.transpose();
     }
+    if (!hold_trims_) return;
+    for (int i = kFirstTrim; i < kLevels; ++i) {
+      level_score_(i) = 0;
+      level_information_.row(i).setZero();
+      level_information_.col(i).setZero();
+      level_information_(i, i) = 1;
+    }
+  }
+
+  /// Thrust that is off by the same in all runs is the parameter's: along the way between the two
+  /// the likelihood is nearly flat, and steps are small.
+  bool centreThrust() {
+    const auto k = std::find(options_.free.begin(), options_.free.end(), "k");
+    if (k == options_.free.end() || !options_.levels) return false;
+    double mean = 0, square = 0;
+    const double count = static_cast<double>(search_.filters().size());
+    for (const DisturbanceFilter& filter : search_.filters()) {
+      mean += filter.constants()(3) / count;
+      square += std::pow(filter.constants()(3), 2) / count;
+    }
+    if (std::abs(mean) < kCentred || std::abs(mean) < kCentred * point_.levels.thrust) return false;
+    const GreyBoxPoint before = point_;
+    const std::vector<double> scaled = scaled_;
+    const double best = best_;
+    const auto at = static_cast<std::size_t>(k - options_.free.begin());
+    scaled_[at] *= 1 + mean;
+    setCoordinates(point_.model, free_.coordinates(scaled_.data()));
+    point_.levels.thrust = std::max(1e-3, std::sqrt(std::max(0.0, square - mean * mean)));
+    climb(options_.cap);
+    if (best_ > best) return true;
+    point_ = before;
+    scaled_ = scaled;
+    return true;
   }
 
   void climb(double cap) {
@@ -236,9 +280,8 @@ class Ascent {
           Eigen::MatrixXd damped = level_information_;
           damped.diagonal() *= 1 + damping;
           Eigen::VectorXd step = damped.ldlt().solve(level_score_);
-          const double longest = step.cwiseAbs().maxCoeff();
-          if (longest > kLongestLevel) step *= kLongestLevel / longest;
           expected += level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
+          step = step.cwiseMax(-kLongestLevel).cwiseMin(kLongestLevel);
           other.levels = fromLogs(logs(other.levels) + step.head<kLevels>());
           for (std::size_t r = 0; r < other.loudness.size(); ++r)
             other.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
@@ -277,12 +320,53 @@ class Ascent {
     }
     fit.information = information_;
     fit.scale = free_.scale;
-    for (std::size_t i = 0; i < free_.index.size(); ++i)
-      fit.at_bound.push_back(free_.inward(i, scaled_[i]) != 0);
+    fit.parameters = parameters();
     fit.level_information = level_information_;
     fit.iterations = iterations_;
     fit.converged = converged_;
     return fit;
+  }
+
+  /// Values with 95% intervals by the information.
+  std::vector<FittedParameter> parameters() const {
+    const auto n = static_cast<Eigen::Index>(scaled_.size());
+    std::vector<FittedParameter> result;
+    if (n == 0) return result;
+    const Eigen::VectorXd size =
+        information_.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+    const Eigen::MatrixXd even =
+        size.cwiseInverse().asDiagonal() * information_ * size.cwiseInverse().asDiagonal();
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
+    constexpr double kUnseen = 1e-10;  // of the largest eigenvalue
+    const Eigen::VectorXd inverse = eigen.eigenvalues().unaryExpr([&](double value) {
+      return value > kUnseen * eigen.eigenvalues()(n - 1) ? 1 / value : 0.0;
+    });
+    const auto infos = point_.model.parameters();
+    const std::vector<double> values = point_.model.values();
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const Eigen::VectorXd row = eigen.eigenvectors().row(i);
+      double unseen = 0;
+      for (Eigen::Index j = 0; j < n; ++j)
+        if (inverse(j) == 0) unseen += row(j) * row(j);
+      const double deviation =
+          std::sqrt(row.cwiseAbs2().dot(inverse)) / size(i);  // in parts of the scale
+      const bool identified = unseen < 0.01 && deviation < kUnidentified;
+      const ParameterInfo& info = infos[free_.index[at]];
+      const double coordinate = scaled_[at] * free_.scale[at], value = values[free_.index[at]];
+      const double spread = identified ? deviation * free_.scale[at] : kInfinity;
+      constexpr double kQuantile = 1.959964;
+      double low = info.lower, high = info.upper;
+      if (identified) {
+        low = info.fromCoordinate(std::max(coordinate - kQuantile * spread, free_.lower[at]));
+        high = info.fromCoordinate(std::min(coordinate + kQuantile * spread, free_.upper[at]));
+        if (low > high) std::swap(low, high);
+      }
+      const double slope = free_.reciprocal[at] ? value * value : 1;
+      result.push_back({info.name, info.unit, free_.base[free_.index[at]], value, low, high,
+                        slope * spread, free_.inward(at, scaled_[at]) != 0, identified});
+    }
+    return result;
   }
 
   Search& search_;
@@ -296,6 +380,7 @@ class Ascent {
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
   double best_ = 0;
+  bool hold_trims_ = false;
   int iterations_ = 0;
   bool converged_ = false;
 };

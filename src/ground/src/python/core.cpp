@@ -156,22 +156,9 @@ ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<doub
 }
 
 py::dict toDict(const FitResult& result) {
-  py::list parameters;
-  for (const FittedParameter& p : result.parameters) {
-    py::dict d;
-    d["name"] = p.name;
-    d["unit"] = p.unit;
-    d["start"] = p.start;
-    d["value"] = p.value;
-    d["ci95"] = py::make_tuple(p.lower, p.upper);
-    d["deviation"] = p.deviation;
-    d["at_bound"] = p.at_bound;
-    d["identified"] = p.identified;
-    parameters.append(d);
-  }
   py::dict d;
   d["model"] = result.model;
-  d["parameters"] = parameters;
+  d["parameters"] = toList(result.parameters);
   d["correlation"] = result.correlation;
   d["condition"] = result.condition;
   d["objective"] = result.objective;
@@ -186,6 +173,24 @@ py::dict toDict(const FitResult& result) {
 }
 
 }  // namespace
+
+py::list toList(const std::vector<FittedParameter>& parameters) {
+  py::list list;
+  for (const FittedParameter& p : parameters) {
+    py::dict d;
+    d["name"] = p.name;
+    d["unit"] = p.unit;
+    d["start"] = p.start;
+    d["value"] = p.value;
+    d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["deviation"] = p.deviation;
+    d["at_bound"] = p.at_bound;
+    d["identified"] = p.identified;
+    list.append(d);
+  }
+  return list;
+}
+
 }  // namespace ground
 
 PYBIND11_MODULE(_core, module) {

@@ -44,7 +44,7 @@ py::dict toDict(const GreyBoxFit& fit) {
   d["trims"] = trims;
   d["information"] = fit.information;
   d["scale"] = fit.scale;
-  d["at_bound"] = fit.at_bound;
+  d["parameters"] = toList(fit.parameters);
   d["level_information"] = fit.level_information;
   d["iterations"] = fit.iterations;
   d["converged"] = fit.converged;

@@ -44,7 +44,7 @@ struct GreyBoxFit {
   std::vector<RunTrim> trims;
   Eigen::MatrixXd information;         ///< of the free parameters, in coordinates over scale
   std::vector<double> scale;           ///< of their coordinates
-  std::vector<bool> at_bound;
+  std::vector<FittedParameter> parameters;  ///< the free ones, with intervals
   Eigen::MatrixXd level_information;   ///< of the logarithms of the levels, prior included
   int iterations = 0;
   bool converged = false;

@@ -26,7 +26,7 @@ class Fit:
     by_run: np.ndarray  # (runs,) log-likelihood
     information: np.ndarray  # (free, free) by coordinate / scale
     scale: np.ndarray  # (free,) of the coordinates
-    at_bound: Tuple[bool, ...]
+    parameters: Tuple[dict, ...]  # name, unit, value, ci95, deviation, at_bound, identified
     level_information: np.ndarray  # of the logarithms of levels, then of the runs' loudness
     trims: Tuple[dict, ...]  # of each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
@@ -34,12 +34,6 @@ class Fit:
     @property
     def model(self):
         return self.point.model
-
-    @property
-    def deviation(self):
-        """Standard deviations of the free parameters' coordinates (free,)."""
-        covariance = np.linalg.pinv(self.information, rcond=1e-12, hermitian=True)
-        return np.sqrt(np.maximum(np.diag(covariance), 0)) * self.scale
 
 
 class Likelihood:
@@ -76,7 +70,7 @@ class Likelihood:
             np.array(found["by_run"]),
             np.array(found["information"]),
             np.array(found["scale"]),
-            tuple(found["at_bound"]),
+            tuple(found["parameters"]),
             np.array(found["level_information"]),
             tuple(found["trims"]),
             found["converged"],

@@ -1,0 +1,116 @@
+"""How models fare on runs that they were not fitted to: error (DESIGN 8) and log-likelihood."""
+from dataclasses import dataclass
+from typing import Any, Dict, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import study
+from ground.analysis.likelihood import Likelihood
+from ground.analysis.unfinished import can_be_kept
+from ground.recordings import windows
+
+FOLDS = 4  # largest number of parts that are held out one after the other
+
+
+@can_be_kept
+@dataclass
+class Judged:
+    """A fitted model and its errors."""
+
+    model: Any  # _core.Model
+    parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
+    error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows of all runs
+    heldout: np.ndarray  # (3,) the same, each window by a fit to the other parts
+    by_window: np.ndarray  # (windows,) their sum in each window, held out
+    likelihood: Tuple[np.ndarray, ...]  # log-likelihood of blocks of time, held out, of each part
+
+
+class Folds:
+    """Runs (_core.RunData) parted, by run or, where there is one run only, by quarters of its time.
+
+    cut: the windows that errors are taken over. threads: of one fit.
+    """
+
+    def __init__(self, runs, cut, threads=1, each=map):
+        self.runs, self.cut, self.each = runs, cut, each
+        self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
+        self.count = min(FOLDS, len(self.parts))
+        self.fitted, self.tested = [], []
+        for fold in range(self.count):
+            inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
+            outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
+            self.fitted.append(Likelihood([run for part in outside for run in part], threads))
+            self.tested.append(Likelihood([run for part in inside for run in part], threads))
+        self.fold_of = np.array([self._fold_of(w) for w in cut])
+
+    def _fold_of(self, window):
+        if len(self.runs) > 1:
+            return window.run % self.count
+        ends = [part[-1].times[-1] for part in self.parts]
+        middle = self.runs[0].times[(window.first + window.last) // 2]
+        return min(int(np.searchsorted(ends, middle)), self.count - 1)
+
+    def models(self, fit):
+        """Models refitted without each fold, from a Fit to all runs whose levels are kept."""
+        return list(self.each(lambda i: self._without(fit, i), range(self.count)))
+
+    def _without(self, fit, fold):
+        levels = _core.GreyBoxPoint(fit.model, fit.point.levels)
+        return self.fitted[fold].fit(fit.model, fit.free, near=_Near(levels), levels=False)
+
+    def judge(self, fit):
+        """The Judged of a Fit to all runs."""
+        refitted = self.models(fit)
+        heldout = np.zeros((len(self.cut), 3))
+        for fold, other in enumerate(refitted):
+            inside = np.flatnonzero(self.fold_of == fold)
+            if len(inside):
+                chosen = [self.cut[i] for i in inside]
+                heldout[inside] = study.window_errors(self.runs, chosen, other.model)
+        samples = [w.last - w.first + 1 for w in self.cut]
+        return Judged(
+            fit.model,
+            {p["name"]: p for p in fit.parameters},
+            study.channel_errors(self.runs, self.cut, fit.model),
+            np.average(heldout, axis=0, weights=samples),
+            heldout.sum(axis=1),
+            tuple(
+                np.concatenate(self.tested[fold].blocks(other))
+                for fold, other in enumerate(refitted)
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class _Near:
+    """What Likelihood.fit starts from."""
+
+    point: Any
+
+
+def gain(better, worse):
+    """Rise of the held-out log-likelihood from one Judged to another, and its standard error."""
+    rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
+    return float(rise.sum()), float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
+
+
+def quarters(run, count=4):
+    """A run parted into as many stretches of time: lists of one _core.RunData."""
+    times = np.array(run.times)
+    edges = np.linspace(0, len(times), count + 1).astype(int)
+    return [[_stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]
+
+
+def _stretch(run, times, part):
+    poses = np.array(run.poses)
+    return _core.RunData(
+        run.name,
+        times[part],
+        np.array(run.eta)[part],
+        np.array(run.nu)[part],
+        np.array(run.inputs),
+        poses[part] if len(poses) else poses,
+        np.array(run.noise),
+        run.drives,
+    )
