@@ -86,10 +86,11 @@ bench-faults: build
 bench-damage: build
 	@$(in_workspace) test/bench/damage.py $(OPTIONS)
 
-# Effects hidden in the simulated craft, diagnosed; goes on where it was interrupted. OPTIONS="--help"
+# Effects hidden in simulated crafts, diagnosed, as a table; goes on where it was interrupted.
+# OPTIONS="--kinds disturbed_null --count 20", OPTIONS="--help"
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
-	  --picture build/hidden.png $(OPTIONS)
+	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
 
 # Sweeps on all cores and on a Dask cluster, and what 1000 workers would do.
 bench-scaling: build

@@ -107,7 +107,7 @@ def screening(table):
     """Score tests of all effects of the library on four runs of 8 s."""
     import time
 
-    import hidden_cases as cases
+    import hidden_white as cases
 
     from ground import _core
     from ground.analysis import candidates, diagnosis

@@ -1,168 +1,394 @@
-"""Experiments with an effect hidden in the simulated craft, for the hidden-effect bench."""
+"""Cases of the hidden-effect bench: what is hidden, what disturbs the craft, how it is measured.
+
+A case follows from its kind and seed alone. hidden_craft moves it, hidden_noise disturbs and
+measures it: the estimator shares neither equations nor integrator nor noise with the truth. The
+poses then take the path of a user's bag: they are repaired, smoothed and cut to the usable spans.
+"""
 import hashlib
-import pathlib
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
-import yaml
 
+import hidden_craft
+import hidden_noise
+import hidden_white
 from ground import _core
-from ground.analysis import candidates, study
 from ground.recordings import quality
+from ground.recordings.recording import Recording
 from ground.simulation import experiments
+from hidden_white import in_turn
 
-MODEL = str(
-    pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft" / "tiny_whoover.yaml"
-)
-RUNS, DURATION = 4, 8.0  # a diagnosis sees so many runs of so many seconds
-SPREAD = 0.2  # of the true nominal parameters about those of the model that is diagnosed
-NOISE = (3e-4, 5e-3)  # of the mocap [m], [rad]
-
-# Size of each effect's parameters (SI units) at which the refitted nominal model's held-out error is
-# 1.5 times that of the refitted truth, for excitation "varied", by `hidden.py calibrate`.
-STRENGTHS = {
-    "input_delay": {"delay": 0.005},
-    "motor_lag": {"tau": 0.006},
-    "thrust_asymmetry": {"a": 0.0066},
-    "thrust_curve": {"p": 0.13},
-    "thrust_misalignment": {"angle": 0.065},
-    "thrust_speed_loss": {"c": 0.052},
-    "battery_sag": {"tau": 64.0},
-    "quadratic_drag": {"cx": 0.0052, "cy": 0.0052, "cr": 8.3e-7},
-    "coulomb_friction": {"f": 0.0028, "n": 1.9e-5},
-    "momentum_drag": {"q": 0.017},
-    "floor_tilt": {"sx": 0.0033, "sy": 0.0025},
-    "wind": {"wx": 0.09, "wy": 0.09},
-    "yaw_bias": {"n0": 1e-5},
-    "body_force_bias": {"x0": 0.0015, "y0": 0.003},
-    "sway_yaw_damping": {"yr": 3.4e-5, "nv": 1.7e-5},
-    "added_mass": {"mx": 2.7e-5, "my": 8e-5},
-    "com_offset": {"xg": 5.2e-4, "yg": 1.3e-4},
-    "marker_offset": {"dx": 0.004, "dy": 0.003},
-    "heading_offset": {"psi0": 0.044},
-    "thrust_sway_moment": {"c": 3e-4},
-    "differential_side_force": {"c": 0.22},
-    "directional_yaw_damping": {"na": 8e-6},
-    "skirt_friction": {"f0": 0.02, "n0": 1e-4},
+FITTED, HELD_OUT = 4, 2  # runs of a case
+DRIVEN = 7.0  # of a run of 8 s, the first of which has lift alone [s]
+SPREAD = 0.2  # of the true body's parameters about those of the model that is diagnosed
+NOMINAL = ("m", "l", "I_z", "X_u", "Y_v", "N_r", "k")
+FREE = NOMINAL[2:]
+LEVELS = (0.01, 0.02, 0.05)  # of a disturbance, in parts of full thrust
+TRIM = 0.03  # deviation from run to run, in parts of full thrust, force or moment
+LAGS = ["input_delay", "motor_lag"]
+# What the library cannot express, and by how much either way its sizes are drawn.
+HISTORY = {
+    "spin_up": {"rise": 0.06, "fall": 0.02},
+    "thrust_droop": {"part": 0.2, "time": 1.5},
+    "skirt_pressure": {"drag": 0.03, "time": 0.6, "speed": 1.0},
+    "thrust_backlash": {"width": 0.2},
+    "warm_up": {"part": 0.25, "use": 3.0},
 }
-ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
-ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
-# Truths that are not in the library: formulas, and the variables that they depend on.
-OUTSIDE = {
-    "washboard floor": (
-        {"X": "a*sin(2*pi*x/0.3)*cos(psi)", "Y": "-a*sin(2*pi*x/0.3)*sin(psi)"},
-        {"a": 0.008},
-        {"x"},
-    ),
-    "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"r", "u"}),
-    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"r"}),
-    "thruster cross-talk": (
-        {"X": "-2*a*u_L*u_R"},
-        {"a": 0.012},
-        {"u_L", "u_R", "u_L+u_R"},
-    ),
-}
-# Two runs that cannot tell effects apart: how they were driven, the effects, and how large those are.
-AMBIGUOUS = {
-    "delay or lag, slow PRBS": (
-        "slow",
-        {"input_delay": {"delay": 0.008}, "motor_lag": {"tau": 0.008}},
-    ),
-    "linear or momentum drag, one lift": ("prbs", {"momentum_drag": {"q": 0.0045}, None: {}}),
-    "tilt or force, one heading": (
-        "straight",
-        {
-            "floor_tilt": {"sx": 0.002, "sy": 0.0015},
-            "body_force_bias": {"x0": 0.0014, "y0": 0.0007},
-        },
-    ),
-}
-LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # of the strengths above
+ABOUT = 1.3
 
 
-def scaled(effect, name, size, factor):
-    """A parameter of an effect at `factor` times its strength."""
-    if effect == "battery_sag":
-        return size / factor
-    return 1 + size * factor if (effect, name) == ("thrust_curve", "p") else size * factor
+@dataclass
+class Case:
+    """A truth and the experiments with it; all plain values, in SI units."""
+
+    kind: str
+    seed: int
+    hidden: list = field(default_factory=list)  # effects of the library in the truth
+    allowed: list = field(default_factory=list)  # others that are no false answer
+    effects: dict = field(default_factory=dict)  # all in the truth: {name: {parameter: value}}
+    body: dict = field(default_factory=dict)  # the truth's
+    given: dict = field(default_factory=dict)  # factors on the model that is diagnosed
+    runs: list = field(default_factory=list)  # drive, heading, push, thrust of each
+    mocap: dict = field(default_factory=dict)
+    jitter: float = 0.0  # largest delay of single commands [s]
+    level: float = 0.0  # of the disturbance, in parts of full thrust
+
+    def describe(self):
+        """The case as a dictionary for a line of JSON."""
+        return asdict(self)
 
 
-def truth(effects, factor, seed, strengths=STRENGTHS):
-    """The craft's true model: nominal parameters and the effects' directions drawn by the seed."""
-    random = np.random.default_rng(_number(seed, *effects))
-    model = _core.load_model(MODEL)
-    model.name = "truth"
-    for name in study.FIVE:
-        model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
-    for effect in effects:
-        if effect in OUTSIDE:
-            model = _outside(effect, factor).add(model)
+def random_of(*parts):
+    """A generator of its own for everything that has a name."""
+    return np.random.default_rng(int(hashlib.sha256(repr(parts).encode()).hexdigest()[:16], 16))
+
+
+def plain(kind, seed, excitation="varied", mocap=None):
+    """A case with nothing hidden and nothing but the noise of the poses."""
+    random = random_of(kind, seed, "body")
+    given = _core.load_model(hidden_white.MODEL)
+    case = Case(kind, seed, body={name: given.value(name) for name in NOMINAL})
+    for name in FREE:
+        case.body[name] *= random.uniform(1 - SPREAD, 1 + SPREAD)
+    case.mocap = {"kind": "white", "level": 1.0, "time": 0.0, "jitter": 0.0, **(mocap or {})}
+    drives = _drives(random_of(kind, seed, "drive"), excitation)
+    calm = {"sigma": [0.0] * 3, "time": [1.0] * 3, "white": [0.0] * 3, "trim": [0.0] * 3}
+    for drive in drives:
+        heading = random.uniform(-np.pi, np.pi)
+        run = {"drive": drive, "heading": heading, "thrust": 0.0}
+        case.runs.append(dict(run, push={name: list(values) for name, values in calm.items()}))
+    return case
+
+
+def _drives(random, excitation):
+    """How each run is driven. varied: clocks, levels and lift differ from run to run; every eighth
+    such case and `thesis`: all as in the recordings of 2019; `levels`: many levels in every run."""
+    if excitation == "thesis" or (excitation == "varied" and random.uniform() < 1 / 8):
+        return [_prbs(random, 10, (0.0, 1.0), 1.0) for _ in range(FITTED + HELD_OUT)]
+    lifts = list(random.permutation([1.0, 1.0, 0.85, 0.7])) + [1.0, 0.85]
+    drives = []
+    for i, lift in enumerate(lifts):
+        if excitation == "levels" or i % 3 == 0:
+            hold = random.uniform(0.15, 0.5)
+            drive = {"input": "levels", "hold": hold, "lift": lift, "number": _number(random)}
+            drives.append(drive)
             continue
-        model.add_effect(effect)
-        for name, size in strengths[effect].items():
-            sign = 1 if effect in ONE_SIDED else random.choice([-1, 1])
-            way = sign * random.uniform(0.7, 1.3) * factor
-            model.set_value("%s.%s" % (effect, name), scaled(effect, name, size, way))
+        clock = int(random.choice([5, 8, 10, 15, 20]))
+        levels = [(0.0, 1.0), (0.2, 0.8), (0.0, 0.6), (0.1, 0.9), (0.3, 1.0)]
+        drives.append(_prbs(random, clock, levels[random.integers(len(levels))], lift))
+    return drives
+
+
+def _prbs(random, clock, levels, lift):
+    shared = {"input": "prbs", "clock": clock, "levels": list(levels)}
+    return dict(shared, lift=lift, number=_number(random))
+
+
+def _number(random):
+    return int(random.integers(1, 10**6))
+
+
+def schedule(drive):
+    """The experiments.Schedule of a run's drive."""
+    if drive["input"] == "prbs":
+        clock, levels = drive["clock"], drive["levels"]
+        rows = experiments.prbs(DRIVEN, clock, levels, 9, drive["number"])
+    else:
+        random = random_of("levels", drive["number"])
+        edges = np.arange(0, DRIVEN, drive["hold"])
+        rows = np.column_stack([edges, random.choice(np.linspace(0, 1, 6), (len(edges), 2))])
+    return experiments.with_lift(rows, DRIVEN, drive["lift"])
+
+
+def push(case, low, high):
+    """Adds a random wrench of a level between two, in parts of the full wrench: Ornstein-Uhlenbeck
+    of 0.1 to 3 s, in half of the cases of another kind in each run, in a quarter with a white part.
+    """
+    random = random_of(case.kind, case.seed, "push")
+    case.level = _between(random, low, high)
+    full = full_wrench(case)
+    differ, white = random.uniform() < 0.5, random.uniform() < 0.25
+    level, times = case.level, _times(random)
+    for run in case.runs:
+        if differ:
+            level, times = _between(random, low, high), _times(random)
+        run["push"]["sigma"] = (level * full).tolist()
+        run["push"]["time"] = times
+        if white:  # as strong at low frequencies as 10 ms of the other
+            run["push"]["white"] = (level * full * np.sqrt(0.02)).tolist()
+    return case
+
+
+def full_wrench(case):
+    """Force (two components) and moment that the thrusters can make [N, N, N m]."""
+    k = case.body["k"]
+    return np.array([2 * k, 2 * k, k * case.body["l"]])
+
+
+def _times(random):
+    force, yaw = _between(random, 0.1, 3.0), _between(random, 0.1, 3.0)
+    return [force, force, yaw]
+
+
+def _between(random, low, high):
+    """A number between two, evenly spread in its logarithm."""
+    drawn = random.uniform(np.log(low), np.log(high))
+    return low if low == high else float(np.exp(drawn))
+
+
+def hide(case, names, low, high):
+    """Adds effects of the library at a number of times their strength, drawn between two."""
+    random = random_of(case.kind, case.seed, "effects", *names)
+    for name in names:
+        factor, case.effects[name] = random.uniform(low, high), {}
+        for parameter, size in hidden_white.strengths()[name].items():
+            sign = 1 if name in hidden_white.ONE_SIDED else random.choice([-1, 1])
+            value = hidden_white.scaled(name, parameter, size, float(sign * factor))
+            case.effects[name][parameter] = value
+    case.hidden = sorted(case.hidden + list(names))
+    return case
+
+
+def trim(case, what):
+    """Makes yaw moment, side force or thrust differ from run to run."""
+    random = random_of(case.kind, case.seed, "trim")
+    for run in case.runs:
+        size = float(TRIM * random.normal())
+        if what == "thrust":
+            run["thrust"] = size
+        else:
+            channel = {"side": 1, "yaw": 2}[what]
+            run["push"]["trim"][channel] = size * float(full_wrench(case)[channel])
+    # The mean over the runs is a constant effect that is there.
+    case.allowed = {"yaw": ["yaw_bias"], "side": ["body_force_bias"], "thrust": []}[what]
+    return case
+
+
+# --- The kinds
+
+
+def disturbed_null(kind, seed):
+    return push(plain(kind, seed), 0.005, 0.05)
+
+
+def noise_null(kind, seed):
+    mocap, _ = in_turn(seed, [{"level": 0.5}, {"level": 1.0}, {"level": 2.0}, {"jitter": 3e-4}])
+    return plain(kind, seed, mocap=mocap)
+
+
+def odd_noise(kind, seed):
+    mocap = {"kind": in_turn(seed, ["coloured", "heavy", "spikes", "quantised"])[0]}
+    if mocap["kind"] == "coloured":
+        mocap["time"] = _between(random_of(kind, seed), 0.03, 0.1)
+    if mocap["kind"] == "quantised":
+        mocap["level"] = 1 / 3
+    return plain(kind, seed, mocap=mocap)
+
+
+def wrong_givens(kind, seed):
+    """Half of them in a disturbance."""
+    case = plain(kind, seed)
+    case.given = {"m": 1.08, "l": 0.93}
+    return push(case, 0.005, 0.02) if seed % 2 else case
+
+
+def jittered_link(kind, seed):
+    """Each command is late by up to 30 ms of its own: on average a delay, and a spread."""
+    case = push(plain(kind, seed), 0.001, 0.01)
+    case.jitter, case.allowed = 0.03, list(LAGS)
+    return case
+
+
+def single(low, high):
+    """Makes cases with one effect in a disturbance: each effect in turn, at each level."""
+
+    def make(kind, seed):
+        name, level, _ = in_turn(seed, hidden_white.strengths(), LEVELS)
+        return hide(push(plain(kind, seed), level, level), [name], low, high)
+
+    return make
+
+
+TRIMS = ("yaw", "side", "thrust")
+
+
+def trim_null(kind, seed):
+    return trim(push(plain(kind, seed), 0.001, 0.01), in_turn(seed, TRIMS)[0])
+
+
+def trim_single(kind, seed):
+    """Not the effect that is the mean of the trim."""
+    what, turn = in_turn(seed, TRIMS)
+    case = trim(push(plain(kind, seed), 0.001, 0.01), what)
+    names = [name for name in hidden_white.strengths() if name not in case.allowed]
+    return hide(case, in_turn(turn, names)[:1], 1.5, 2.5)
+
+
+def _calm_or_not(kind, seed):
+    """A third of the cases undisturbed, the others by 0.5 and 1% of full thrust."""
+    level, _ = in_turn(seed, (0.0, 0.005, 0.01))
+    return push(plain(kind, seed), level, level) if level else plain(kind, seed)
+
+
+def twins(kind, seed):
+    """Effects that do nearly the same; delay and lag are of 20 ms each."""
+    pair, _ = in_turn(in_turn(seed, range(3))[-1], hidden_white.NEARLY_THE_SAME)
+    case = hide(_calm_or_not(kind, seed), sorted(pair), 1.5, 2.5)
+    if "motor_lag" in pair:
+        case.effects = {"input_delay": {"delay": 0.02}, "motor_lag": {"tau": 0.02}}
+    return case
+
+
+def several(count):
+    """Makes cases with so many effects, twins among them."""
+
+    def make(kind, seed):
+        known = list(hidden_white.strengths())
+        names = random_of(kind, seed, "names").choice(known, count, replace=False).tolist()
+        return hide(_calm_or_not(kind, seed), names, 1.5, 2.5)
+
+    return make
+
+
+def history(kind, seed):
+    """A thrust or drag that depends on what was before."""
+    name, is_calm, _ = in_turn(seed, HISTORY, (True, False))
+    case = plain(kind, seed, "levels" if name == "thrust_backlash" else "varied")
+    if not is_calm:
+        push(case, 0.001, 0.01)
+    random = random_of(kind, seed, "sizes")
+    sizes = {n: _between(random, s / ABOUT, s * ABOUT) for n, s in HISTORY[name].items()}
+    case.effects[name] = sizes
+    case.allowed = list(LAGS) if name == "spin_up" else []
+    return case
+
+
+def unequal_delays(kind, seed):
+    case, random = _calm_or_not(kind, seed), random_of(kind, seed, "delays")
+    delays = [random.uniform(0.005, 0.015), random.uniform(0.02, 0.04)]
+    case.effects["unequal_delays"] = dict(zip(("left", "right"), random.permutation(delays)))
+    case.allowed = list(LAGS)
+    return case
+
+
+def floor_field(kind, seed):
+    case, random = _calm_or_not(kind, seed), random_of(kind, seed, "floor")
+    case.effects["floor_field"] = {
+        "force": 2 * case.body["k"] * random.uniform(0.03, 0.08),
+        "length": random.uniform(1.0, 2.5),
+        "phase": random.uniform(0, 2 * np.pi),
+    }
+    case.allowed = ["floor_friction_map"]
+    return case
+
+
+# How the cases of a kind are made, and how many there are unless a number is asked for.
+KINDS = {
+    "disturbed_null": (disturbed_null, 400),
+    "noise_null": (noise_null, 100),
+    "odd_noise": (odd_noise, 100),
+    "wrong_givens": (wrong_givens, 100),
+    "jittered_link": (jittered_link, 60),
+    "disturbed_single": (single(1.5, 2.5), 12 * len(hidden_white.strengths())),
+    "weak_single": (single(1.1, 1.1), 3 * len(hidden_white.strengths())),
+    "trim": (trim_null, 90),
+    "trim_single": (trim_single, 120),
+    "twins": (twins, 90),
+    "pairs": (several(2), 500),
+    "triples": (several(3), 200),
+    "history": (history, 100),
+    "unequal_delays": (unequal_delays, 60),
+    "floor_field": (floor_field, 60),
+}
+
+
+def make(kind, seed):
+    """The Case of a kind and a seed."""
+    return KINDS[kind][0](kind, seed)
+
+
+# --- Its recordings
+
+
+def record(case):
+    """What the tool sees of a case: runs to fit to and runs held out, lists of _core.RunData."""
+    runs = [record_run(case, i) for i in range(len(case.runs))]
+    return runs[:FITTED], runs[FITTED:]
+
+
+def record_run(case, i):
+    """One run of a case as _core.RunData."""
+    plan, random = schedule(case.runs[i]["drive"]), random_of(case.kind, case.seed, "noise", i)
+    motion = moved(case, i, plan, random)
+    taken, stamps = hidden_noise.frames(random, plan.end, case.mocap)
+    poses = motion.poses(np.maximum(taken, motion.times[0]))
+    eta = hidden_noise.measured(random, hidden_craft.seen(case.effects, poses), case.mocap)
+    recording = Recording(
+        "run %d" % (i + 1),
+        experiments.START + stamps,
+        eta,
+        experiments.START + plan.rows[:, 0],
+        plan.rows[:, 1:],
+        "hidden_craft",
+    )
+    return quality.Run(recording).data(given_model(case))
+
+
+def moved(case, i, plan, random=None, effects=None):
+    """The hidden_craft.Motion of a run: it begins with the lift. Undisturbed without `random`;
+    `effects` in place of the truth's."""
+    run, effects = case.runs[i], case.effects if effects is None else effects
+    if run["thrust"]:
+        effects = {**effects, "thrust_scale": {"a": run["thrust"]}}
+    began = plan.rows[np.argmax(plan.rows[:, 3] > 0), 0]
+    sent, wrench = plan.rows, None
+    if random is not None and case.jitter:
+        late = random.uniform(0, case.jitter, len(sent))
+        arrive = np.maximum.accumulate(sent[:, 0] + late)
+        sent = [(arrive, sent[:, column]) for column in (1, 2, 3)]
+    if random is not None and any(map(any, (run["push"][n] for n in ("sigma", "white", "trim")))):
+        count = int(np.ceil((plan.end - began) / hidden_craft.GRID)) + 1
+        wrench = hidden_noise.wrench(random, count, hidden_craft.GRID, run["push"])
+    craft = hidden_craft.Craft(case.body, effects)
+    commands = hidden_craft.acting(effects, sent)
+    pose = (0.0, 0.0, run["heading"])
+    return hidden_craft.simulate(craft, commands, plan.end, pose, began, wrench=wrench)
+
+
+def given_model(case):
+    """The nominal _core.Model that is diagnosed."""
+    model = _core.load_model(hidden_white.MODEL)
+    for name, factor in case.given.items():
+        model.set_value(name, model.value(name) * factor)
     return model
 
 
-def _outside(name, factor):
-    formulas, sizes, _ = OUTSIDE[name]
-    entry = {
-        "name": "hidden",
-        "expression": formulas,
-        "parameters": {
-            n: {"value": s * factor, "unit": "SI", "neutral": 0.0, "lower": -1e3, "upper": 1e3}
-            for n, s in sizes.items()
-        },
-    }
-    return candidates.from_entry(yaml.safe_load(yaml.safe_dump(entry)), name)
-
-
-def _number(*parts):
-    return int(hashlib.sha256(repr(parts).encode()).hexdigest()[:8], 16)
-
-
-def runs(model, excitation, noise, seed, count=RUNS):
-    """What runs of a true model look like to the tool: _core.RunData."""
-    found = []
-    for i in range(count):
-        random = np.random.default_rng(_number("run", seed, i))
-        heading = 0.7 if excitation == "straight" else random.uniform(-np.pi, np.pi)
-        schedule = _schedule(excitation, i, seed)
-        found.append(run(model, schedule, heading, noise, _number(seed, i), "run %d" % (i + 1)))
-    return found
-
-
-def run(model, schedule, heading, noise, seed, name):
-    """What one run of a true model looks like to the tool: _core.RunData."""
-    mocap = _core.MocapParams()
-    mocap.rate = 120.0
-    mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
-    recording = experiments.simulate(
-        model, schedule, name, pose=(0, 0, heading), mocap=mocap, seed=seed % 2**31
-    )
-    return quality.Run(recording).data(_core.load_model(MODEL))
-
-
-def _schedule(excitation, i, seed):
-    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019;
-    slow: the same twenty times slower; straight: both thrusters alike, so that it hardly turns."""
-    length = DURATION - 1.0  # of which lift alone
-    number = 10 * seed + i
-    if excitation == "prbs":
-        return experiments.with_lift(experiments.prbs(length, 10, (0, 1), 9, number), length)
-    if excitation == "slow":
-        return experiments.with_lift(experiments.prbs(length, 0.5, (0, 1), 9, number), length)
-    if excitation == "straight":
-        random = np.random.default_rng(_number("straight", number))
-        edges = np.arange(0, length, 0.5)
-        level = random.uniform(0.1, 0.6, len(edges))
-        right = level + random.uniform(-0.001, 0.001, len(edges))
-        return experiments.with_lift(np.column_stack([edges, level, right]), length)
-    clock, levels, lift = [
-        (5, (0, 1), 1.0),
-        (10, (0.2, 0.8), 1.0),
-        (15, (0, 1), 0.7),
-        (20, (0, 0.6), 0.85),
-    ][i]
-    return experiments.with_lift(experiments.prbs(length, clock, levels, 9, number), length, lift)
+def true_value(case, name):
+    """True value of a parameter as the diagnosed model names it; None where it has none, with wrong
+    givens. An effect that is not there has its neutral value."""
+    effect, _, parameter = name.partition(".")
+    if not parameter:
+        return None if case.given else case.body[name]
+    if effect in case.effects:
+        return case.effects[effect][parameter]
+    return hidden_white.neutral(name)

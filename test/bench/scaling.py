@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 import hidden
-import hidden_cases
+import hidden_white
 from ground import _core, workers
 from ground.simulation import gains, tracking, tuning
 
@@ -83,15 +83,10 @@ def pieces(cells, model):
 
 def diagnoses():
     """Seconds of some pieces of make bench-hidden, one core each."""
-    cases = [
-        {"kind": "single", "strength": "moderate", "factor": hidden_cases.LEVELS["moderate"]}
-        for _ in range(3)
-    ]
-    lengths = []
-    for case, effect in zip(cases, ("motor_lag", "floor_tilt", "quadratic_drag")):
-        case.update(hidden=[effect], seed=1, noise=1.0, excitation="varied")
+    names, lengths = list(hidden_white.strengths()), []
+    for effect in ("motor_lag", "floor_tilt", "quadratic_drag"):
         begin = time.perf_counter()
-        hidden.run_case(case)
+        hidden.run_case(("white_single", names.index(effect) + 1, {}))
         lengths.append(time.perf_counter() - begin)
     return np.array(lengths)
 

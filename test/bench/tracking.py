@@ -12,7 +12,7 @@ import numpy as np
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import hidden_cases  # noqa: E402
+import hidden_white  # noqa: E402
 
 from ground import _core, files  # noqa: E402
 from ground.simulation import gains, tracking, tuning  # noqa: E402
@@ -168,11 +168,11 @@ def main():
             "predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200"
             % (100 * found["anywhere"])
         )
-    effects = hidden_cases.STRENGTHS if arguments.effects is None else arguments.effects
+    effects = hidden_white.strengths() if arguments.effects is None else arguments.effects
     with tempfile.TemporaryDirectory() as folder:
         for effect in effects:
-            sizes = hidden_cases.STRENGTHS[effect].items()
-            values = {n: hidden_cases.scaled(effect, n, s, arguments.strength) for n, s in sizes}
+            sizes = hidden_white.STRENGTHS[effect].items()
+            values = {n: hidden_white.scaled(effect, n, s, arguments.strength) for n, s in sizes}
             row = hidden(arguments.model, effect, values, folder)
             found["hidden"].append(row)
             print(

@@ -13,8 +13,9 @@ import tempfile
 
 import numpy as np
 
-import hidden
-import hidden_cases as cases
+import hidden_engine
+import hidden_white as cases
+from ground import _core
 
 EFFECTS = [
     "quadratic_drag", "coulomb_friction", "sway_yaw_damping", "yaw_bias", "body_force_bias",
@@ -41,16 +42,15 @@ def main():
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    shared = {"seed": arguments.seed, "noise": 1.0, "excitation": "varied", "factor": 1.0}
     rows, recordings = [], []
     for effect in EFFECTS:
-        case = dict(shared, kind="single", hidden=[effect])
-        found = hidden.run_case(case)
-        chosen = (found.get("chosen") or ["nothing"])[0]
-        same = effect == chosen or effect in found.get("group", [])
-        rows.append({"hidden": effect, "ours": chosen, "told": same, "seconds": found["seconds"]})
         truth = cases.truth([effect], 1.0, arguments.seed)
-        recordings.append([as_arrays(r) for r in cases.runs(truth, "varied", 1.0, arguments.seed)])
+        runs = cases.runs(truth, "varied", 1.0, arguments.seed)
+        found = hidden_engine.diagnose(runs, (), _core.load_model(cases.MODEL))
+        chosen = (found.get("chosen") or ["nothing"])[0]
+        same = effect == chosen or effect in found.get("groups", {}).get(chosen, [])
+        rows.append({"hidden": effect, "ours": chosen, "told": same, "seconds": found["seconds"]})
+        recordings.append([as_arrays(run) for run in runs])
     if arguments.peers:
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "cases.json")

@@ -1,33 +1,307 @@
-"""The fixed part of the hidden-effect bench: every effect once, nothing, and what no library holds."""
+"""The hidden-effect bench: its own craft, cases and scores, and a part of what it measures."""
 import concurrent.futures
+import json
 import pathlib
+import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+from ground import _core
+
+BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
+sys.path.insert(0, str(BENCH))
+
+import hidden  # noqa: E402
+import hidden_cases  # noqa: E402
+import hidden_craft  # noqa: E402
+import hidden_noise  # noqa: E402
+import hidden_score  # noqa: E402
+import hidden_table  # noqa: E402
+import hidden_visibility  # noqa: E402
+import hidden_white  # noqa: E402
+
+BODY = {
+    name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL
+}
+BEGAN, END = 0.5, 3.5  # of the test drives [s]
+
+
+def commands(lift=0.8):
+    """Rows of time, left, right, lift of a lively drive that begins with its lift."""
+    edges = np.arange(BEGAN, END, 0.13)
+    levels = np.random.default_rng(1).uniform(0, 1, (len(edges), 2))
+    return np.column_stack([edges, levels, np.full(len(edges), lift)])
+
+
+def large(effects):
+    """Parameters of effects at four times their strength, {effect: {parameter: value}}."""
+    return {
+        effect: {
+            name: hidden_white.scaled(effect, name, size, 4.0)
+            for name, size in hidden_white.STRENGTHS[effect].items()
+        }
+        for effect in effects
+    }
+
+
+def moved(effects, wrench=None, until=hidden_craft.COARSE):
+    """The Motion of the bench's craft."""
+    reach = hidden_craft.acting(effects, commands())
+    craft, start = hidden_craft.Craft(BODY, effects), (0.1, 0.2, 0.7)
+    return hidden_craft.simulate(craft, reach, END, start, BEGAN, wrench=wrench, until=until)
+
+
+def by_core(effects, times):
+    """Measured poses at instants by the project's core, of the same drive."""
+    model = _core.load_model(hidden_white.MODEL)
+    for effect, parameters in effects.items():
+        model.add_effect(effect)
+        for name, value in parameters.items():
+            model.set_value("%s.%s" % (effect, name), value)
+    start = np.array([0.1, 0.2, 0.7])
+    return _core.simulate(model, commands(), times, start, np.zeros(3), [BEGAN])["eta"]
+
+
+def apart(effects):
+    """Largest difference of poses between the bench's craft and the core [m], [rad]."""
+    motion = moved(effects)
+    return np.abs(hidden_craft.seen(effects, motion.eta) - by_core(effects, motion.times)).max()
+
+
+@pytest.mark.parametrize("effect", sorted(hidden_white.strengths()))
+def test_the_craft_and_the_core_agree_on_each_effect(effect):
+    effects = large([effect])
+    assert apart(effects) < 1e-4
+    seen = hidden_craft.seen(effects, moved(effects).eta)
+    assert np.abs(seen[-1] - moved({}).eta[-1]).max() > 3e-3  # the effect is there
+
+
+def test_the_craft_and_the_core_agree_on_all_effects_together():
+    assert apart(large(hidden_white.strengths())) < 1e-4
+
+
+def test_the_bench_has_every_effect_that_is_tried_by_itself():
+    assert set(_core.effects()) - set(hidden_white.STRENGTHS) <= {"floor_friction_map"}
+
+
+def test_poses_between_steps_are_those_of_shorter_steps():
+    times = np.linspace(BEGAN, END, 77)
+    coarse, fine = moved({}).poses(times), moved({}, until=5e-4).poses(times)
+    assert np.abs(coarse - fine).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    "beyond, library",
+    [
+        ({"spin_up": {"rise": 0.03, "fall": 0.03}}, {"motor_lag": {"tau": 0.03}}),
+        ({"unequal_delays": {"left": 0.02, "right": 0.02}}, {"input_delay": {"delay": 0.02}}),
+        ({"thrust_droop": {"part": 0.0, "time": 1.0}}, {}),
+        ({"warm_up": {"part": 0.0, "use": 1.0}}, {}),
+        ({"skirt_pressure": {"drag": 0.0, "time": 1.0, "speed": 1.0}}, {}),
+        ({"thrust_backlash": {"width": 0.0}}, {}),
+        ({"floor_field": {"force": 0.0, "length": 1.0, "phase": 0.3}}, {}),
+        ({"thrust_scale": {"a": 0.0}}, {}),
+    ],
+)
+def test_effects_beyond_the_library_have_their_limits(beyond, library):
+    ends = [moved(effects).eta[-1] for effects in (beyond, library)]
+    # Dead time acts on the lift as well, which does nothing here.
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
+
+
+@pytest.mark.parametrize("effect", hidden_craft.BEYOND)
+def test_effects_beyond_the_library_change_the_motion(effect):
+    sizes = dict(hidden_cases.HISTORY, thrust_scale={"a": 0.05})
+    sizes["unequal_delays"] = {"left": 0.02, "right": 0.0}
+    sizes["floor_field"] = {"force": 0.005, "length": 1.0, "phase": 0.3}
+    assert np.abs(moved({effect: sizes[effect]}).eta[-1] - moved({}).eta[-1]).max() > 5e-3
+
+
+def test_a_constant_disturbance_is_a_bias():
+    bias = {"body_force_bias": {"x0": 0.002, "y0": -0.003}, "yaw_bias": {"n0": 4e-5}}
+    wrench = np.tile([0.002, -0.003, 4e-5], (4000, 1))
+    np.testing.assert_allclose(moved({}, wrench).eta[-1], moved(bias).eta[-1], atol=1e-7)
+
+
+def test_a_disturbance_has_its_level_and_correlation_time():
+    random = np.random.default_rng(3)
+    push = {"sigma": [2, 0, 0], "time": [0.05] * 3, "white": [0, 0.1, 0], "trim": [0, 0, 7]}
+    x, y, n = hidden_noise.wrench(random, 400000, 1e-3, push).T
+    assert np.std(x) == pytest.approx(2, rel=0.03)
+    assert np.mean(x[50:] * x[:-50]) / np.var(x) == pytest.approx(np.exp(-1), rel=0.05)
+    assert np.std(y) * np.sqrt(1e-3) == pytest.approx(0.1, rel=0.01)
+    assert set(n) == {7}
+
+
+@pytest.mark.parametrize("kind", ["white", "coloured", "heavy", "spikes", "quantised"])
+def test_measurement_noise_is_of_its_kind(kind):
+    mocap = {"kind": kind, "level": 1.0, "time": 0.06, "jitter": 0.0}
+    eta = hidden_noise.measured(np.random.default_rng(2), np.zeros((60000, 3)), mocap)
+    unit = eta / hidden_noise.NOISE
+    tails = np.mean(np.abs(unit) > 5.5)
+    assert tails > 1e-4 if kind in ("heavy", "spikes") else tails < 1e-5
+    if kind != "spikes":
+        assert np.std(unit) == pytest.approx(1, rel=0.12)
+    colour = np.mean(unit[1:] * unit[:-1]) / np.var(unit)
+    assert colour == pytest.approx(0.87 if kind == "coloured" else 0, abs=0.03)
+    of_steps = eta / hidden_noise.STEP
+    assert np.allclose(of_steps, np.round(of_steps)) == (kind == "quantised")
+
+
+@pytest.mark.parametrize("kind", sorted(hidden_cases.KINDS))
+def test_a_case_follows_from_kind_and_seed(kind):
+    case, again, other = (hidden_cases.make(kind, seed).describe() for seed in (3, 3, 4))
+    assert case == again
+    assert case["body"] != other["body"] and case["runs"] != other["runs"]
+    assert json.loads(json.dumps(case)) == case  # as the file of results has it
+    assert set(case["hidden"]) <= set(case["effects"])
+
+
+def test_a_run_follows_from_its_case():
+    case = hidden_cases.make("jittered_link", 2)
+    case.runs = case.runs[:2]
+    first, again = hidden_cases.record(case)[0], hidden_cases.record(case)[0]
+    assert np.array_equal(first[0].poses, again[0].poses)
+    calm = hidden_cases.make("jittered_link", 2)
+    calm.jitter = 0.0
+    assert not np.array_equal(first[0].poses, hidden_cases.record_run(calm, 0).poses)
+
+
+def test_every_effect_is_hidden_at_every_level():
+    count = len(hidden_white.strengths())
+    cases = [hidden_cases.make("disturbed_single", seed) for seed in range(1, 3 * count + 1)]
+    assert len({(case.hidden[0], case.level) for case in cases}) == 3 * count
+
+
+def test_visibility_is_none_without_an_effect_and_grows_with_its_square():
+    case = hidden_cases.make("weak_single", hidden_cases.FITTED)
+    case.effects["quadratic_drag"] = {"cx": 0.0, "cy": 0.0, "cr": 0.0}
+    case.effects["yaw_bias"] = {"n0": 1e-6}
+    small = hidden_visibility.visibility(case)
+    case.effects["yaw_bias"] = {"n0": 3e-6}
+    assert small["quadratic_drag"] < 1e-9 < small["yaw_bias"]
+    ratio = hidden_visibility.visibility(case)["yaw_bias"] / small["yaw_bias"]
+    assert ratio == pytest.approx(9, rel=0.3)
+
+
+def test_what_other_parameters_take_over_is_not_visible():
+    case = hidden_cases.push(hidden_cases.plain("a test", 1, "thesis"), 0.01, 0.01)
+    case.effects = {"momentum_drag": {"q": 0.02}, "quadratic_drag": {"cx": 0.01, "cy": 0, "cr": 0}}
+    seen = hidden_visibility.visibility(case)  # at one lift
+    assert seen["momentum_drag"] < 1e-6 and seen["quadratic_drag"] > 30
+
+
+def result(hidden=(), chosen=(), groups=None, **more):
+    """A result as the bench writes them."""
+    found = {"chosen": list(chosen), "groups": groups or {}, "verdict": "missing", "first": []}
+    found.update(parameters=[], p_values={}, varies=None, memory=None, seconds=1.0)
+    found["errors"] = {"fit": [1.0, 0.5], "steps": [1.0, 0.5]}
+    found.update({name: more.pop(name) for name in list(more) if name in found})
+    shared = {"kind": "pairs", "seed": 1, "allowed": [], "effects": {}, "level": 0.0}
+    return dict(shared, hidden=list(hidden), found=found, **more)
+
+
+def test_scores_of_sets_and_groups():
+    exact = result(["a", "b"], ["b", "a"])
+    assert hidden_score.is_exact(exact) and hidden_score.is_right(exact)
+    group = result(["a", "b"], ["a"], {"a": ["a", "b"]})
+    assert hidden_score.is_right(group) and not hidden_score.is_exact(group)
+    missed = result(["a", "b"], ["a"])
+    assert not hidden_score.is_found(missed) and not hidden_score.false_effects(missed)
+    other = result(["a"], ["a", "c"])
+    assert hidden_score.is_found(other) and not hidden_score.is_right(other)
+    assert hidden_score.false_effects(other) == {"c"}
+    equal = result(["a"], ["c"], {"c": ["c", "a"]})
+    assert hidden_score.is_right(equal) and not hidden_score.is_exact(equal)
+    assert hidden_score.is_right(result([], ["c"], allowed=["c"]))
+    assert not hidden_score.is_right(result([], ["c"]))
+
+
+def test_scores_of_what_else_is_said():
+    assert hidden_score.says_varies(result(varies=["yaw_bias"]))
+    assert not hidden_score.says_varies(result())
+    assert hidden_score.says_memory(result(verdict="memory"))
+    assert hidden_score.false_memory(result(memory=True))
+    assert hidden_score.false_memory(result(memory=True, kind="history")) is None
+    assert hidden_score.made_worse(result([], ["a"])) is False
+    up_and_down = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}
+    assert hidden_score.made_worse(result([], ["a"], errors=up_and_down))
+    assert hidden_score.made_worse(result(errors=up_and_down)) is None
+    held = {"name": "a.x", "ci95": [0, 2], "identified": True, "true": 1.0}
+    parameters = [held, dict(held, true=3.0), dict(held, identified=False), dict(held, name="k")]
+    told = result(parameters=parameters)
+    assert hidden_score.intervals(told) == [True, False]
+    assert hidden_score.intervals(told, effects=False) == [True]
+    free = {"yaw_bias": 0.3, "input_delay": 1.0}
+    assert hidden_score.p_values(result(p_values=free)) == [0.3]
+
+
+def test_the_table_gives_rates_with_intervals_beside_their_bounds():
+    nulls = [result(kind="disturbed_null", seed=seed) for seed in range(400)]
+    for null, p in zip(nulls, np.linspace(0.001, 0.999, 400)):
+        null["found"]["p_values"] = {"yaw_bias": p}
+    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
+    chosen = rows["disturbed nulls: an effect chosen"]
+    assert chosen[:5] == ["0.0%", "400", "0.0 to 0.9%", "<= 1%", "yes"]
+    assert rows["disturbed nulls: p-values below 1%; Kolmogorov-Smirnov"][4] == "yes"
+    for null in nulls[:6]:
+        null["found"]["chosen"] = ["yaw_bias"]
+    for null in nulls:
+        null["found"]["p_values"]["yaw_bias"] **= 2
+    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
+    assert rows["disturbed nulls: an effect chosen"][4] == "no"
+    assert rows["disturbed nulls: p-values below 1%; Kolmogorov-Smirnov"][4] == "no"
+    assert "| 1.5% | 400 |" in hidden_table.markdown(hidden_table.lines(nulls))
+
+
+def test_verdicts_are_counted_by_kind():
+    told = [result(kind=kind, verdict=verdict) for kind, verdict in ("ax", "bx", "ay", "ax")]
+    counted = hidden_table.verdicts(told)
+    assert counted == [["verdicts", "x", "y"], ["a", "2", "1"], ["b", "1", "0"]]
+
+
+def test_the_table_splits_off_what_is_visible():
+    one = {"kind": "disturbed_single", "level": 0.02}
+    seen = result(["a"], ["a"], visibility={"a": 100.0}, **one)
+    unseen = result(["a"], [], visibility={"a": 3.0}, **one)
+    rows = {line[0]: line[1:] for line in hidden_table.lines([seen, unseen])}
+    found = rows["one effect, disturbance 2%: found"]
+    assert found[0] == "50.0%" and found[-1] == "100.0% of 1"
+
+
+def test_the_bench_goes_on_where_it_stopped(tmp_path):
+    path = tmp_path / "results.jsonl"
+
+    def bench(*more):
+        command = [str(BENCH / "hidden.py"), "--kinds", "noise_null", "--count", "1"]
+        command += ["--seed-base", "2", "--jobs", "1", "--results", str(path)] + list(more)
+        return subprocess.check_output(command, universal_newlines=True)
+
+    assert "1 cases, 1 of them to do" in bench("--hours", "0")
+    assert path.read_text() == ""
+    path.write_text('{"kind": "noise_nu')  # cut when it was killed
+    assert "noise_null: a false effect" in bench("--markdown", str(tmp_path / "table.md"))
+    found = hidden.read(str(path))
+    assert [(r["kind"], r["seed"]) for r in found] == [("noise_null", 2)]
+    assert found[0]["found"]["verdict"] == "complete"
+    assert "| noise_null: a false effect | 0.0% | 1 |" in (tmp_path / "table.md").read_text()
+    before = path.read_text()
+    assert "1 cases, 0 of them to do" in bench()
+    assert path.read_text() == before
 
 
 @pytest.fixture(scope="module")
 def results():
-    """What the bench finds for one seed of each kind of case."""
-    import hidden
-    import hidden_cases
-
-    shared = {"seed": 1, "noise": 1.0, "excitation": "varied", "strength": "moderate"}
-    cases = [
-        dict(shared, factor=1.0, kind="single", hidden=[effect])
-        for effect in hidden_cases.STRENGTHS
-    ]
-    cases += [dict(shared, factor=0, kind="nothing", hidden=[], seed=seed) for seed in range(1, 7)]
-    cases += [
-        dict(shared, factor=1.0, kind="outside", hidden=[name]) for name in hidden_cases.OUTSIDE
-    ]
-    for seed in (2, 3):
-        cases += hidden.ambiguous_cases(dict(shared, seed=seed))
+    """What the bench finds for one seed of each kind of case in white noise."""
+    seeds = {"white_single": range(1, 1 + len(hidden_white.strengths())), "white_null": range(1, 7)}
+    seeds["white_outside"] = range(1, 1 + len(hidden_white.OUTSIDE))
+    seeds["white_ambiguous"] = range(4, 10)
+    jobs = [(kind, seed, {}) for kind in seeds for seed in seeds[kind]]
     with concurrent.futures.ProcessPoolExecutor() as pool:
-        found = list(pool.map(hidden.run_case, cases))
-    assert not [r for r in found if "failed" in r]
+        found = list(pool.map(hidden.run_case, jobs))
+    assert not [r for r in found if "failed" in r["found"]]
     return found
 
 
@@ -36,39 +310,37 @@ def of(results, kind):
 
 
 def test_every_effect_is_found_first(results):
-    single = of(results, "single")
-    assert len(single) == 23
-    missed = [r["hidden"] for r in single if r["ranked"][0] != r["hidden"][0]]
+    single = of(results, "white_single")
+    assert {r["hidden"][0] for r in single} == set(hidden_white.strengths())
+    missed = [r["hidden"] for r in single if not hidden_score.is_first(r)]
     assert len(missed) <= 1, missed
 
 
 def test_with_the_effect_the_error_is_that_of_the_truth(results):
-    for r in of(results, "single"):
-        assert r["improved"] <= 1.05 * r["truth"], r["hidden"]
+    for r in of(results, "white_single"):
+        assert hidden_score.as_good_as_the_truth(r), r["hidden"]
 
 
 def test_intervals_hold_the_truth(results):
-    inside = [i for r in of(results, "single") for i in r["inside"]]
+    inside = [i for r in of(results, "white_single") for i in hidden_score.intervals(r)]
     assert len(inside) > 25
     assert sum(inside) >= 0.85 * len(inside)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(results):
-    assert [r["verdict"] for r in of(results, "nothing")] == ["complete"] * 6
+    assert [r["found"]["verdict"] for r in of(results, "white_null")] == ["complete"] * 6
 
 
 def test_what_runs_cannot_tell_apart_an_experiment_can(results):
-    ambiguous = of(results, "ambiguous")
+    ambiguous = of(results, "white_ambiguous")
     grouped = [r for r in ambiguous if len(r["before"]["group"]) > 1]
     assert len(grouped) >= 4
     for r in ambiguous:
-        assert len(r["after" if r in grouped else "before"]["group"]) == 1, r
-        assert r["after" if r in grouped else "before"]["chosen"] == r["hidden"], r
+        assert hidden_score.tells(r, "after" if r in grouped else "before"), r
 
 
 def test_what_is_not_in_the_library_stays_unexplained(results):
-    from hidden_cases import OUTSIDE
-
-    for r in of(results, "outside"):
-        assert r["verdict"] == "unexplained", r["hidden"]
-        assert OUTSIDE[r["hidden"][0]][2] & set(r["where"][:2]), r
+    for r in of(results, "white_outside"):
+        assert r["found"]["verdict"] == "unexplained", r["hidden"]
+        depends = hidden_white.OUTSIDE[r["hidden"][0]][2]
+        assert depends & set(r["found"]["where"][:2]), r

@@ -1,0 +1,370 @@
+"""A craft that the project's core has no part in: own equations of motion, effects and integrator.
+
+The hidden-effect bench makes its truth here, so that an error of the project's model does not
+cancel against itself. Equations from DESIGN 3 and Fossen (1994, 2.4). Frames are z down: pose x, y
+[m], psi [rad] in world_ned, velocities u, v [m/s], r [rad/s] in the body's frame; inputs are 0..1.
+Kutta's 3/8 rule integrates over steps that end where a command or the disturbance changes.
+"""
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+GRID = 1e-3  # a disturbance is constant over so long [s]
+COARSE = 4e-3  # longest step without a disturbance [s]
+GRAVITY = 9.81  # [m/s^2]
+SLOW, SLOW_YAW = 0.01, 0.1  # dry friction is proportional to speed below [m/s], [rad/s]
+
+
+@dataclass
+class Craft:
+    """Parameters in SI units: body has m, l, I_z, X_u, Y_v, N_r, k; effects {name: {parameter:
+    value}} are those of the library and those of BEYOND."""
+
+    body: dict
+    effects: dict = field(default_factory=dict)
+
+
+@dataclass
+class Motion:
+    """A simulated run at the ends of its steps."""
+
+    times: np.ndarray  # (n,) [s]
+    eta: np.ndarray  # (n, 3) true pose
+    nu: np.ndarray  # (n, 3) true velocities
+    nu_dot: np.ndarray  # (n, 3) their derivatives just after each instant
+
+    def poses(self, times):
+        """Poses (m, 3) at any instants between: cubic Hermite interpolation."""
+        c, s = np.cos(self.eta[:, 2]), np.sin(self.eta[:, 2])
+        u, v, r = self.nu.T
+        rates = np.column_stack([c * u - s * v, s * u + c * v, r])
+        i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        h = (self.times[i + 1] - self.times[i])[:, None]
+        a = (times - self.times[i])[:, None] / h
+        return (
+            (1 + 2 * a) * (1 - a) ** 2 * self.eta[i]
+            + a * (1 - a) ** 2 * h * rates[i]
+            + a * a * (3 - 2 * a) * self.eta[i + 1]
+            + a * a * (a - 1) * h * rates[i + 1]
+        )
+
+
+class At:
+    """What effects see: t since the drive began [s], pose, velocities, velocities through the air
+    (ua, va), inputs that reach the thrusters, their forces [N], lift; m, l of the body."""
+
+    __slots__ = "t x y psi c s u v r ua va left right force_left force_right lift m l com".split()
+
+
+def _dry(at, force, moment):
+    share = force / math.sqrt(at.u**2 + at.v**2 + SLOW**2)
+    return -share * at.u, -share * at.v, -moment * at.r / math.sqrt(at.r**2 + SLOW_YAW**2)
+
+
+def _floor_tilt(p, at):
+    along, across = GRAVITY * at.m * p["sx"], GRAVITY * at.m * p["sy"]
+    X, Y = at.c * along + at.s * across, at.c * across - at.s * along
+    return X, Y, at.com[0] * Y - at.com[1] * X  # acts in the centre of mass
+
+
+def _floor_field(p, at):
+    """A floor of hills and valleys, `length` [m] apart: force of at most `force` [N]."""
+    wave = 2 * math.pi / p["length"]
+    along = p["force"] * math.sin(wave * at.x + p["phase"])
+    across = p["force"] * math.cos(wave * at.y + p["phase"])
+    return at.c * along + at.s * across, at.c * across - at.s * along, 0.0
+
+
+def _quadratic_drag(p, at):
+    speed = math.hypot(at.ua, at.va)
+    return -p["cx"] * speed * at.ua, -p["cy"] * speed * at.va, -p["cr"] * abs(at.r) * at.r
+
+
+def _directional(p, at):
+    return 0.0, 0.0, -p["na"] * at.r**2 / math.sqrt(at.r**2 + SLOW_YAW**2)
+
+
+def _sum(at):
+    return at.force_left + at.force_right
+
+
+def _difference(at):
+    return at.force_left - at.force_right
+
+
+def _misalignment(p, at):
+    short = 1 - math.cos(p["angle"])
+    return -short * _sum(at), math.sin(p["angle"]) * _sum(at), -short * at.l * _difference(at)
+
+
+# Wrench (X [N], Y [N], N [N m]) in the body's frame.
+WRENCH = {
+    "quadratic_drag": _quadratic_drag,
+    "coulomb_friction": lambda p, at: _dry(at, p["f"], p["n"]),
+    "skirt_friction": lambda p, at: _dry(at, (1 - at.lift) * p["f0"], (1 - at.lift) * p["n0"]),
+    "momentum_drag": lambda p, at: (-at.lift * p["q"] * at.ua, -at.lift * p["q"] * at.va, 0.0),
+    "floor_tilt": _floor_tilt,
+    "floor_field": _floor_field,
+    "yaw_bias": lambda p, at: (0.0, 0.0, p["n0"]),
+    "body_force_bias": lambda p, at: (p["x0"], p["y0"], 0.0),
+    "sway_yaw_damping": lambda p, at: (0.0, -p["yr"] * at.r, -p["nv"] * at.va),
+    "directional_yaw_damping": _directional,
+    "thrust_misalignment": _misalignment,
+    "thrust_sway_moment": lambda p, at: (0.0, 0.0, p["c"] * _sum(at) * at.va),
+    "differential_side_force": lambda p, at: (0.0, p["c"] * _difference(at), 0.0),
+}
+
+
+def _inflow(p, at):
+    share = max(0.0, 1 - p["c"] * at.ua)
+    return share, share
+
+
+def _curve(p, at):
+    return tuple(w ** (p["p"] - 1) if w > 1e-9 else 1.0 for w in (at.left, at.right))
+
+
+def _fading(p, at):
+    share = math.exp(-at.t / p["tau"])
+    return share, share
+
+
+# Factors on the forces of the left and the right thruster.
+THRUST = {
+    "thrust_asymmetry": lambda p, at: (1 + p["a"], 1 - p["a"]),
+    "thrust_curve": _curve,
+    "thrust_speed_loss": _inflow,
+    "battery_sag": _fading,
+    "thrust_scale": lambda p, at: (1 + p["a"], 1 + p["a"]),
+}
+
+
+def _spin(p, at, z):
+    """Thrusters that follow their commands at one pace up and at another down."""
+    return [
+        (u - w) / (p["rise"] if u > w else p["fall"]) for u, w in zip((at.left, at.right), z)
+    ]
+
+
+def _pressure(p, at, z):
+    """A skirt that is filled by the lift and loses air at speed."""
+    speed = (at.u**2 + at.v**2) / p["speed"] ** 2
+    return [(at.lift / (1 + speed) - z[0]) / p["time"]]
+
+
+def _first_order(time, at, z):
+    return [(at.left - z[0]) / time, (at.right - z[1]) / time]
+
+
+def _cold(p, z):
+    """Cold thrusters lack a `part` of their thrust, less and less as they are used."""
+    share = 1 - p["part"] * math.exp(-z[0] / p["use"])
+    return share, share
+
+
+def _leak(p, at, z):
+    drag = p["drag"] * (1 - z[0])
+    return -drag * at.u, -drag * at.v, 0.0
+
+
+# Effects with states z of their own, 0 at first: how many, and their rates.
+STATES = {
+    "motor_lag": (2, lambda p, at, z: _first_order(p["tau"], at, z)),
+    "spin_up": (2, _spin),
+    "thrust_droop": (2, lambda p, at, z: _first_order(p["time"], at, z)),
+    "warm_up": (1, lambda p, at, z: [at.left + at.right]),
+    "skirt_pressure": (1, _pressure),
+}
+# What they do: inputs that reach the thrusters, factors on their forces, a wrench.
+INPUT_OF = {"motor_lag": lambda p, z: z, "spin_up": lambda p, z: z}
+THRUST_OF = {
+    "thrust_droop": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[1]),
+    "warm_up": _cold,
+}
+WRENCH_OF = {"skirt_pressure": _leak}
+# What the project's library does not have; `acting` has thrust_backlash and unequal_delays.
+MEMORY = ["spin_up", "thrust_droop", "skirt_pressure", "thrust_backlash", "warm_up"]
+BEYOND = MEMORY + ["unequal_delays", "floor_field", "thrust_scale"]
+
+
+def acting(effects, commands):
+    """Commands as they reach the craft: a list of times [s] and values for left, right and lift.
+
+    commands: rows time, left, right, lift; or three such lists, which a link has delayed already.
+    """
+    if isinstance(commands, np.ndarray):
+        commands = [(commands[:, 0], commands[:, i]) for i in (1, 2, 3)]
+    both = effects.get("input_delay", {}).get("delay", 0.0)
+    unequal = effects.get("unequal_delays", {"left": 0.0, "right": 0.0})
+    delays = (both + unequal["left"], both + unequal["right"], both)
+    play = effects.get("thrust_backlash", {"width": 0.0})["width"]
+    return [
+        (np.asarray(times) + delay, _slack(values, play) if i < 2 else np.asarray(values))
+        for i, ((times, values), delay) in enumerate(zip(commands, delays))
+    ]
+
+
+def _slack(values, width):
+    """A command through a drive with play of `width`, 0 at first."""
+    reached, out = 0.0, []
+    for value in values:
+        reached = min(max(reached, value - width / 2), value + width / 2)
+        out.append(reached)
+    return np.array(out)
+
+
+def simulate(craft, commands, end, pose, began, wrench=None, until=COARSE):
+    """The Motion from rest at `pose` at `began` [s], when the drive begins, to `end` [s].
+
+    commands: what reaches the craft, from `acting`. wrench: (n, 3) disturbance [N, N, N m] of the
+    body's frame, a row for each GRID from `began` on. until: longest step [s] without one.
+    """
+    step = until if wrench is None else GRID
+    count = math.ceil((end - began) / step - 1e-9)
+    grid = began + step * np.arange(count + 1)
+    edges = np.concatenate([times for times, _ in commands])
+    edges = edges[(edges > began) & (edges < grid[-1])]
+    times = np.unique(np.concatenate([grid, edges]))
+    times = times[np.append(True, np.diff(times) > 1e-12)]
+    held = np.column_stack([held_at(command, times) for command in commands])
+    rates = _Rates(craft, began)
+    state = [*map(float, pose)] + [0.0] * (3 + rates.count)
+    pushes = np.zeros((len(times), 3))
+    if wrench is not None:
+        cell = np.minimum(((times - began) / GRID + 1e-6).astype(int), len(wrench) - 1)
+        pushes = wrench[cell]
+    rows = np.empty((len(times), 9))  # pose, velocities, their derivatives
+    steps = np.append(np.diff(times), 0.0).tolist()
+    for i, now in enumerate(zip(times.tolist(), steps, held.tolist(), pushes.tolist())):
+        t, h, inputs, push = now
+        first = rates(t, state, inputs, push)
+        rows[i] = state[:6] + first[3:6]
+        state = _kutta(rates, t, state, h, inputs, push, first)
+    return Motion(times, rows[:, :3], rows[:, 3:6], rows[:, 6:])
+
+
+def held_at(command, times):
+    """Values (n,) of a command (times [s], values) at instants: held, and 0 before the first."""
+    at = np.searchsorted(command[0], times + 1e-12, side="right") - 1
+    return np.where(at >= 0, np.asarray(command[1], float)[np.maximum(at, 0)], 0.0)
+
+
+def _kutta(f, t, y, h, inputs, push, a):
+    """One step of Kutta's 3/8 rule; a: the rates at its start."""
+    third = h / 3
+    b = f(t + third, [q + third * p for q, p in zip(y, a)], inputs, push)
+    at = [q + h * p2 - third * p1 for q, p1, p2 in zip(y, a, b)]
+    c = f(t + 2 * third, at, inputs, push)
+    at = [q + h * (p1 - p2 + p3) for q, p1, p2, p3 in zip(y, a, b, c)]
+    d = f(t + h, at, inputs, push)
+    return [q + h / 8 * (k1 + 3 * (k2 + k3) + k4) for q, k1, k2, k3, k4 in zip(y, a, b, c, d)]
+
+
+class _Rates:
+    """Right-hand side of the equations of motion of a craft whose drive began at an instant [s]."""
+
+    def __init__(self, craft, began):
+        self.body, self.began = craft.body, began
+        effects = craft.effects
+        self.wrench = [(WRENCH[n], p) for n, p in effects.items() if n in WRENCH]
+        self.thrust = [(THRUST[n], p) for n, p in effects.items() if n in THRUST]
+        self.states, self.count = [], 0
+        for name in sorted((n for n in effects if n in STATES), key=lambda n: n not in INPUT_OF):
+            count, rate = STATES[name]
+            span = slice(6 + self.count, 6 + self.count + count)
+            does = [table.get(name) for table in (INPUT_OF, THRUST_OF, WRENCH_OF)]
+            self.states.append((effects[name], span, rate, *does))
+            self.count += count
+        wind = effects.get("wind", {"wx": 0.0, "wy": 0.0})
+        self.wind = (wind["wx"], wind["wy"])
+        self._set_inertia(effects)
+
+    def _set_inertia(self, effects):
+        m, I_z = self.body["m"], self.body["I_z"]
+        added = effects.get("added_mass", {"mx": 0.0, "my": 0.0})
+        offset = effects.get("com_offset", {"xg": 0.0, "yg": 0.0})
+        xg, yg = offset["xg"], offset["yg"]
+        mass = np.diag([m + added["mx"], m + added["my"], I_z + m * (xg**2 + yg**2)])
+        mass[0, 2] = mass[2, 0] = -m * yg
+        mass[1, 2] = mass[2, 1] = m * xg
+        self.mass, self.inverse = mass.tolist(), np.linalg.inv(mass).tolist()
+        self.at = At()
+        self.at.m, self.at.l, self.at.com = m, self.body["l"], (xg, yg)
+
+    def __call__(self, t, state, inputs, push):
+        at, body = self.at, self.body
+        at.t = t - self.began
+        at.x, at.y, at.psi, u, v, r = state[:6]
+        at.u, at.v, at.r = u, v, r
+        c, s = at.c, at.s = math.cos(at.psi), math.sin(at.psi)
+        wx, wy = self.wind
+        at.ua, at.va = u - c * wx - s * wy, v - c * wy + s * wx
+        at.left, at.right, at.lift = inputs
+        rates = []
+        for p, span, rate, gives, _, _ in self.states:
+            z = state[span]
+            rates += rate(p, at, z)
+            if gives:
+                at.left, at.right = gives(p, z)
+        X, Y, N = self._wrench(state, push)
+        # momentum p = M nu; p' + r x p = (X, Y), and the moment of the momentum (Kirchhoff)
+        mass = self.mass
+        px = mass[0][0] * u + mass[0][2] * r
+        py = mass[1][1] * v + mass[1][2] * r
+        X += r * py - body["X_u"] * at.ua
+        Y -= r * px + body["Y_v"] * at.va
+        N += v * px - u * py - body["N_r"] * r
+        accelerations = [row[0] * X + row[1] * Y + row[2] * N for row in self.inverse]
+        return [c * u - s * v, s * u + c * v, r] + accelerations + rates
+
+    def _wrench(self, state, push):
+        """Of thrusters, effects and disturbance."""
+        at = self.at
+        left, right = self.body["k"] * at.left, self.body["k"] * at.right
+        for factors, p in self.thrust:
+            a, b = factors(p, at)
+            left, right = left * a, right * b
+        for p, span, _, _, factors, _ in self.states:
+            if factors:
+                a, b = factors(p, state[span])
+                left, right = left * a, right * b
+        at.force_left, at.force_right = left, right
+        X, Y, N = left + right + push[0], push[1], at.l * (left - right) + push[2]
+        for force, p in self.wrench:
+            dX, dY, dN = force(p, at)
+            X, Y, N = X + dX, Y + dY, N + dN
+        for p, span, _, _, _, force in self.states:
+            if force:
+                dX, dY, dN = force(p, at, state[span])
+                X, Y, N = X + dX, Y + dY, N + dN
+        return X, Y, N
+
+
+def _mount(effects):
+    """Where the motion capture's rigid body sits in the craft: dx, dy [m], psi0 [rad]."""
+    marker = effects.get("marker_offset", {"dx": 0.0, "dy": 0.0})
+    return marker["dx"], marker["dy"], effects.get("heading_offset", {"psi0": 0.0})["psi0"]
+
+
+def seen(effects, eta):
+    """What a motion capture without noise measures of true poses (n, 3)."""
+    dx, dy, psi0 = _mount(effects)
+    c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
+    return eta + np.column_stack([c * dx - s * dy, s * dx + c * dy, np.full(len(eta), psi0)])
+
+
+def seen_motion(effects, motion):
+    """Velocities and accelerations (n, 3) of what is measured, in the measured frame; those of the
+    translation with the terms of the turning frame, u' - v r and v' + u r."""
+    dx, dy, psi0 = _mount(effects)
+    u, v, r = motion.nu.T
+    du, dv, dr = motion.nu_dot.T
+    velocity = u - r * dy, v + r * dx
+    acceleration = du - v * r - dr * dy - r * r * dx, dv + u * r + dr * dx - r * r * dy
+    return tuple(
+        np.column_stack(
+            [np.cos(psi0) * x + np.sin(psi0) * y, np.cos(psi0) * y - np.sin(psi0) * x, turn]
+        )
+        for (x, y), turn in ((velocity, r), (acceleration, dr))
+    )

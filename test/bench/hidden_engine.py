@@ -1,0 +1,76 @@
+"""The one place at which the hidden-effect bench calls the project's diagnosis."""
+import time
+
+from ground.analysis import candidates, diagnosis, diagnosis_report, evidence
+from ground.errors import IdentifyError
+
+
+def diagnose(runs, heldout, model, thorough=False):
+    """What the tool says of runs, lists of _core.RunData, as plain values for a line of JSON.
+
+    heldout: runs to test on; without any, errors are those of each run by a fit to the others.
+    The dictionary has:
+      verdict, floor   as in diagnosis.json
+      seconds          that it took
+      chosen           effects in the order of their choice
+      groups           {chosen effect: effects that are its equals}
+      first            the three effects that rank first beside the nominal model
+      p_values         {effect: beside the nominal model, not corrected for the number tried}
+      errors           fit: nominal and improved; steps: held out, nominal and after each step
+      parameters       of the improved model: name, value, ci95, identified
+      varies           names of what it says differs from run to run; None if it cannot say
+      memory           whether it says that history matters; None if it cannot say
+    thorough adds alike {candidate: its group}, next_experiment, and where (the variables of what is
+    unexplained). {"failed": why} is all there is when the tool refuses.
+    """
+    start = time.perf_counter()
+    try:
+        found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=1)
+        found.grow()
+        conclusion = found.conclude(heldout)
+    except IdentifyError as error:
+        return {"failed": str(error)}
+    first = found.tried[0] if found.tried else []
+    told = {
+        "seconds": time.perf_counter() - start,
+        "verdict": conclusion.verdict,
+        "chosen": [c.name for c in found.chosen],
+        "groups": {s["added"]: s["group"] for s in found.steps if "added" in s},
+        "first": [t.name for t in first[:3]],
+        "p_values": {t.name: _p_value(t) for t in first},
+        "errors": {
+            "fit": [float(found.nominal.error.sum()), float(found.best.error.sum())],
+            "steps": [float(error) for error in conclusion.heldout],
+        },
+        "floor": float(conclusion.noise_floor),
+        "parameters": [
+            {
+                "name": p["name"],
+                "value": p["value"],
+                "ci95": list(p["ci95"]),
+                "identified": bool(p["identified"]),
+            }
+            for p in conclusion.parameters
+        ],
+        "varies": None,
+        "memory": None,
+    }
+    if thorough:
+        report = diagnosis_report.of(found, conclusion, model.name, heldout)
+        told["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
+        told["next_experiment"] = report["next_experiment"]
+        told["where"] = [w["variable"] for w in report["unexplained"]["where"]]
+    return told
+
+
+def _p_value(trial):
+    """Of one effect alone."""
+    on_bound = sum(_is_bounded(trial, p) for p in trial.parameters)
+    blocks, count = trial.screened["blocks"], len(trial.parameters)
+    return evidence.p_value(trial.gain, trial.inflation, blocks, count, on_bound, 5)
+
+
+def _is_bounded(trial, parameter):
+    """Whether the neutral value is at a bound."""
+    of_model = {p["name"]: p for p in trial.model.parameters()}[parameter["name"]]
+    return of_model["neutral"] in (of_model["lower"], of_model["upper"])

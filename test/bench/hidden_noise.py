@@ -1,0 +1,62 @@
+"""What disturbs the craft of the hidden-effect bench, and how its poses are measured."""
+import numpy as np
+from scipy import signal
+
+RATE = 120.0  # frames of the motion capture [Hz]
+NOISE = np.array([3e-4, 3e-4, 5e-3])  # of a pose [m], [m], [rad]
+STEP = np.array([5e-4, 5e-4, 5e-3])  # of quantised poses [m], [m], [rad]
+SPIKES, FAR = 0.005, 15.0  # part of the frames that are off, by so many times the noise
+
+
+def ornstein_uhlenbeck(random, count, step, time):
+    """Samples (count,) every `step` [s] of a process of unit deviation and correlation time [s]."""
+    keep = np.exp(-step / time)
+    steps = np.sqrt(1 - keep**2) * random.normal(size=count)
+    steps[0] = random.normal()
+    return signal.lfilter([1.0], [1.0, -keep], steps)
+
+
+def wrench(random, count, step, push):
+    """Disturbance (count, 3) in the body's frame [N, N, N m], constant over each `step` [s].
+
+    push: `sigma` (3) [N, N, N m] and `time` (3) [s] of its Ornstein-Uhlenbeck part, `white` (3)
+    [N sqrt(s), N m sqrt(s)], `trim` (3) [N, N, N m], which does not change.
+    """
+    columns = []
+    for sigma, time, white, trim in zip(push["sigma"], push["time"], push["white"], push["trim"]):
+        slow = sigma * ornstein_uhlenbeck(random, count, step, time)
+        columns.append(trim + slow + white / np.sqrt(step) * random.normal(size=count))
+    return np.column_stack(columns)
+
+
+def frames(random, end, mocap):
+    """Instants at which frames are taken and their stamps [s], both (n,), from 0 to `end` [s]."""
+    taken = np.arange(0, end, 1 / RATE)
+    stamps = taken + mocap["jitter"] * random.normal(size=len(taken))
+    return taken, np.maximum.accumulate(stamps)
+
+
+def measured(random, poses, mocap):
+    """Poses (n, 3) as the motion capture gives them; heading within a half turn of zero.
+
+    mocap: `kind` (white, coloured, heavy, spikes, quantised), `level` of the noise in parts of
+    NOISE, correlation `time` [s] of coloured noise.
+    """
+    shape, kind, scale = poses.shape, mocap["kind"], mocap["level"] * NOISE
+    if kind == "coloured":
+        columns = [
+            ornstein_uhlenbeck(random, shape[0], 1 / RATE, mocap["time"]) for _ in range(3)
+        ]
+        noise = np.column_stack(columns)
+    elif kind == "heavy":
+        noise = random.standard_t(3, size=shape) / np.sqrt(3)
+    else:
+        noise = random.normal(size=shape)
+    if kind == "spikes":
+        off = random.uniform(size=shape[0]) < SPIKES
+        noise[off] += FAR * random.normal(size=(off.sum(), 3))
+    noisy = poses + scale * noise
+    if kind == "quantised":
+        noisy = STEP * np.round(noisy / STEP)
+    noisy[:, 2] = np.angle(np.exp(1j * noisy[:, 2]))
+    return noisy

@@ -1,0 +1,252 @@
+"""What the results of the hidden-effect bench come to, beside what they have to be."""
+from dataclasses import dataclass
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+from scipy import stats
+
+import hidden_craft
+import hidden_score as score
+import hidden_white
+from hidden_visibility import VISIBLE
+
+NULLS = ("disturbed_null", "noise_null", "odd_noise", "wrong_givens", "white_null")
+SINGLES = ("disturbed_single", "weak_single")
+UNIFORM = 0.01  # p-value of the Kolmogorov-Smirnov test below which p-values are not uniform
+
+
+@dataclass(frozen=True)
+class Row:
+    """One question to the results of some kinds, and the share of yes that has to be."""
+
+    what: str
+    kinds: Tuple[str, ...]  # () for all
+    ask: Callable  # of a result: yes, no, None where the question does not arise, or a list
+    bound: Optional[Tuple[str, float]] = None  # "<=", ">=" or "in", and the share
+    only: Callable = lambda result: True  # which results
+
+    def answers(self, results):
+        """(answer, whether it can be seen at all) of all results that the row is about."""
+        given = []
+        for result in results:
+            if (self.kinds and result["kind"] not in self.kinds) or not self.only(result):
+                continue
+            answer = self.ask(result)
+            visible = score.is_visible(result, VISIBLE)
+            for one in answer if isinstance(answer, list) else [answer]:
+                if one is not None:
+                    given.append((bool(one), visible))
+        return given
+
+
+def _at_level(level):
+    return lambda result: abs(result["level"] - level) < 1e-9
+
+
+def _rows():
+    yield Row("disturbed nulls: an effect chosen", NULLS[:1], score.has_any_effect, ("<=", 0.01))
+    for kind in NULLS[1:4]:
+        yield Row(kind + ": a false effect", (kind,), score.has_false_effect, ("<=", 0.02))
+        yield Row(kind + ": not `unexplained`", (kind,), score.not_unexplained, (">=", 0.95))
+    for level in (0.01, 0.02, 0.05):
+        at, name = _at_level(level), "one effect, disturbance %g%%: " % (100 * level)
+        yield Row(name + "found", SINGLES[:1], score.is_found, (">=", 0.97), at)
+        yield Row(name + "right set or group", SINGLES[:1], score.is_right, (">=", 0.97), at)
+        yield Row(name + "exactly the set", SINGLES[:1], score.is_exact, None, at)
+    yield Row("weak effect (1.1 times): found", SINGLES[1:], score.is_found)
+    yield Row("weak effect (1.1 times): a false one", SINGLES[1:], score.has_false_effect)
+    trims = ("trim", "trim_single")
+    yield Row("trim per run: said so", trims, score.says_varies, (">=", 0.90))
+    yield Row("trim per run: a false effect", trims, score.has_false_effect)
+    yield Row("trim per run: an effect beside it found", trims[1:], score.is_found, (">=", 0.90))
+    yield Row("twins: right set or group", ("twins",), score.is_right, (">=", 0.95))
+    yield Row("pairs: right set or group", ("pairs",), score.is_right, (">=", 0.95))
+    yield Row("pairs: exactly the set", ("pairs",), score.is_exact)
+    yield Row("triples: right set or group", ("triples",), score.is_right, (">=", 0.90))
+    yield Row("triples: exactly the set", ("triples",), score.is_exact)
+    yield Row("history: flagged", ("history",), score.says_memory, (">=", 0.90))
+    for name in hidden_craft.MEMORY:
+        yield Row("- " + name, ("history",), score.says_memory, None, _has(name))
+    yield Row("history: flagged falsely, all other cases", (), score.false_memory, ("<=", 0.05))
+    for kind in ("jittered_link", "unequal_delays", "floor_field"):
+        yield Row(kind + ": a false effect", (kind,), score.has_false_effect)
+        yield Row(kind + ": not `unexplained`", (kind,), score.not_unexplained)
+    yield Row("intervals of effects hold", (), score.intervals, ("in", 0.95))
+    yield Row("intervals of the body hold, right sets", (), _body, ("in", 0.95), score.is_right)
+    yield Row("error held out rises by adding", (), score.made_worse, ("<=", 0.0))
+    white, near = ("white_single",), _is_moderate
+    yield Row("white: ranked first", white, score.is_first, None, near)
+    yield Row("white: right set or group", white, score.is_right, None, near)
+    yield Row("white: error within 1.05 of the truth's", white, score.as_good_as_the_truth)
+    yield Row("white null: an effect chosen", ("white_null",), score.has_any_effect)
+    yield Row("white null: `complete`", ("white_null",), _says("complete"))
+    yield Row("white pairs: right set or group", ("white_pairs",), score.is_right)
+    yield Row("white, outside the library: `unexplained`", ("white_outside",), _says("unexplained"))
+    yield Row("- its variable among the first two", ("white_outside",), _names_variable)
+    ambiguous = ("white_ambiguous",)
+    yield Row("ambiguous runs: right at once, if not a group", ambiguous, _told_at_once)
+    yield Row("ambiguous runs: right after the experiment", ambiguous, _told_after)
+
+
+def _has(name):
+    return lambda result: name in result["effects"]
+
+
+def _says(verdict):
+    return lambda result: result["found"]["verdict"] == verdict
+
+
+def _body(result):
+    return score.intervals(result, effects=False)
+
+
+def _is_moderate(result):
+    """Whether the nominal model's error is 30% above the truth's."""
+    return result["found"]["errors"]["steps"][0] >= 1.3 * result["true_error"]
+
+
+def _names_variable(result):
+    depends = hidden_white.OUTSIDE[result["hidden"][0]][2]
+    return bool(depends & set(result["found"]["where"][:2]))
+
+
+def _is_group(result):
+    return len(result["before"]["group"]) > 1
+
+
+def _told_at_once(result):
+    return None if _is_group(result) else score.tells(result, "before")
+
+
+def _told_after(result):
+    return score.tells(result, "after") if _is_group(result) else None
+
+
+def rate(answers):
+    """Yes, count, and the 95% interval of the share (Clopper and Pearson 1934)."""
+    yes, count = sum(answers), len(answers)
+    interval = stats.binomtest(yes, count).proportion_ci(0.95, method="exact")
+    return yes, count, interval.low, interval.high
+
+
+def is_held(bound, yes, count):
+    """Whether a share keeps a bound; "in": 92 to 98% of the intervals hold."""
+    sense, share = bound
+    if sense == "in":
+        return 0.92 <= yes / count <= 0.98
+    return yes <= share * count + 1e-9 if sense == "<=" else yes >= share * count - 1e-9
+
+
+def lines(results):
+    """Lines of the table, each a list of texts: what, rate, count, interval, bound, whether it is
+    kept, and the rate where all that is hidden is visible."""
+    table = [["what", "rate", "of", "95% interval", "bound", "kept", "visible ones"]]
+    for row in _rows():
+        answers = row.answers(results)
+        if not answers:
+            continue
+        yes, count, low, high = rate([answer for answer, _ in answers])
+        seen = [answer for answer, visible in answers if visible]
+        table.append(
+            [
+                row.what,
+                "%.1f%%" % (100 * yes / count),
+                "%d" % count,
+                "%.1f to %.1f%%" % (100 * low, 100 * high),
+                _bound(row.bound),
+                "" if row.bound is None else "yes" if is_held(row.bound, yes, count) else "no",
+                "%.1f%% of %d" % (100 * np.mean(seen), len(seen)) if seen else "",
+            ]
+        )
+    return table + _p_values(results)
+
+
+def verdicts(results):
+    """Lines of a table: how often each verdict was given to the cases of each kind."""
+    kinds = list(dict.fromkeys(r["kind"] for r in results))
+    given = [(r["kind"], r["found"]["verdict"]) for r in results]
+    names = sorted({verdict for _, verdict in given})
+    rows = [[kind] + ["%d" % given.count((kind, name)) for name in names] for kind in kinds]
+    return [["verdicts"] + names] + rows
+
+
+def _bound(bound):
+    if bound is None:
+        return ""
+    sense, share = bound
+    return "92 to 98%" if sense == "in" else "%s %g%%" % (sense, 100 * share)
+
+
+def _p_values(results):
+    """The line of p-values of disturbed nulls: the share below 1%, and whether they are uniform."""
+    nulls = [r for r in results if r["kind"] == "disturbed_null"]
+    values = [p for r in nulls for p in score.p_values(r)]
+    if not values:
+        return []
+    chance = float(stats.kstest(values, "uniform").pvalue)
+    yes, count, low, high = rate([p < 0.01 for p in values])
+    name = "disturbed nulls: p-values below 1%; Kolmogorov-Smirnov"
+    interval = "%.1f to %.1f%%" % (100 * low, 100 * high)
+    kept = "yes" if chance > UNIFORM else "no"
+    share = "%.1f%%" % (100 * yes / count)
+    return [[name, share, "%d" % count, interval, "KS p > %g" % UNIFORM, kept, "p = %.2g" % chance]]
+
+
+def markdown(table):
+    """The table as Markdown."""
+    head, *rest = table
+    return "\n".join("| %s |" % " | ".join(line) for line in [head, ["---"] * len(head)] + rest)
+
+
+def text(table):
+    """The table in columns."""
+    widths = [max(len(line[i]) for line in table) for i in range(len(table[0]))]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths)).rstrip() for line in table)
+
+
+def wrong(results):
+    """A line for each answer that is not right, where one is asked for."""
+    for r in results:
+        missed = sorted(set(r["hidden"]) - score.chosen(r)) if not score.is_found(r) else []
+        false = sorted(score.false_effects(r))
+        if r["kind"] not in ("white_ambiguous", "white_outside") and (missed or false):
+            hidden = ",".join(sorted(r.get("effects") or r["hidden"])) or "nothing"
+            found = ",".join(r["found"]["chosen"]) or "nothing"
+            words = "%s %d: hidden %s, found %s, %s"
+            yield words % (r["kind"], r["seed"], hidden, found, r["found"]["verdict"])
+
+
+def matrix(results):
+    """Names (n,), and shares (n, n + 1) of hidden effects by what was found first, or nothing."""
+    names = list(hidden_white.strengths())
+    counts = np.zeros((len(names), len(names) + 1))
+    for r in results:
+        if r["kind"] == "white_single" and _is_moderate(r):
+            first = r["found"]["first"][0] if r["found"]["chosen"] else None
+            at = names.index(first) if first in names else len(names)
+            counts[names.index(r["hidden"][0]), at] += 1
+    return names, counts / np.maximum(1, counts.sum(axis=1))[:, None]
+
+
+def draw(results, path):
+    """Writes the matrix as a picture."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    names, shares = matrix(results)
+    figure, axis = plt.subplots(figsize=(9, 8))
+    axis.imshow(shares, cmap="Blues", vmin=0, vmax=1)
+    for i, j in zip(*np.nonzero(shares)):
+        color = "white" if shares[i, j] > 0.5 else "black"
+        number = "%.0f" % (100 * shares[i, j])
+        axis.text(j, i, number, ha="center", va="center", size=7, color=color)
+    axis.set_xticks(range(len(names) + 1))
+    axis.set_xticklabels(names + ["nothing"], rotation=90, fontsize=8)
+    axis.set_yticks(range(len(names)))
+    axis.set_yticklabels(names, fontsize=8)
+    axis.set_xlabel("found first [% of cases]")
+    axis.set_ylabel("hidden in the simulated craft")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)

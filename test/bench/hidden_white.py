@@ -1,0 +1,285 @@
+#!/usr/bin/python3
+"""The hidden-effect bench in white noise: an effect hidden in the project's own simulated craft.
+
+Called as a program it prints how strong the effects of STRENGTHS are.
+"""
+import argparse
+import hashlib
+import sys
+
+import numpy as np
+import yaml
+from catkin.find_in_workspaces import find_in_workspaces
+
+from ground import _core
+from ground.analysis import candidates, study
+from ground.recordings import quality
+from ground.simulation import experiments
+
+# From the workspace that is sourced: a cluster's workers have this file somewhere else.
+MODEL = find_in_workspaces(["share"], "ground", "cfg/hovercraft/tiny_whoover.yaml")[0]
+RUNS, DURATION = 4, 8.0  # a diagnosis sees so many runs of so many seconds
+SPREAD = 0.2  # of the true nominal parameters about those of the model that is diagnosed
+NOISE = (3e-4, 5e-3)  # of the mocap [m], [rad]
+
+# Size of each effect's parameters [SI] at which the refitted nominal model's held-out error is
+# 1.5 times that of the refitted truth, for excitation "varied", by `hidden_white.py`.
+STRENGTHS = {
+    "input_delay": {"delay": 0.005},
+    "motor_lag": {"tau": 0.006},
+    "thrust_asymmetry": {"a": 0.0066},
+    "thrust_curve": {"p": 0.13},
+    "thrust_misalignment": {"angle": 0.065},
+    "thrust_speed_loss": {"c": 0.052},
+    "battery_sag": {"tau": 64.0},
+    "quadratic_drag": {"cx": 0.0052, "cy": 0.0052, "cr": 8.3e-7},
+    "coulomb_friction": {"f": 0.0028, "n": 1.9e-5},
+    "momentum_drag": {"q": 0.017},
+    "floor_tilt": {"sx": 0.0033, "sy": 0.0025},
+    "wind": {"wx": 0.09, "wy": 0.09},
+    "yaw_bias": {"n0": 1e-5},
+    "body_force_bias": {"x0": 0.0015, "y0": 0.003},
+    "sway_yaw_damping": {"yr": 3.4e-5, "nv": 1.7e-5},
+    "added_mass": {"mx": 2.7e-5, "my": 8e-5},
+    "com_offset": {"xg": 5.2e-4, "yg": 1.3e-4},
+    "marker_offset": {"dx": 0.004, "dy": 0.003},
+    "heading_offset": {"psi0": 0.044},
+    "thrust_sway_moment": {"c": 3e-4},
+    "differential_side_force": {"c": 0.22},
+    "directional_yaw_damping": {"na": 8e-6},
+    "skirt_friction": {"f0": 0.014, "n0": 1e-4},
+}
+ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
+ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
+# Truths that are not in the library: formulas, and the variables that they depend on.
+OUTSIDE = {
+    "washboard floor": (
+        {"X": "a*sin(2*pi*x/0.3)*cos(psi)", "Y": "-a*sin(2*pi*x/0.3)*sin(psi)"},
+        {"a": 0.008},
+        {"x"},
+    ),
+    "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"r", "u"}),
+    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"r"}),
+    "thruster cross-talk": (
+        {"X": "-2*a*u_L*u_R"},
+        {"a": 0.012},
+        {"u_L", "u_R", "u_L+u_R"},
+    ),
+}
+# Two runs that cannot distinguish effects: how they are driven, the effects and their sizes.
+AMBIGUOUS = {
+    "delay or lag, slow PRBS": (
+        "slow",
+        {"input_delay": {"delay": 0.008}, "motor_lag": {"tau": 0.008}},
+    ),
+    "linear or momentum drag, one lift": ("prbs", {"momentum_drag": {"q": 0.0045}, None: {}}),
+    "tilt or force, one heading": (
+        "straight",
+        {
+            "floor_tilt": {"sx": 0.002, "sy": 0.0015},
+            "body_force_bias": {"x0": 0.0014, "y0": 0.0007},
+        },
+    ),
+}
+LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # of the strengths above
+NEARLY_THE_SAME = [
+    {"input_delay", "motor_lag"},
+    {"thrust_misalignment", "heading_offset"},
+    {"thrust_asymmetry", "yaw_bias"},
+    {"momentum_drag", "quadratic_drag"},
+    {"momentum_drag", "coulomb_friction"},
+    {"quadratic_drag", "coulomb_friction"},
+]
+MANY = 10  # runs of an experiment that a lab would do at most
+
+
+def strengths():
+    """STRENGTHS of the effects that the library has."""
+    known = _core.effects()
+    return {name: sizes for name, sizes in STRENGTHS.items() if name in known}
+
+
+def neutral(name):
+    """Value at which a parameter, effect.name, of the library does nothing."""
+    effect, _, parameter = name.partition(".")
+    listed = _core.effects()[effect]["parameters"]
+    return next(p["neutral"] for p in listed if p["name"] == parameter)
+
+
+# Cases of each kind unless a number is asked for.
+KINDS = {
+    "white_single": 20 * len(strengths()),
+    "white_null": 200,
+    "white_pairs": 50,
+    "white_outside": 20 * len(OUTSIDE),
+    "white_ambiguous": 20 * len(AMBIGUOUS),
+}
+
+
+def in_turn(seed, *lists):
+    """One item of each list, by a seed from 1 on: those of the first list change fastest. The last
+    value is the number of the round through all of them, from 1 on."""
+    number, chosen = seed - 1, []
+    for items in lists:
+        number, at = divmod(number, len(items))
+        chosen.append(list(items)[at])
+    return chosen + [number + 1]
+
+
+def make(kind, seed, strength="moderate", noise=1.0, excitation="varied"):
+    """A case, a dictionary for a line of JSON; `draw` is what its numbers are drawn by."""
+    case = {"kind": kind, "seed": seed, "draw": seed, "hidden": [], "allowed": []}
+    case.update(strength=strength, factor=LEVELS[strength], noise=noise, excitation=excitation)
+    if kind == "white_pairs":
+        case["hidden"] = _pair(seed)
+    elif kind in ("white_single", "white_outside"):
+        effect, case["draw"] = in_turn(seed, strengths() if kind == "white_single" else OUTSIDE)
+        case["hidden"] = [effect]
+    elif kind == "white_ambiguous":
+        case["ambiguous"], case["draw"] = in_turn(seed, AMBIGUOUS)
+        rivals = sorted(AMBIGUOUS[case["ambiguous"]][1], key=str)
+        case["hidden"] = [name for name in [rivals[case["draw"] % 2]] if name]
+    return case
+
+
+def _pair(seed):
+    random = np.random.default_rng(seed)
+    while True:
+        pair = sorted(random.choice(sorted(strengths()), 2, replace=False).tolist())
+        if set(pair) not in NEARLY_THE_SAME:
+            return pair
+
+
+def recorded(case):
+    """The true _core.Model of a case and its runs."""
+    if case["kind"] == "white_ambiguous":
+        excitation, sizes = AMBIGUOUS[case["ambiguous"]]
+        model = truth(case["hidden"], 1.0, case["draw"], sizes)
+        return model, runs(model, excitation, case["noise"], case["draw"], count=2)
+    model = truth(case["hidden"], case["factor"], case["draw"])
+    return model, runs(model, case["excitation"], case["noise"], case["draw"])
+
+
+def more_runs(case, model, schedule, count):
+    """Runs of an experiment that a diagnosis proposes."""
+    return [
+        run(model, schedule, 0.0, case["noise"], 1000 * case["draw"] + i, "new %d" % i)
+        for i in range(min(MANY, count))
+    ]
+
+
+def scaled(effect, name, size, factor):
+    """A parameter of an effect at `factor` times its strength."""
+    if effect == "battery_sag":
+        return size / factor
+    return 1 + size * factor if (effect, name) == ("thrust_curve", "p") else size * factor
+
+
+def truth(effects, factor, seed, strengths=STRENGTHS):
+    """The craft's true model: nominal parameters and the effects' directions drawn by the seed."""
+    random = np.random.default_rng(_number(seed, *effects))
+    model = _core.load_model(MODEL)
+    model.name = "truth"
+    for name in study.FIVE:
+        model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
+    for effect in effects:
+        if effect in OUTSIDE:
+            model = _outside(effect, factor).add(model)
+            continue
+        model.add_effect(effect)
+        for name, size in strengths[effect].items():
+            sign = 1 if effect in ONE_SIDED else random.choice([-1, 1])
+            way = sign * random.uniform(0.7, 1.3) * factor
+            model.set_value("%s.%s" % (effect, name), scaled(effect, name, size, way))
+    return model
+
+
+def _outside(name, factor):
+    formulas, sizes, _ = OUTSIDE[name]
+    entry = {
+        "name": "hidden",
+        "expression": formulas,
+        "parameters": {
+            n: {"value": s * factor, "unit": "SI", "neutral": 0.0, "lower": -1e3, "upper": 1e3}
+            for n, s in sizes.items()
+        },
+    }
+    return candidates.from_entry(yaml.safe_load(yaml.safe_dump(entry)), name)
+
+
+def _number(*parts):
+    return int(hashlib.sha256(repr(parts).encode()).hexdigest()[:8], 16)
+
+
+def runs(model, excitation, noise, seed, count=RUNS):
+    """What runs of a true model look like to the tool: _core.RunData."""
+    found = []
+    for i in range(count):
+        random = np.random.default_rng(_number("run", seed, i))
+        heading = 0.7 if excitation == "straight" else random.uniform(-np.pi, np.pi)
+        schedule = _schedule(excitation, i, seed)
+        found.append(run(model, schedule, heading, noise, _number(seed, i), "run %d" % (i + 1)))
+    return found
+
+
+def run(model, schedule, heading, noise, seed, name):
+    """What one run of a true model looks like to the tool: _core.RunData."""
+    mocap = _core.MocapParams()
+    mocap.rate = 120.0
+    mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
+    recording = experiments.simulate(
+        model, schedule, name, pose=(0, 0, heading), mocap=mocap, seed=seed % 2**31
+    )
+    return quality.Run(recording).data(_core.load_model(MODEL))
+
+
+def _schedule(excitation, i, seed):
+    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019;
+    slow: the same twenty times slower; straight: both thrusters alike, so that it hardly turns."""
+    length = DURATION - 1.0  # of which lift alone
+    number = 10 * seed + i
+    if excitation == "prbs":
+        return experiments.with_lift(experiments.prbs(length, 10, (0, 1), 9, number), length)
+    if excitation == "slow":
+        return experiments.with_lift(experiments.prbs(length, 0.5, (0, 1), 9, number), length)
+    if excitation == "straight":
+        random = np.random.default_rng(_number("straight", number))
+        edges = np.arange(0, length, 0.5)
+        level = random.uniform(0.1, 0.6, len(edges))
+        right = level + random.uniform(-0.001, 0.001, len(edges))
+        return experiments.with_lift(np.column_stack([edges, level, right]), length)
+    clock, levels, lift = [
+        (5, (0, 1), 1.0),
+        (10, (0.2, 0.8), 1.0),
+        (15, (0, 1), 0.7),
+        (20, (0, 0.6), 0.85),
+    ][i]
+    return experiments.with_lift(experiments.prbs(length, clock, levels, 9, number), length, lift)
+
+
+def calibrate(effects, seeds, excitation):
+    """Prints the nominal model's error by the truth's, and what brings it to 1.5."""
+    for effect in effects:
+        ratios = []
+        for seed in range(1, seeds + 1):
+            model = truth([effect], 1.0, seed)
+            on_runs = study.Study(runs(model, excitation, 1.0, seed))
+            nominal = on_runs.fit(_core.load_model(MODEL), list(study.FIVE)).heldout.sum()
+            fitted = on_runs.fit(model, study.free_parameters(model))
+            ratios.append(nominal / fitted.heldout.sum())
+        ratio = float(np.median(ratios))
+        factor = np.sqrt((1.5**2 - 1) / max(1e-3, ratio**2 - 1))
+        print("%-24s ratio %.2f; for 1.5 multiply by %.3g" % (effect, ratio, factor), flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--effects", nargs="+", default=list(strengths()) + list(OUTSIDE))
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"])
+    options = parser.parse_args()
+    calibrate(options.effects, options.seeds, options.excitation)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
