@@ -1,9 +1,10 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
+import numpy as np
+
 from ground.analysis import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
 # What is refitted for the report only is bounded, so that the work grows with the data, not faster.
-JUDGED_WINDOWS = 1500  # effects times windows of the table's errors on held-out parts
 LEAST_JUDGED = 3  # effects, best first, that have these errors whatever the number of windows
 PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 
@@ -43,10 +44,23 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
         "slight": _slight(diagnosis),
+        "dropped": [
+            {
+                "effect": d.trial.name,
+                "why": d.why,
+                "p_value": d.trial.p_value,
+                "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
+            }
+            for d in diagnosis.dropped
+        ],
+        "varies": conclusion.varies,
+        "memory": _remains(conclusion.memory),
+        "state": _remains(conclusion.state),
+        "disturbance": _disturbance(diagnosis.fit),
         "next_experiment": _next_experiment(diagnosis, alike, thorough),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
-    if conclusion.verdict == "unexplained":
+    if conclusion.verdict in ("unexplained", "memory"):
         report["unexplained"] = _unexplained(diagnosis, conclusion)
     return report
 
@@ -70,16 +84,37 @@ def _parameters(parameters, prefix=""):
     }
 
 
+def _remains(found):
+    return {"found": found.found, "p_value": found.p_value, "gain": found.gain, "share": found.share}
+
+
+def _disturbance(fit):
+    """The fitted levels: of the wrench in the body's frame, of the poses, and between runs."""
+    levels = fit.levels
+
+    def channels(kind):
+        return {c: levels["%s_%s" % (kind, c)] for c in "XYN"}
+
+    return {
+        "sigma": channels("sigma"),
+        "time": channels("time"),
+        "white": channels("white"),
+        "trim": dict(channels("trim"), thrust=levels["thrust"]),
+        "noise": {"position": levels["position"], "heading": levels["heading"]},
+    }
+
+
 def _candidates(diagnosis, alike, thorough):
     """The effects as they were tried beside the refitted nominal model, best first."""
     if not diagnosis.tried:
         return []
     trials = diagnosis.tried[0]
-    most = max(LEAST_JUDGED, JUDGED_WINDOWS // len(diagnosis.cut))
-    diagnosis.judge_all(trials if thorough else trials[:most])
-    group = [t.name for t in trials if t.equal]
     chosen = {c.name for c in diagnosis.chosen}
+    told = [t for i, t in enumerate(trials) if thorough or i < LEAST_JUDGED or t.name in chosen]
+    diagnosis.judge_all(told)
     taken_over = {a.name: a.moved for a in alike}
+    groups = {step["added"]: step["group"] for step in diagnosis.steps}
+    first = [t.name for t in trials if t.equal]
     return [
         {
             "effect": trial.name,
@@ -89,7 +124,9 @@ def _candidates(diagnosis, alike, thorough):
             "inclusion": trial.inclusion,
             "error": _errors(trial.fit),
             "selected": trial.name in chosen,
-            "group": group if trial.equal else [trial.name] + taken_over.get(trial.name, []),
+            "group": first
+            if trial.equal
+            else groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, []),
             "seen": trial.name not in taken_over,
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
@@ -100,11 +137,14 @@ def _candidates(diagnosis, alike, thorough):
 def _slight(diagnosis):
     """An effect that is seen and too small to matter; None without one."""
     trial = diagnosis.slight
-    return trial and {
+    if trial is None:
+        return None
+    with_it, without = (diagnosis.judge(names) for names in diagnosis.slight_sets)
+    return {
         "effect": trial.name,
         "p_value": trial.chance,
         "influence": trial.influence,
-        "lowers_error_by": float(1 - trial.fit.heldout.sum() / diagnosis.best.heldout.sum()),
+        "lowers_error_by": float(1 - with_it.heldout.sum() / without.heldout.sum()),
         "parameters": _parameters(trial.parameters, trial.name + "."),
     }
 
@@ -112,27 +152,28 @@ def _slight(diagnosis):
 def _next_experiment(diagnosis, alike, thorough):
     """What would distinguish the first group of effects that the runs do not, or, where there is none,
     would show an effect that they cannot; None without one. What does not matter needs no experiment."""
-    each, runs = diagnosis.pool.map, diagnosis.evidence.runs
+    each, runs = diagnosis.pool.map, diagnosis.runs
     if len(runs) > PLANNED_ON and not thorough:
         runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]
-    for trials in diagnosis.tried:
-        group = [t for t in trials if t.equal and t.chance < 1]
-        if len(group) > 1 and diagnosis.slight not in group:
-            rivals = [
-                next_experiment.Rival(t.name, t.model, study.free_parameters(t.model))
-                for t in group
-            ]
-            return next_experiment.propose(rivals, runs, each)
-    for other in alike:
-        rivals = [
-            next_experiment.Rival(other.name, other.model, other.free),
-            next_experiment.Rival("", diagnosis.model, other.free),
-        ]
-        proposed = next_experiment.propose(rivals, runs, each)
-        if proposed:
-            proposed["separates"] = [other.name] + other.moved
-            return proposed
+    for step in diagnosis.steps:
+        rivals = []
+        for name in step["group"]:
+            names = (diagnosis.names - {step["added"]}) | {name}
+            fit = diagnosis.search.fits[names]
+            rivals.append(next_experiment.Rival(name, fit.model, list(fit.free)))
+        if len(rivals) > 1:
+            return next_experiment.propose(rivals, _levelled(runs, diagnosis.fit), each)
     return None
+
+
+def _levelled(runs, fit):
+    """Runs with the white accelerations that stand for a fit's disturbance."""
+    model = fit.model
+    inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
+    levels = fit.levels
+    slow = np.array([2 * levels["sigma_" + c] ** 2 * levels["time_" + c] for c in "XYN"])
+    white = np.array([levels["white_" + c] ** 2 for c in "XYN"])
+    return [run.disturbed(run.noise, np.sqrt(slow + white) / inertia) for run in runs]
 
 
 def where_of(diagnosis):

@@ -1,4 +1,5 @@
 """How models fare on runs that they were not fitted to: error (DESIGN 8) and log-likelihood."""
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
 
@@ -56,8 +57,8 @@ class Folds:
         return list(self.each(lambda i: self._without(fit, i), range(self.count)))
 
     def _without(self, fit, fold):
-        levels = _core.GreyBoxPoint(fit.model, fit.point.levels)
-        return self.fitted[fold].fit(fit.model, fit.free, near=_Near(levels), levels=False)
+        near = dataclasses.replace(fit, loudness=())
+        return self.fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
 
     def judge(self, fit):
         """The Judged of a Fit to all runs."""
@@ -80,13 +81,6 @@ class Folds:
                 for fold, other in enumerate(refitted)
             ),
         )
-
-
-@dataclass(frozen=True)
-class _Near:
-    """What Likelihood.fit starts from."""
-
-    point: Any
 
 
 def gain(better, worse):

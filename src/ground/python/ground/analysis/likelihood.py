@@ -5,22 +5,26 @@ body's frame, wrench and thrust that differ from run to run, white noise of the 
 levels are fitted together.
 """
 from dataclasses import dataclass
-from typing import Any, Tuple
+from typing import Any, Dict, Tuple
 
 import numpy as np
 
 from ground import _core
+from ground.analysis.unfinished import can_be_kept
 from ground.errors import IdentifyError
 
 CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
 BLOCK = 1.0  # of time, for standard errors [s]
 
 
+@can_be_kept
 @dataclass(frozen=True)
 class Fit:
     """The likeliest parameters and levels."""
 
-    point: Any  # _core.GreyBoxPoint: model, levels, loudness
+    model: Any  # _core.Model
+    levels: Dict[str, float]  # of all that is random (DisturbanceLevels)
+    loudness: Tuple[float, ...]  # logarithm of the factor of the disturbance of each run
     free: Tuple[str, ...]  # names of the free parameters
     log_posterior: float  # log-likelihood and the levels' prior
     by_run: np.ndarray  # (runs,) log-likelihood
@@ -32,8 +36,9 @@ class Fit:
     converged: bool
 
     @property
-    def model(self):
-        return self.point.model
+    def point(self):
+        """The same for the core: _core.GreyBoxPoint."""
+        return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
 
 
 class Likelihood:
@@ -53,7 +58,7 @@ class Likelihood:
         if near is None:
             start = self.box.start(model)
         else:
-            start = _core.GreyBoxPoint(model, near.point.levels, near.point.loudness)
+            start = _core.GreyBoxPoint(model, near.levels, list(near.loudness))
         found = call(
             self.box.fit,
             start,
@@ -64,7 +69,9 @@ class Likelihood:
             threads=self.threads,
         )
         return Fit(
-            found["point"],
+            found["point"].model,
+            found["point"].levels,
+            tuple(found["point"].loudness),
             tuple(free),
             found["log_posterior"],
             np.array(found["by_run"]),
@@ -78,13 +85,13 @@ class Likelihood:
 
     def blocks(self, fit, loudness=()):
         """Log-likelihood of blocks of time under another fit, one array a run."""
-        point = _core.GreyBoxPoint(fit.model, fit.point.levels, list(loudness))
+        point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
         return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
 
     def scores(self, fit, model, names):
         """Derivatives of the log-likelihood at a fit by parameters of a model that extends the fit's
         at their neutral values: score (blocks, n), information (n, n), scale (n,), run (blocks,)."""
-        point = _core.GreyBoxPoint(model, fit.point.levels, fit.point.loudness)
+        point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
         found = call(
             self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads
         )

@@ -11,17 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ground import _core
-from ground.analysis import study
 from ground.analysis.likelihood import CAP
+from ground.analysis.unfinished import can_be_kept
 from ground.recordings import windows
 
 LEVEL = 0.01  # chance of finding what is not there
 PENALTIES = (1e0, 1e1, 1e2, 1e3, 1e4)  # of the ridge regression, in squares of whitened innovations
 MEMORIES = (0.05, 0.2, 0.6, 2.0)  # time constants of the commands' past [s]
+WAVELENGTHS = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)  # over the floor [m]
 BLOCK = 120  # samples of a block of the test
 
 
+@can_be_kept
 @dataclass(frozen=True)
 class Remains:
     """One kind of what is left."""
@@ -53,10 +54,10 @@ def varying(likelihood, fit):
     doubts = np.array([trim["wrench_sigma"] for trim in fit.trims])
     kinds = [("surge force", "N"), ("side force", "N"), ("yaw moment", "N m")]
     for i, (name, unit) in enumerate(kinds):
-        found.append(_varies(name, unit, sizes[:, i], doubts[:, i], fit.point.levels["trim_" + "XYN"[i]]))
+        found.append(_varies(name, unit, sizes[:, i], doubts[:, i], fit.levels["trim_" + "XYN"[i]]))
     thrust = np.array([trim["thrust"] for trim in fit.trims])
     doubt = np.array([trim["thrust_sigma"] for trim in fit.trims])
-    found.append(_varies("thrust", "-", thrust, doubt, fit.point.levels["thrust"]))
+    found.append(_varies("thrust", "-", thrust, doubt, fit.levels["thrust"]))
     return [f for f in found if f["p_value"] < LEVEL]
 
 
@@ -76,15 +77,15 @@ def _varies(name, unit, estimates, doubts, spread):
 
 
 def _explained(likelihood, fit, features):
-    if len(likelihood.runs) < 2:
-        return Remains(1.0, 0.0, 0.0)
     designs, targets = [], []
     for i, run in enumerate(likelihood.runs):
-        acting, channels = _acting(features(run, fit.model), likelihood, fit)
+        acting, channels, owner = _acting(features(run, fit.model), fit)
         found = likelihood.box.residuals(fit.point, i, cap=CAP, acting=acting, channels=channels)
         scored = np.repeat(np.array(found["scored"]), 3)
-        designs.append(np.array(found["responses"])[scored])
+        designs.append(np.array(found["responses"])[scored] @ owner)
         targets.append(np.array(found["whitened"]).reshape(-1)[scored])
+    if len(designs) == 1:  # a single run: quarters of its time
+        designs, targets = np.array_split(designs[0], 4), np.array_split(targets[0], 4)
     gains = _held_out_gains(designs, targets)
     if gains is None:
         return Remains(1.0, 0.0, 0.0)
@@ -126,21 +127,48 @@ def _fall(grams, designs, targets, fitted, tested, penalty):
     return 0.5 * (targets[tested] ** 2 - left**2)
 
 
-def _acting(values, likelihood, fit):
-    """Features (n, m), each in every channel, in parts of full thrust."""
-    body = 2 * fit.model.value("k") * np.array([1.0, 1.0, fit.model.value("l")])
-    count = values.shape[1]
-    acting = np.hstack([values * body[c] for c in range(3)])
-    return acting, np.repeat([0, 1, 2], count).tolist()
+def _acting(wrenches, fit):
+    """Wrenches of features (n, 3, m), in parts of full thrust, as columns in a channel each; the channels;
+    and which column is part of which feature (columns, m)."""
+    full = 2 * fit.model.value("k") * np.array([1.0, 1.0, fit.model.value("l")])
+    used = np.argwhere(np.abs(wrenches).max(axis=0) > 0)
+    acting = np.column_stack([wrenches[:, c, j] * full[c] for c, j in used])
+    owner = np.zeros((len(used), wrenches.shape[2]))
+    owner[np.arange(len(used)), used[:, 1]] = 1.0
+    return acting, used[:, 0].tolist(), owner
 
 
 def _simulated(run, model):
-    """Velocities (n, 3) simulated in windows of 1.5 s from initial ones that suit the model."""
+    """Poses and velocities (n, 3) simulated in windows of 1.5 s from initial velocities that suit the
+    model, and where there are any (n,)."""
     cut = windows.cut([run])
-    nu = np.full((len(run.times), 3), np.nan)
-    for window, simulated in zip(cut, windows.problem([run], cut).simulate(model)["nu"]):
-        nu[window.first : window.last + 1] = simulated
-    return nu
+    eta, nu = np.zeros((len(run.times), 3)), np.zeros((len(run.times), 3))
+    inside = np.zeros(len(run.times), bool)
+    found = windows.problem([run], cut).simulate(model)
+    for i, window in enumerate(cut):
+        span = slice(window.first, window.last + 1)
+        eta[span], nu[span], inside[span] = found["eta"][i], found["nu"][i], True
+    return eta, nu, inside
+
+
+def _in_every_channel(columns):
+    """Scalars (n,) as wrenches (n, 3, 3 m), each in each channel."""
+    values = np.column_stack(columns)
+    return np.einsum("nj,ck->nckj", values, np.eye(3)).reshape(len(values), 3, -1)
+
+
+def _over_the_floor(x, y, psi):
+    """Forces along world x and world y that vary over the floor (n, 3, m)."""
+    columns = []
+    for place in (x, y):
+        columns.append(place)
+        for length in WAVELENGTHS:
+            columns += [np.sin(2 * np.pi * place / length), np.cos(2 * np.pi * place / length)]
+    values = np.column_stack(columns)
+    c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
+    none = np.zeros_like(values)
+    along_x, along_y = np.stack([c * values, -s * values, none], 1), np.stack([s * values, c * values, none], 1)
+    return np.concatenate([along_x, along_y], axis=2)
 
 
 def _commands(run):
@@ -150,16 +178,16 @@ def _commands(run):
 
 
 def _state_features(run, model):
-    nu = _simulated(run, model)
+    eta, nu, inside = _simulated(run, model)
     held = _commands(run)
-    inside = np.isfinite(nu).all(axis=1)
-    u, v, r = np.nan_to_num(nu).T / np.array([[0.5], [0.3], [4.0]])
+    u, v, r = nu.T / np.array([[0.5], [0.3], [4.0]])
     left, right = held[:, 0], held[:, 1]
     both, turn = left + right, left - right
     columns = [u, v, r, abs(u) * u, abs(v) * v, abs(r) * r, abs(u), abs(v), abs(r), u * v, u * r]
     columns += [v * r, left, right, left * right, both * u, both * v, both * r, turn * u, turn * v]
     columns += [turn * r, left**2, right**2, u**2, v**2, r**2, np.ones_like(u)]
-    return np.column_stack(columns) * inside[:, None]
+    wrenches = np.concatenate([_in_every_channel(columns), _over_the_floor(*eta.T)], axis=2)
+    return wrenches * inside[:, None, None]
 
 
 def _history_features(run, model):
@@ -171,7 +199,7 @@ def _history_features(run, model):
         columns += [past[0] + past[1] - left - right, past[0] - past[1] - left + right]
         columns += [(p - x) * x for p, x in zip(past, (left, right))]
         columns += [(p - x) * abs(p - x) for p, x in zip(past, (left, right))]
-    return np.column_stack(columns)
+    return _in_every_channel(columns)
 
 
 def _past(times, values, memory):

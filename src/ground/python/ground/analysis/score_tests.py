@@ -3,6 +3,7 @@ import numpy as np
 
 from ground.analysis import candidates as effects, study
 
+MOVED = 0.05  # of its typical size: a parameter that takes over what an effect does
 UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
 
 
@@ -18,7 +19,9 @@ class ScoreTests:
         names = [p["name"] for c in candidates for p in described[c.name]]
         found = likelihood.scores(fit, extended, nuisance + names)
         self.extended = extended
+        self.nuisance = nuisance
         self.scale = found["scale"][len(nuisance) :]
+        self.nuisance_scale = found["scale"][: len(nuisance)]
         self.columns = {
             c.name: [names.index(p["name"]) for p in described[c.name]] for c in candidates
         }
@@ -31,10 +34,10 @@ class ScoreTests:
         """Scores and information with the nuisance parameters fitted along."""
         A, blocks = found["information"], found["score"]
         n, s = slice(0, count), slice(count, None)
-        onto = solve(A[n, n], A[n, s])
+        self.onto = solve(A[n, n], A[n, s])
         self.raw = np.diag(A)[s]
-        self.information = A[s, s] - A[s, n] @ onto
-        self.blocks = blocks[:, s] - blocks[:, n] @ onto
+        self.information = A[s, s] - A[s, n] @ self.onto
+        self.blocks = blocks[:, s] - blocks[:, n] @ self.onto
         self.score = self.blocks.sum(axis=0)
 
     def seen(self, name):
@@ -42,6 +45,39 @@ class ScoreTests:
         at = self.columns[name]
         raw = np.where(self.raw[at] > 0, self.raw[at], np.inf)
         return float(np.min(np.diag(self.information)[at] / raw))
+
+    def hidden(self, name):
+        """Whether an effect does, to first order, only what the fitted parameters can do as well."""
+        at = self.columns[name]
+        return bool((self.raw[at] > 0).all() and self.seen(name) < UNSEEN)
+
+    def in_place(self, name, part):
+        """Steps of coordinates by parameter name that put an effect of `part` of its typical size in
+        the place of what the fitted parameters do to first order."""
+        at = self.columns[name]
+        steps = {self.names[i]: float(part * self.scale[i]) for i in at}
+        moved = -part * self.onto[:, at].sum(axis=1) * self.nuisance_scale
+        steps.update(zip(self.nuisance, map(float, moved)))
+        return steps
+
+    def taken_over_by(self, name):
+        """Fitted parameters that do most of what an effect of typical size would do."""
+        moved = {n: abs(x) for n, x in self.in_place(name, 1.0).items() if n in self.nuisance}
+        size = {n: max(s, 1e-300) for n, s in zip(self.nuisance, self.nuisance_scale)}
+        return sorted((n for n in moved if moved[n] > MOVED * size[n]), key=lambda n: -moved[n] / size[n])
+
+    def estimates(self, model, name, step):
+        """Parameters of an effect as one step of its score test gives them: dictionaries as of a fit."""
+        found = []
+        for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
+            value = moved(p, p["neutral"], step.get(p["name"], 0.0))
+            identified = self.information[i, i] > 0 and self.seen(name) > UNSEEN
+            spread = self.scale[i] / np.sqrt(self.information[i, i]) if identified else np.inf
+            ends = [moved(p, value, x * 1.96 * spread) for x in (-1, 1)] if identified else None
+            ci95 = (min(ends), max(ends)) if ends else (p["lower"], p["upper"])
+            found.append({"name": p["name"], "unit": p["unit"], "value": value, "ci95": ci95,
+                          "deviation": float(spread), "identified": bool(identified)})
+        return found
 
     def test(self, names):
         """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads there:
@@ -58,6 +94,15 @@ class ScoreTests:
             return 0.0, {}
         gain = float(self.score[moving] @ step)
         return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
+
+
+def moved(parameter, value, by):
+    """A value after a step of its coordinate, kept inside its range."""
+    # the coordinate of the inertia and of time constants that are neutral at infinity is 1 / value
+    if np.isinf(parameter["neutral"]) or parameter["name"] == "I_z":
+        rate = (0 if np.isinf(value) else 1 / value) + by
+        return float(np.clip(1 / rate if rate > 0 else np.inf, parameter["lower"], parameter["upper"]))
+    return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
 
 
 def _side(parameter):

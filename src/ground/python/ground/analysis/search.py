@@ -11,7 +11,8 @@ import numpy as np
 from scipy import stats
 
 from ground.analysis import candidates as effects
-from ground.analysis.score_tests import ScoreTests
+from ground.analysis.score_tests import ScoreTests, moved
+from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
 
 
@@ -24,6 +25,7 @@ class Criteria:
     pairs: int = 2  # pairs that are refitted in a step
     worth: float = 3.0  # expected gain for each parameter from which on a refit is worth while
     steps: tuple = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
+    sizes: tuple = (0.5, 0.2, -0.2)  # of an effect that score tests cannot see, in typical ones
     rivals: int = 3  # effects that are tried in the place of one that was chosen
     apart: float = 7.0  # log-likelihood ratio from which on a rival is excluded: were it the truth,
     # the ratio would come out so high with a chance of at most 0.4% (the root of it is the least
@@ -32,9 +34,20 @@ class Criteria:
 
 class Search:
     """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over items,
-    side by side if it can; say: called with a sentence now and then."""
+    side by side if it can; say: called with a
+    sentence now and then; kept: Unfinished, of this very work."""
 
-    def __init__(self, likelihood, model, free_of, candidates, criteria=Criteria(), each=map, say=None):
+    def __init__(
+        self,
+        likelihood,
+        model,
+        free_of,
+        candidates,
+        criteria=Criteria(),
+        each=map,
+        say=None,
+        kept=None,
+    ):
         self.likelihood = likelihood
         self.given = model
         self.free_of = free_of
@@ -42,6 +55,7 @@ class Search:
         self.criteria = criteria
         self.each = each
         self.say = say or (lambda text: None)
+        self.kept = kept or Unfinished()
         self.fits = {}  # by set of effects
         self.tests = {}
 
@@ -108,7 +122,11 @@ class Search:
             s for s in singles if gains[s] + self._size(s[0]) > criteria.worth * self._size(s[0])
         ]
         chosen = promising[: criteria.refitted]
-        turned = [(n,) for n in rest if (n,) not in chosen and self._has_starts(n)]
+        turned = [
+            (n,)
+            for n in rest
+            if (n,) not in chosen and (self._has_starts(n) or (current and tests.hidden(n)))
+        ]
         pairs = {}
         for pair in itertools.combinations(rest, 2):
             gain = tests.test(pair)[0] - sum(self._size(n) for n in pair)
@@ -127,7 +145,13 @@ class Search:
     def _fit_all(self, current, proposals):
         """Fits of a set with each proposal more."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
-        for proposal, fit in zip(wanted, self.each(lambda p: self._refit(current, p), wanted)):
+        base = self.fits[current].model.format()
+
+        def refit(added):
+            return self.kept.result(("fit", base, added), lambda: self._refit(current, added))
+
+        self.test_beside(current)  # before threads ask for it
+        for proposal, fit in zip(wanted, self.each(refit, wanted)):
             if fit is not None:
                 self.fits[current | set(proposal)] = fit
 
@@ -139,36 +163,48 @@ class Search:
             extended = self.candidates[name].neutral(extended)
         _, step = tests.test(added)
         best = None
-        for start in self._starts(extended, added, step):
+        for start, near in self._starts(current, extended, added, step):
             try:
-                found = self.likelihood.fit(start, self.free_of(extended), base)
+                found = self.likelihood.fit(start, self.free_of(extended), near)
             except IdentifyError:
                 continue
             if best is None or found.log_posterior > best.log_posterior:
                 best = found
-            if best.log_posterior > base.log_posterior + 1 and not self._many(added):
+            several = any(self._has_starts(n) or tests.hidden(n) for n in added)
+            if best.log_posterior > base.log_posterior + 1 and not several:
                 break
         return best
 
-    def _many(self, added):
-        return any(self._has_starts(n) for n in added)
-
-    def _starts(self, extended, added, step):
+    def _starts(self, current, extended, added, step):
+        """Models to start from, and Fits whose levels are near."""
         described = {p["name"]: p for p in extended.parameters()}
-        for part in self.criteria.steps:
-            model = extended.copy()
-            for name, by in step.items():
-                model.set_value(name, moved(described[name], model.value(name), part * by))
-            yield model
-        for name in added:
-            for other in list(self.candidates[name].starts(self.given))[1:]:
-                model = extended.copy()
-                for p in effects.parameters_of(other, name):
-                    model.set_value(p["name"], other.value(p["name"]))
-                yield model
+        base, tests = self.fits[current], self.test_beside(current)
 
-    def _without(self, current, name):
-        """Fits a set without one of its effects."""
+        def stepped(steps, part=1.0):
+            model = extended.copy()
+            for name, by in steps.items():
+                model.set_value(name, moved(described[name], model.value(name), part * by))
+            return model
+
+        for part in self.criteria.steps if step else self.criteria.steps[:1]:
+            yield stepped(step, part), base
+        for name in added:
+            if tests.hidden(name):
+                for part in self.criteria.sizes:
+                    yield stepped(tests.in_place(name, part)), base
+        if current or len(added) > 1:
+            return
+        # What was fitted without may be far from what is right with it.
+        for other in list(self.candidates[added[0]].starts(self.given))[1:]:
+            yield other, None
+
+    def fitted(self, current, name):
+        """A set with an effect more, fitted; None where that cannot be."""
+        self._fit_all(current, [(name,)])
+        return current | {name} if current | {name} in self.fits else None
+
+    def without(self, current, name):
+        """A set without one of its effects, fitted."""
         rest = current - {name}
         if rest not in self.fits:
             model = self.fits[current].model.copy()
@@ -181,7 +217,7 @@ class Search:
         while current:
             others = []
             for name in sorted(current):
-                rest = self._without(current, name)
+                rest = self.without(current, name)
                 others.append(rest)
                 if len(current) > 1:
                     others += self.swaps(current, name)
@@ -193,7 +229,7 @@ class Search:
 
     def swaps(self, current, name):
         """Fitted sets with another effect in the place of one of a set."""
-        rest = self._without(current, name)
+        rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns if n != name}
         proposals = sorted(gains, key=gains.get, reverse=True)[: self.criteria.rivals]
@@ -208,11 +244,3 @@ class Search:
             (rival,) = other - current
             behind[rival] = self.value(current) - self.value(other)
         return [n for n in sorted(behind, key=behind.get) if behind[n] < self.criteria.apart]
-
-
-def moved(parameter, value, by):
-    """A value after a step of its coordinate, kept inside its range."""
-    if np.isinf(parameter["neutral"]):  # of a time constant that is neutral at infinity: 1 / value
-        rate = (0 if np.isinf(value) else 1 / value) + by
-        return float(np.clip(1 / rate if rate > 0 else np.inf, parameter["lower"], parameter["upper"]))
-    return float(np.clip(value + by, parameter["lower"], parameter["upper"]))

@@ -6,7 +6,13 @@ from ground.recordings import findings
 from ground.reports import appearance, figures, inspection, page, words
 from ground.reports.words import number
 
-COLORS = {"complete": "#2a9d5c", "missing": "#1f77b4", "unexplained": "#e08e0b"}
+COLORS = {
+    "complete": "#2a9d5c",
+    "missing": "#1f77b4",
+    "varies": "#7a5195",
+    "memory": "#e08e0b",
+    "unexplained": "#e08e0b",
+}
 ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "initial velocities of its own; σ are the run's standard deviations."
@@ -61,10 +67,8 @@ def diagnosis(
         sheet.points(apart)
     else:
         sheet.paragraph("These runs tell all effects tried apart.")
-    rest = list(words.unexplained(report))
-    if rest:
-        sheet.heading("What is still unexplained")
-        sheet.points(rest)
+    sheet.heading("What is left")
+    sheet.points(list(words.left(report)) + list(words.unexplained(report)))
     _quality(sheet, described)
     heldout = report["runs"]["heldout"]
     how = (

@@ -162,13 +162,27 @@ def verdict(report):
             % (visible, before)
             + leaves
         )
+    if report["verdict"] == "varies":
+        return "No effect is missing, but %s; the error on held-out runs is %.3f, %s" % (
+            _listed([_varying(v) for v in report["varies"]]),
+            before,
+            leaves,
+        )
     if report["verdict"] == "missing":
         return "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
     rest = "missing that no effect tried explains"
+    if report["verdict"] == "memory":
+        rest = "missing that depends on the past of the commands"
     if not effects:
         return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
+
+
+def _varying(found):
+    """What differs between runs: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
+    size = quantity(found["deviation"], found["unit"])
+    return "the %s differs between runs (sd %s)" % (found["parameter"], size)
 
 
 def _sized(effect):
@@ -242,6 +256,24 @@ def slight(report):
         )
 
 
+def left(report):
+    """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
+    for found in report["varies"] if report["verdict"] != "varies" else ():
+        yield _varying(found) + "."
+    for found in report["dropped"]:
+        yield "%s (p %.1g) was not added: %s." % (found["effect"], found["p_value"], found["why"])
+    levels = report["disturbance"]
+    yield (
+        "Beside the model a random wrench acts: X %s over %.2g s, Y %s over %.2g s, N %s over %.2g s "
+        "(standard deviations and correlation times of its slow part)."
+        % tuple(
+            part
+            for c, unit in (("X", "N"), ("Y", "N"), ("N", "N m"))
+            for part in ("%.2g %s" % (levels["sigma"][c], unit), levels["time"][c])
+        )
+    )
+
+
 def unexplained(report):
     """Where the rest is, and what would lower it."""
     rest = report["unexplained"]
@@ -303,5 +335,6 @@ def diagnosis(report):
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
     yield from extent(report)
     yield from slight(report)
+    yield from left(report)
     yield from apart(report)
     yield from unexplained(report)
