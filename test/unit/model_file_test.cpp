@@ -109,6 +109,68 @@ TEST(ModelFile, ComesBackAsItWasWritten) {
   EXPECT_EQ(force(back), force(model));
 }
 
+constexpr char kStates[] = R"yaml(  - name: skirt
+    states:
+      p: "(lift - p)/tau"
+      q: {derivative: "p - q", initial: 0.25}
+    expression: {X: "-c*(1-p)*u", N: "c*q", thrust_R: "-c*p*u_R"}
+    parameters:
+      c: {value: 0.01, unit: N s/m}
+      tau: {value: 0.4, unit: s, neutral: 0.4, lower: 0.01}
+)yaml";
+
+TEST(ModelFile, StatesOfEffectsComeBackAsTheyWereWritten) {
+  const Model model = parseModel(std::string(kGood) + kStates, "good");
+  EXPECT_EQ(model.stateCount(), 4);
+  const std::string text = formatModel(model);
+  const Model back = parseModel(text, "written");
+  EXPECT_EQ(formatModel(back), text);
+  EXPECT_EQ(Dynamics<double>(back).initialStates(), (std::vector<double>{0, 0, 0, 0.25}));
+  const InputSequence inputs = [] {
+    InputSequence sequence;
+    sequence.add(0.1, 0.3, 0.9, 1);
+    return sequence;
+  }();
+  const auto end = [&](const Model& m) {
+    const Dynamics<double> dynamics(m);
+    Simulation<double> simulation(dynamics, inputs, {}, 0);
+    simulation.advance(1.5);
+    return simulation.state().nu;
+  };
+  EXPECT_EQ(end(back), end(model));
+  EXPECT_GT((end(back) - end(parseModel(kGood, "good"))).norm(), 1e-3);
+}
+
+TEST(ModelFile, StatesOfEffectsAreRefusedWithTheirLine) {
+  const auto said = [](const std::string& from, const std::string& to) {
+    std::string text = std::string(kGood) + kStates;
+    const std::size_t at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return complaint(text.replace(at, from.size(), to));
+  };
+  EXPECT_EQ(said("p - q", "p - q"), "");
+  const struct {
+    const char *from, *to, *says;
+  } cases[] = {
+      {"p: \"(lift - p)/tau\"", "p: [1, 2]", "line 16: p must be a text"},
+      {"initial: 0.25", "initial: much", "line 17: initial must be a number"},
+      {"initial: 0.25", "start: 0.25", "line 17: unknown key 'start' in state q; allowed are "},
+      {"      q:", "      p:", "key 'p' comes twice in states of skirt"},
+      {"(lift - p)/tau", "(lft - p)/tau", "line 14: effect 'skirt': state p = '(lft - p)/tau'"},
+      {"neutral: 0.4", "neutral: 0.01", ""},
+      {"value: 0.4", "value: 0.01", ""},
+      {"neutral: 0.4, lower: 0.01", "neutral: 0.4", ""},
+      {"value: 0.4, unit: s, neutral: 0.4, lower: 0.01", "value: 0, unit: s, neutral: 0.4",
+       "its derivative by time is not finite at c = 0.01, tau = 0"},
+      {"thrust_R", "thrust", "unknown key 'thrust' in expression of skirt; allowed are X, Y, N, "},
+  };
+  for (const auto& bad : cases) {
+    const std::string message = said(bad.from, bad.to);
+    EXPECT_NE(message.find(bad.says), std::string::npos) << bad.to << " gave: " << message;
+    EXPECT_EQ(message.empty(), std::string(bad.says).empty()) << message;
+  }
+}
+
 struct Bad {
   const char *from, *to, *says;
 };

@@ -167,45 +167,74 @@ ParameterInfo readExpressionParameter(const Reader& reader, const std::string& n
   return info;
 }
 
+/// Formulas of the components of an effect, by their names.
+void readComponents(const Reader& reader, const YAML::Node& node,
+                    ExpressionDefinition& definition) {
+  const std::string what = "expression of " + definition.name;
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    const std::pair<const char*, std::string*> known[] = {{"X", &definition.X},
+                                                          {"Y", &definition.Y},
+                                                          {"N", &definition.N},
+                                                          {"thrust_L", &definition.thrust_L},
+                                                          {"thrust_R", &definition.thrust_R}};
+    for (const auto& [name, formula] : known)
+      if (key == name) {
+        *formula = reader.text(value, key);
+        return;
+      }
+    reader.unknown(value, key, what, "X, Y, N, thrust_L, thrust_R");
+  });
+}
+
+/// A state: the formula of its derivative, or a map of that and its initial value.
+ExpressionDefinition::State readState(const Reader& reader, const std::string& name,
+                                      const YAML::Node& node) {
+  if (!node.IsMap()) return {name, reader.text(node, name), 0};
+  ExpressionDefinition::State state{name, "", 0};
+  const std::string what = "state " + shortened(name);
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "derivative") {
+      state.rate = reader.text(value, key);
+    } else if (key == "initial") {
+      state.initial = reader.number(value, key);
+    } else {
+      reader.unknown(value, key, what, "derivative, initial");
+    }
+  });
+  return state;
+}
+
 void readExpression(const Reader& reader, const std::string& name, const YAML::Node& node,
                     Model& model) {
   ExpressionDefinition definition;
   definition.name = name;
   std::vector<double> values;
-  const YAML::Node expression = node["expression"], parameters = node["parameters"];
-  reader.each(expression, "expression of " + name,
-              [&](const std::string& key, const YAML::Node& value) {
-                if (key == "X") {
-                  definition.X = reader.text(value, key);
-                } else if (key == "Y") {
-                  definition.Y = reader.text(value, key);
-                } else if (key == "N") {
-                  definition.N = reader.text(value, key);
-                } else {
-                  reader.unknown(value, key, "expression of " + name, "X, Y, N");
-                }
-              });
-  if (parameters) {
-    reader.each(parameters, "parameters of " + name,
-                [&](const std::string& key, const YAML::Node& value) {
-                  if (key.size() > kLongestName)
-                    reader.fail(value, "a parameter's name is longer than " +
-                                           std::to_string(kLongestName) + " characters");
-                  double number = 0, scale = 0;
-                  definition.parameters.push_back(
-                      readExpressionParameter(reader, key, value, number, scale));
-                  definition.typical.push_back(scale);
-                  values.push_back(number);
-                  const std::string wrong = checkValue(definition.parameters.back(), number);
-                  if (!wrong.empty()) reader.fail(value, wrong);
-                });
-  }
   reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
-    if (key != "name" && key != "expression" && key != "parameters")
-      reader.unknown(value, key, "effect " + name, "name, expression, parameters");
+    if (key == "expression") {
+      readComponents(reader, value, definition);
+    } else if (key == "states") {
+      reader.each(value, "states of " + name, [&](const std::string& state, const YAML::Node& n) {
+        definition.states.push_back(readState(reader, state, n));
+      });
+    } else if (key == "parameters") {
+      reader.each(value, "parameters of " + name, [&](const std::string& p, const YAML::Node& n) {
+        if (p.size() > kLongestName)
+          reader.fail(n, "a parameter's name is longer than " + std::to_string(kLongestName) +
+                             " characters");
+        double number = 0, scale = 0;
+        definition.parameters.push_back(readExpressionParameter(reader, p, n, number, scale));
+        definition.typical.push_back(scale);
+        values.push_back(number);
+        const std::string wrong = checkValue(definition.parameters.back(), number);
+        if (!wrong.empty()) reader.fail(n, wrong);
+      });
+    } else if (key != "name") {
+      reader.unknown(value, key, "effect " + name, "name, expression, states, parameters");
+    }
   });
   try {
     model.addEffect(makeExpressionEffect(definition));
+    requireFiniteRates(*model.effects.back().effect, values);
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
   }
@@ -303,15 +332,31 @@ std::string comment(const ParameterInfo& parameter) {
   return parameter.doc.empty() ? parameter.unit : parameter.unit + ", " + parameter.doc;
 }
 
+void emitStates(YAML::Emitter& out, const std::vector<ExpressionDefinition::State>& states) {
+  if (states.empty()) return;
+  out << YAML::Key << "states" << YAML::Value << YAML::BeginMap;
+  for (const ExpressionDefinition::State& state : states) {
+    out << YAML::Key << state.name << YAML::Value;
+    if (state.initial == 0) {
+      out << YAML::DoubleQuoted << state.rate;
+      continue;
+    }
+    out << YAML::Flow << YAML::BeginMap;
+    out << YAML::Key << "derivative" << YAML::Value << YAML::DoubleQuoted << state.rate;
+    emitNumber(out, "initial", state.initial, "");
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
 void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
                     const std::vector<double>& values) {
   out << YAML::Key << "expression" << YAML::Value << YAML::BeginMap;
-  const std::pair<const char*, const std::string*> formulas[] = {
-      {"X", &definition.X}, {"Y", &definition.Y}, {"N", &definition.N}};
-  for (const auto& formula : formulas)
-    if (!formula.second->empty())
-      out << YAML::Key << formula.first << YAML::Value << YAML::DoubleQuoted << *formula.second;
+  for (const auto& [name, formula] : definition.components())
+    if (!formula.empty())
+      out << YAML::Key << name << YAML::Value << YAML::DoubleQuoted << formula;
   out << YAML::EndMap;
+  emitStates(out, definition.states);
   if (definition.parameters.empty()) return;
   out << YAML::Key << "parameters" << YAML::Value << YAML::BeginMap;
   for (std::size_t i = 0; i < definition.parameters.size(); ++i) {
