@@ -272,6 +272,40 @@ void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
                             parameters[i].doc + ", " + parameters[i].unit + ")");
 }
 
+/// Numbers by channel, those that are not there zero; `thrust` where there is such a channel.
+void readChannels(const Reader& reader, const std::string& what, const YAML::Node& node,
+                  Vector3<double>& channels, double* thrust = nullptr) {
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    const std::size_t channel = std::string("XYN").find(key);
+    if (key.size() == 1 && channel != std::string::npos) {
+      channels(static_cast<Eigen::Index>(channel)) = reader.number(value, key);
+    } else if (thrust && key == "thrust") {
+      *thrust = reader.number(value, key);
+    } else {
+      reader.unknown(value, key, what, thrust ? "X, Y, N, thrust" : "X, Y, N");
+    }
+  });
+}
+
+void readDisturbance(const Reader& reader, const YAML::Node& node, Disturbance& disturbance) {
+  reader.each(node, "disturbance", [&](const std::string& key, const YAML::Node& value) {
+    const std::string what = key + " of disturbance";
+    if (key == "sigma") {
+      readChannels(reader, what, value, disturbance.sigma);
+    } else if (key == "time") {
+      readChannels(reader, what, value, disturbance.time);
+    } else if (key == "white") {
+      readChannels(reader, what, value, disturbance.white);
+    } else if (key == "trim") {
+      readChannels(reader, what, value, disturbance.trim, &disturbance.trim_thrust);
+    } else {
+      reader.unknown(value, key, "disturbance", "sigma, time, white, trim");
+    }
+  });
+  const std::string wrong = disturbance.validate();
+  if (!wrong.empty()) reader.fail(node, "disturbance: " + wrong);
+}
+
 void readProvenance(const Reader& reader, const YAML::Node& node, Provenance& provenance) {
   const auto numbers = [&](const YAML::Node& map, const std::string& what) {
     std::map<std::string, double> result;
@@ -375,6 +409,24 @@ void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
   out << YAML::EndMap;
 }
 
+void emitDisturbance(YAML::Emitter& out, const Disturbance& disturbance) {
+  const auto channels = [&](const char* key, const Vector3<double>& values, double thrust,
+                            const char* remark) {
+    if (values.isZero(0) && thrust == 0) return;
+    out << YAML::Key << key << YAML::Value << YAML::Flow << YAML::BeginMap;
+    for (int i = 0; i < 3; ++i) emitNumber(out, std::string(1, "XYN"[i]), values(i), "");
+    if (thrust != 0) emitNumber(out, "thrust", thrust, "");
+    out << YAML::EndMap << YAML::Comment(remark);
+  };
+  out << YAML::Key << "disturbance" << YAML::Value << YAML::BeginMap;
+  channels("sigma", disturbance.sigma, 0, "N, N, N m, standard deviation of a random wrench, body");
+  channels("time", disturbance.time, 0, "s, its correlation time");
+  channels("white", disturbance.white, 0, "N sqrt(s), N sqrt(s), N m sqrt(s), white wrench");
+  channels("trim", disturbance.trim, disturbance.trim_thrust,
+           "N, N, N m, -, standard deviation from run to run: constant wrench, thrust's factor");
+  out << YAML::EndMap;
+}
+
 void emitProvenance(YAML::Emitter& out, const Provenance& provenance) {
   const auto numbers = [&out](const char* key, const std::map<std::string, double>& map) {
     if (map.empty()) return;
@@ -453,12 +505,14 @@ Model parse(const std::string& yaml, const std::string& source, BodyLines& lines
       model.name = reader.text(value, key);
     } else if (key == "body") {
       readBody(reader, value, model, lines);
+    } else if (key == "disturbance") {
+      readDisturbance(reader, value, model.disturbance);
     } else if (key == "provenance") {
       readProvenance(reader, value, model.provenance);
     } else if (key == "effects") {
       if (!value.IsSequence() && !value.IsNull()) reader.fail(value, "effects must be a list");
     } else if (key != "schema") {
-      reader.unknown(value, key, top, "schema, name, body, effects, provenance");
+      reader.unknown(value, key, top, "schema, name, body, effects, disturbance, provenance");
     }
   });
   for (const auto& effect : root["effects"]) readEffect(reader, effect, model);
@@ -521,6 +575,7 @@ std::string formatModel(const Model& model) {
     out << YAML::EndMap;
   }
   out << YAML::EndSeq;
+  if (!model.disturbance.empty()) emitDisturbance(out, model.disturbance);
   if (!model.provenance.empty()) emitProvenance(out, model.provenance);
   out << YAML::EndMap;
   return std::string(out.c_str()) + '\n';
