@@ -524,6 +524,25 @@ TEST(StatesOfEffects, SettleUnderTheMotionOfTheStartAndKnowTheirDerivativeByIt) 
   EXPECT_NEAR(surge.v[0], (share * 0.02 - b.X_u) / b.m, 1e-6);
 }
 
+TEST(StatesOfEffects, StayWithoutDerivativesWhenASimulationGoesOnFromAnotherState) {
+  ExpressionDefinition wake = skirtPressure();
+  wake.X = "c*p";
+  wake.states = {{"p", "(u - p)/tau", 0}};
+  const Dynamics<Jet> dynamics(withSkirt(wake, 0.02, 0.2));
+  const InputSequence none;
+  RigidState<Jet> start;
+  start.nu.x() = Jet(0.7, 0);
+  Simulation<Jet> simulation(dynamics, none, start, 0);
+  simulation.advance(0.5);
+  const Jet before = simulation.derivative().nu.x();
+  EXPECT_GT(std::abs(before.v[0]), 0.1);
+  RigidState<Jet> other;
+  simulation.restart(other);
+  const Jet after = simulation.derivative().nu.x();
+  EXPECT_TRUE(after.isConstant());
+  EXPECT_GT(after.a, 0.1 * 0.02 / tinyWhoover().body.m);  // of the wake alone
+}
+
 TEST(StatesOfEffects, SettleToACommandThatHasBeenHeldForLonger) {
   // Of the lag of a motor, too: its command has not been repeated for a minute.
   Model model = with("motor_lag");
