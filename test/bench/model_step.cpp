@@ -80,7 +80,7 @@ void sideBySide(benchmark::State& state, const std::string& effects, bool pose) 
   dynamics.useDirections(5);
   const InputSequence inputs = makeInputs();
   const double samples[] = {0, kSteps * kStep};
-  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false, 0);
+  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false, {});
   for (auto _ : state)
     plan.run<T>(dynamics, {}, pose,
                 [](int, const Vector3<T>&, const Vector3<T>& nu) { benchmark::DoNotOptimize(nu); });

@@ -499,3 +499,92 @@ def test_help_names_every_input():
     assert result.returncode == 0
     for kind in ("prbs", "steps", "coast-down", "spin", "single-thruster", "tracking", "FILE.csv"):
         assert "\n  %s " % kind in result.stdout
+
+
+DISTURBANCE = """disturbance:
+  sigma: {X: 0.003, Y: 0.004, N: 5.0e-5}
+  time: {X: 0.3, Y: 0.2, N: 0.1}
+  trim: {N: 3.0e-5}
+"""
+
+
+def experiment(model=None, duration=60.0, **options):
+    """A SimulatedRun of the nominal craft."""
+    from ground import _core
+    from ground.simulation import experiments
+
+    model = _core.load_model(str(MODEL)) if model is None else model
+    schedule = experiments.with_lift(experiments.prbs(duration), duration)
+    return experiments.simulate(model, schedule, **options)
+
+
+def test_a_disturbance_pushes_by_the_share_asked_for():
+    from ground import _core
+    from ground.simulation import experiments
+
+    model = _core.load_model(str(MODEL))
+    asked = experiments.disturbance_in_shares(model, 0.02, 0.3)
+    force, moment = 2 * 0.062, 0.062 * 0.0325
+    assert np.allclose(asked.sigma, [0.02 * force, 0.02 * force, 0.02 * moment])
+    assert list(asked.time) == [0.3] * 3 and asked.trim_thrust == 0
+    run = experiment(model, 600.0, disturbance=asked, seed=4)
+    # As long as 1000 independent samples of the squares of a process with this correlation.
+    spread = np.mean(np.square(run.truth_wrench), axis=0) / np.square(asked.sigma)
+    error = np.sqrt(2 * 0.3 / 600)
+    assert (np.abs(spread - 1) < 3 * error).all(), spread
+    # It is the wrench by which the motion differs from the model's.
+    still = experiment(model, 600.0, seed=4)
+    assert not still.truth_wrench.any()
+    assert not np.array_equal(still.truth_nu, run.truth_nu)
+
+
+def test_the_disturbance_of_a_model_acts_when_it_is_asked_for(tmp_path):
+    model = tmp_path / "windy.yaml"
+    model.write_text(MODEL.read_text() + DISTURBANCE)
+
+    def bag(name, *options):
+        out = tmp_path / name
+        result = identify(
+            "simulate", "--model", model, "--input", "prbs", "--duration", 2, "-o", out, *options
+        )
+        assert result.returncode == 0, result.stderr
+        return digest(out), result.stdout
+
+    still, said = bag("still.bag")
+    assert "windy.yaml has a disturbance, which did not act: --disturbance applies it" in said
+    plain, _ = simulate(tmp_path, "prbs", "--duration", 2)
+    assert still == digest(plain)
+    acting, said = bag("acting.bag", "--disturbance")
+    assert "did not act" not in said
+    assert acting == bag("again.bag", "--disturbance")[0]
+    others = [
+        bag("seed.bag", "--disturbance", "--seed", 2)[0],
+        bag("shares.bag", "--disturbance", 0.02, 0.3)[0],
+        bag("trim.bag", "--trim", 0.03)[0],
+        bag("both.bag", "--disturbance", "--trim", 0.03)[0],
+        bag("zero.bag", "--disturbance", 0, 1)[0],
+    ]
+    assert others[-1] == still
+    assert len({still, acting, *others}) == 6
+    out, told = simulate(tmp_path, "prbs", "--disturbance", 0.02, 0.3, "--trim", 0.1, name="j.bag")
+    assert told["disturbance"]["time"] == [0.3] * 3
+    assert told["disturbance"]["trim_thrust"] == 0.1
+    assert told["disturbance"]["trim"][0] == pytest.approx(0.1 * 2 * 0.062)
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--disturbance"], ["tiny_whoover.yaml has none; give SHARE and TIME"]),
+        (["--disturbance", "0.1"], ["a SHARE between 0 and 1 and a positive TIME", "not 0.1"]),
+        (["--disturbance", "2", "0.3"], ["a SHARE between 0 and 1", "not 2 0.3"]),
+        (["--disturbance", "0.1", "0"], ["positive TIME"]),
+        (["--disturbance", "0.1", "much"], ["--disturbance"]),
+        (["--trim", "0.5"], ["0.5 is not between 0 and 0.3"]),
+    ],
+)
+def test_bad_disturbances(tmp_path, options, words):
+    out = tmp_path / "run.bag"
+    run = ("simulate", "--model", MODEL, "--input", "prbs", "-o", out, *options)
+    fails(identify(*run), "usage", *words, status=2)
+    assert not out.exists()

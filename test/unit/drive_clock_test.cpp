@@ -244,7 +244,7 @@ TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
   inputs.add(8, 0.5, 1, 1);
   const std::vector<double> first = {0, 2, 6, 9, 10}, second = {7, 8.5, 9.5};
   const Dynamics<Lanes> together(model);
-  const LanePlan plan({{&inputs, first.data(), 5}, {&inputs, second.data(), 3}}, 0, false, 0);
+  const LanePlan plan({{&inputs, first.data(), 5}, {&inputs, second.data(), 3}}, 0, false, {});
   std::vector<std::vector<double>> u(2);
   plan.run<Lanes>(together, {}, true, [&](int visit, const auto&, const Vector3<Lanes>& nu) {
     for (auto s = plan.begin(visit); s != plan.end(visit); ++s)

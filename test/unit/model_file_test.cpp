@@ -109,6 +109,126 @@ TEST(ModelFile, ComesBackAsItWasWritten) {
   EXPECT_EQ(force(back), force(model));
 }
 
+constexpr char kStates[] = R"yaml(  - name: skirt
+    states:
+      p: "(lift - p)/tau"
+      q: {derivative: "p - q", initial: 0.25}
+    expression: {X: "-c*(1-p)*u", N: "c*q", thrust_R: "-c*p*u_R"}
+    parameters:
+      c: {value: 0.01, unit: N s/m}
+      tau: {value: 0.4, unit: s, neutral: 0.4, lower: 0.01}
+)yaml";
+
+TEST(ModelFile, StatesOfEffectsComeBackAsTheyWereWritten) {
+  const Model model = parseModel(std::string(kGood) + kStates, "good");
+  EXPECT_EQ(model.stateCount(), 4);
+  const std::string text = formatModel(model);
+  const Model back = parseModel(text, "written");
+  EXPECT_EQ(formatModel(back), text);
+  EXPECT_EQ(Dynamics<double>(back).initialStates(), (std::vector<double>{0, 0, 0, 0.25}));
+  const InputSequence inputs = [] {
+    InputSequence sequence;
+    sequence.add(0.1, 0.3, 0.9, 1);
+    return sequence;
+  }();
+  const auto end = [&](const Model& m) {
+    const Dynamics<double> dynamics(m);
+    Simulation<double> simulation(dynamics, inputs, {}, 0);
+    simulation.advance(1.5);
+    return simulation.state().nu;
+  };
+  EXPECT_EQ(end(back), end(model));
+  EXPECT_GT((end(back) - end(parseModel(kGood, "good"))).norm(), 1e-3);
+}
+
+TEST(ModelFile, StatesOfEffectsAreRefusedWithTheirLine) {
+  const auto said = [](const std::string& from, const std::string& to) {
+    std::string text = std::string(kGood) + kStates;
+    const std::size_t at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return complaint(text.replace(at, from.size(), to));
+  };
+  EXPECT_EQ(said("p - q", "p - q"), "");
+  const struct {
+    const char *from, *to, *says;
+  } cases[] = {
+      {"p: \"(lift - p)/tau\"", "p: [1, 2]", "line 16: p must be a text"},
+      {"initial: 0.25", "initial: much", "line 17: initial must be a number"},
+      {"initial: 0.25", "start: 0.25", "line 17: unknown key 'start' in state q; allowed are "},
+      {"      q:", "      p:", "key 'p' comes twice in states of skirt"},
+      {"(lift - p)/tau", "(lft - p)/tau", "line 14: effect 'skirt': state p = '(lft - p)/tau'"},
+      {"neutral: 0.4", "neutral: 0.01", ""},
+      {"value: 0.4", "value: 0.01", ""},
+      {"neutral: 0.4, lower: 0.01", "neutral: 0.4", ""},
+      {"value: 0.4, unit: s, neutral: 0.4, lower: 0.01", "value: 0, unit: s, neutral: 0.4",
+       "its derivative by time is not finite at c = 0.01, tau = 0"},
+      {"thrust_R", "thrust", "unknown key 'thrust' in expression of skirt; allowed are X, Y, N, "},
+  };
+  for (const auto& bad : cases) {
+    const std::string message = said(bad.from, bad.to);
+    EXPECT_NE(message.find(bad.says), std::string::npos) << bad.to << " gave: " << message;
+    EXPECT_EQ(message.empty(), std::string(bad.says).empty()) << message;
+  }
+}
+
+constexpr char kDisturbance[] = R"yaml(disturbance:
+  sigma: {X: 0.01, N: 1.0e-4}
+  time: {X: 0.3, N: 0.5}
+  white: {Y: 0.002}
+  trim: {N: 2.0e-5, thrust: 0.02}
+)yaml";
+
+TEST(ModelFile, ADisturbanceComesBackAsItWasWritten) {
+  const Model model = parseModel(std::string(kGood) + kDisturbance, "good");
+  const Disturbance& read = model.disturbance;
+  EXPECT_FALSE(read.empty());
+  EXPECT_EQ(read.sigma, Vector3<double>(0.01, 0, 1e-4));
+  EXPECT_EQ(read.time, Vector3<double>(0.3, 0, 0.5));
+  EXPECT_EQ(read.white, Vector3<double>(0, 0.002, 0));
+  EXPECT_EQ(read.trim, Vector3<double>(0, 0, 2e-5));
+  EXPECT_EQ(read.trim_thrust, 0.02);
+  const std::string text = formatModel(model);
+  const Model back = parseModel(text, "written");
+  EXPECT_EQ(formatModel(back), text);
+  EXPECT_EQ(back.disturbance.sigma, read.sigma);
+  EXPECT_EQ(back.disturbance.time, read.time);
+  EXPECT_EQ(back.disturbance.white, read.white);
+  EXPECT_EQ(back.disturbance.trim, read.trim);
+  EXPECT_EQ(back.disturbance.trim_thrust, 0.02);
+  EXPECT_TRUE(parseModel(kGood, "good").disturbance.empty());
+  EXPECT_EQ(formatModel(parseModel(kGood, "good")).find("disturbance"), std::string::npos);
+  // The deterministic motion does not know of it.
+  const auto rate = [](const Model& m) {
+    return Dynamics<double>(m).derivative(0, {}, {1, 0.5}, 1).nu;
+  };
+  EXPECT_EQ(rate(model), rate(parseModel(kGood, "good")));
+}
+
+TEST(ModelFile, ABadDisturbanceIsRefusedWithItsLine) {
+  const auto said = [](const std::string& from, const std::string& to) {
+    std::string text = std::string(kGood) + kDisturbance;
+    const std::size_t at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return complaint(text.replace(at, from.size(), to));
+  };
+  const struct {
+    const char *from, *to, *says;
+  } cases[] = {
+      {"X: 0.01", "X: -0.01", "sigma of X must be finite and not negative"},
+      {"X: 0.01", "X: .inf", "sigma of X must be finite"},
+      {"X: 0.01", "X: much", "line 15: X must be a number"},
+      {"X: 0.01", "Z: 0.01", "line 15: unknown key 'Z' in sigma of disturbance; allowed are X, Y"},
+      {"time: {X: 0.3, ", "time: {", "line 15: disturbance: time of X must be positive"},
+      {"Y: 0.002", "thrust: 0.002", "line 17: unknown key 'thrust' in white of disturbance"},
+      {"thrust: 0.02", "thrust: 2", "trim of the thrust must be between 0 and 0.3"},
+      {"white", "pink", "unknown key 'pink' in disturbance; allowed are sigma, time, white, trim"},
+      {"disturbance:\n", "disturbance: 3\nother:\n", "disturbance must be a map"},
+  };
+  for (const auto& bad : cases)
+    EXPECT_NE(said(bad.from, bad.to).find(bad.says), std::string::npos)
+        << bad.to << " gave: " << said(bad.from, bad.to);
+}
+
 struct Bad {
   const char *from, *to, *says;
 };

@@ -42,6 +42,17 @@ Model craft(const std::vector<std::pair<std::string, std::vector<double>>>& effe
   return model;
 }
 
+/// A craft whose skirt fills slowly and whose wake follows it: two states of an expression effect.
+Model craftWithMemory() {
+  return withEffect(craft({{"motor_lag", {0.06}}}), R"yaml(
+name: memory
+states: {p: "(lift*u_L - p)/0.3", wake: "(u - wake)/0.5"}
+expression: {X: "-c*(u - wake)", N: "0.02*c*p"}
+parameters: {c: {value: 0.03, unit: N s/m}}
+)yaml",
+                    "memory");
+}
+
 struct Planned {
   std::string name;
   Model model;
@@ -98,6 +109,7 @@ TEST_P(Plans, EndWhereNoAllowedChangeOfAnInputHelps) {
 INSTANTIATE_TEST_SUITE_P(
     All, Plans,
     testing::Values(Planned{"nominal", craft()}, Planned{"lag", craft({{"motor_lag", {0.06}}})},
+                    Planned{"memory", craftWithMemory()},
                     Planned{"lag_on_a_slope", craft({{"motor_lag", {0.06}},
                                                      {"floor_tilt", {0.02, -0.01}},
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
@@ -159,6 +171,32 @@ TEST(DisturbanceObserver, ForetellsTheStateAtWhichACommandOfNowActs) {
             }
           });
   EXPECT_GT(foretold.size(), 50u);
+}
+
+TEST(DisturbanceObserver, FollowsTheStatesOfEffects) {
+  const Model truth = craftWithMemory();
+  int looks = 0;
+  const auto look = [&](double t, const DisturbanceObserver& observer, auto& simulation, auto&) {
+    if (t < 2) return;
+    ++looks;
+    EXPECT_LT((observer.at(t).state.nu - simulation.state().nu).norm(), 0.02) << t;
+    EXPECT_LT(observer.at(t).missing.head<2>().norm(), 0.02) << t;
+  };
+  observe(truth, truth, 4, look);
+  EXPECT_GT(looks, 100);
+}
+
+TEST(DisturbanceObserver, BeginsWithTheStatesThatTheCommandsBeforeLeft) {
+  const Model model = craftWithMemory();
+  DisturbanceObserver observer(model, {});
+  for (int i = 0; i < 100; ++i) observer.command(0.02 * i, {0.5, 0.5}, 1);
+  RigidState<double> state;
+  state.nu.x() = 0.4;
+  observer.measure(2.0, state);
+  const auto effects = observer.at(2.0).effects;  // motor_lag's two, p, wake
+  EXPECT_NEAR(effects[0], 0.5, 1e-6);
+  EXPECT_NEAR(effects[2], 0.5, 2e-3);
+  EXPECT_NEAR(effects[3], 0.4 * (1 - std::exp(-2.0 / 0.5)), 1e-6);
 }
 
 TEST(DisturbanceObserver, StartsFromWhatTheMocapSeesOfTheCentre) {

@@ -208,6 +208,152 @@ TEST(Room, ForgetsOldCommandsAndMovesOn) {
   EXPECT_NO_THROW(often.setModel(model));
 }
 
+Disturbance pushes() {
+  Disturbance disturbance;
+  disturbance.sigma << 0.01, 0.02, 1e-4;
+  disturbance.time << 0.3, 0.1, 1.0;
+  return disturbance;
+}
+
+/// Mean square of each channel and, k steps apart, mean product over mean square.
+struct Moments {
+  Vector3<double> variance, correlation;
+};
+
+Moments momentsOf(DisturbanceSource& source, int steps, int k) {
+  std::vector<Vector3<double>> all;
+  for (int i = 0; i < steps; ++i) all.push_back(source.next());
+  Moments found{Vector3<double>::Zero(), Vector3<double>::Zero()};
+  for (int i = 0; i < steps; ++i) found.variance += all[i].cwiseAbs2() / steps;
+  for (int i = k; i < steps; ++i)
+    found.correlation += all[i].cwiseProduct(all[i - k]) / (steps - k);
+  found.correlation = found.correlation.cwiseQuotient(found.variance);
+  return found;
+}
+
+TEST(DisturbanceSource, HasTheDeviationAndTheCorrelationAskedFor) {
+  constexpr double kStep = 0.005;
+  constexpr int kSteps = 400000, kLag = 40;  // of 0.2 s
+  const Disturbance asked = pushes();
+  DisturbanceSource source(asked, kStep, 3);
+  const Moments found = momentsOf(source, kSteps, kLag);
+  for (int i = 0; i < 3; ++i) {
+    const double a = std::exp(-kStep / asked.time(i)), b = a * a;
+    // Standard errors of the variance and, by Bartlett's formula, of a correlation.
+    const double of_variance = std::sqrt(2 * (1 + b) / (1 - b) / kSteps);
+    const double of_correlation = std::sqrt(
+        ((1 + b) * (1 - std::pow(b, kLag)) / (1 - b) - 2 * kLag * std::pow(b, kLag)) / kSteps);
+    EXPECT_LT(of_variance, 0.1);
+    EXPECT_NEAR(found.variance(i) / (asked.sigma(i) * asked.sigma(i)), 1, 3 * of_variance) << i;
+    EXPECT_NEAR(found.correlation(i), std::exp(-0.2 / asked.time(i)), 3 * of_correlation) << i;
+  }
+}
+
+TEST(DisturbanceSource, StartsStationaryAndItsWhiteNoiseIsAMeanOverAStep) {
+  Disturbance asked = pushes();
+  asked.white << 0.003, 0, 2e-5;
+  asked.trim << 0.004, 0.005, 3e-5;
+  asked.trim_thrust = 0.1;
+  constexpr int kRuns = 4000;
+  Vector3<double> square = Vector3<double>::Zero();
+  double thrust = 0, thrust_square = 0;
+  for (unsigned long seed = 0; seed < kRuns; ++seed) {
+    DisturbanceSource source(asked, 0.005, seed);
+    square += source.next().cwiseAbs2() / kRuns;
+    thrust += (source.thrustFactor() - 1) / kRuns;
+    thrust_square += std::pow(source.thrustFactor() - 1, 2) / kRuns;
+  }
+  const Vector3<double> expected =
+      asked.sigma.cwiseAbs2() + asked.white.cwiseAbs2() / 0.005 + asked.trim.cwiseAbs2();
+  const double error = 3 * std::sqrt(2.0 / kRuns);
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(square(i) / expected(i), 1, error) << i;
+  EXPECT_NEAR(thrust, 0, 3 * 0.1 / std::sqrt(kRuns));
+  EXPECT_NEAR(thrust_square / 0.01, 1, error);
+}
+
+TEST(DisturbanceSource, WhiteNoiseIsIndependentFromStepToStepAndTrimIsNot) {
+  Disturbance white, trim;
+  white.white << 0.003, 0.003, 2e-5;
+  trim.trim << 0.004, 0.005, 3e-5;
+  DisturbanceSource noise(white, 0.005, 1), constant(trim, 0.005, 1);
+  const Moments found = momentsOf(noise, 40000, 1);
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(found.correlation(i), 0, 3 / std::sqrt(40000));
+  const Vector3<double> first = constant.next();
+  EXPECT_GT(first.cwiseAbs().minCoeff(), 0);
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(constant.next(), first);
+}
+
+/// Ten seconds of a room with a disturbance, looked at 50 times a second.
+std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsigned long seed) {
+  Room::Params params;
+  params.seed = seed;
+  params.disturbance = disturbance;
+  Room room(tinyWhoover(), MocapParams(), params);
+  std::vector<RigidState<double>> states;
+  for (int i = 1; i <= 500; ++i) {
+    room.command(i % 3 > 0, i % 5 > 2, 1);
+    room.advance(0.02 * i);
+    states.push_back(room.state());
+  }
+  return states;
+}
+
+TEST(Room, ADisturbanceIsThatOfItsSeedAndNoneIsNone) {
+  const auto first = disturbed(pushes(), 1), again = disturbed(pushes(), 1),
+             other = disturbed(pushes(), 2);
+  EXPECT_EQ(first.back().eta, again.back().eta);
+  EXPECT_GT((first.back().eta - other.back().eta).norm(), 0.01);
+  Disturbance none;
+  none.time.setConstant(0.3);
+  const auto still = disturbed(none, 1), undisturbed = disturbed({}, 2);
+  EXPECT_EQ(still.back().eta, undisturbed.back().eta);
+  EXPECT_GT((first.back().eta - still.back().eta).norm(), 0.01);
+}
+
+TEST(Room, ADisturbanceActsAsTheForceThatItIs) {
+  Room::Params params;
+  params.disturbance.trim << 0.01, 0.01, 5e-5;
+  params.disturbance.trim_thrust = 0.1;
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("com_offset"));  // a mass matrix that is not diagonal
+  model.setValue("com_offset.xg", 0.005);
+  Room room(model, perfect(), params);
+  room.command(1, 0.6, 1);
+  room.advance(1e-3);
+  const Vector3<double> wrench = room.wrench();
+  EXPECT_GT(wrench.cwiseAbs().minCoeff(), 0);
+  // The model with the force as an effect, and with the thrust of this run, does the same.
+  Model same = model;
+  for (const char* effect : {"body_force_bias", "yaw_bias"}) same.addEffect(makeEffect(effect));
+  same.setValue("body_force_bias.x0", wrench.x());
+  same.setValue("body_force_bias.y0", wrench.y());
+  same.setValue("yaw_bias.n0", wrench.z());
+  same.body.k *= DisturbanceSource(params.disturbance, kDefaultStep, params.seed).thrustFactor();
+  EXPECT_GT(std::abs(same.body.k / model.body.k - 1), 1e-3);
+  Room other(same, perfect(), {});
+  other.command(1, 0.6, 1);
+  other.advance(1e-3);
+  EXPECT_LT((room.derivative().nu - other.derivative().nu).norm(), 1e-2);
+  for (Room* one : {&room, &other}) one->advance(0.2);
+  EXPECT_LT((room.state().eta - other.state().eta).norm(), 1e-5);
+  EXPECT_LT((room.state().nu - other.state().nu).norm(), 2e-4);
+  // Another model that takes over has the thrust and the disturbance of this run, too.
+  room.setModel(tinyWhoover());
+  Model plain = tinyWhoover();
+  plain.body.k = same.body.k;
+  const Vector3<double> expected =
+      Dynamics<double>(plain).derivative(0.2, room.state(), {1, 0.6}, 1).nu +
+      Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m,
+                      wrench.z() / plain.body.I_z);
+  EXPECT_LT((room.derivative().nu - expected).norm(), 1e-9);
+}
+
+TEST(Room, RefusesABadDisturbance) {
+  Room::Params params;
+  params.disturbance.sigma.x() = 0.01;  // of no correlation time
+  EXPECT_THROW(Room(tinyWhoover(), MocapParams(), params), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace ground
 

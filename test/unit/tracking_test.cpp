@@ -231,6 +231,29 @@ TEST(EffectUse, TrajectoryTrackingTellsWhatItLeavesOut) {
   EXPECT_EQ(effectUse("OpenLoopPRBS", model).remark(), "");
 }
 
+TEST(EffectUse, ModelPredictiveRefusesMoreStatesThanItFollows) {
+  Model model = withEffect("motor_lag", {0.05});
+  const auto add = [&](const std::string& name) {
+    model = withEffect(model,
+                       "name: " + name + "\nstates: {p: \"-p\", q: \"p - q\"}\n" +
+                           "expression: {X: c*q}\nparameters: {c: {value: 0.1, unit: N}}\n",
+                       name);
+  };
+  add("slow");
+  ControllerChoice predictive;
+  predictive.kind = "ModelPredictive";
+  EXPECT_EQ(effectUse("ModelPredictive", model).refusal, "");
+  EXPECT_NE(makeController(model, predictive), nullptr);
+  add("slower");
+  const EffectUse use = effectUse("ModelPredictive", model);
+  EXPECT_NE(use.refusal.find("have 6 states, and the controller follows 4 at most"),
+            std::string::npos)
+      << use.refusal;
+  EXPECT_THROW(makeController(model, predictive), std::invalid_argument);
+  EXPECT_EQ(effectUse("TrajectoryTracking", model).remark(),
+            "does not use motor_lag, slow, slower");
+}
+
 TEST(EffectUse, TrajectoryTrackingRefusesModelsThatWouldSteerItWrong) {
   const struct {
     const char* effect;

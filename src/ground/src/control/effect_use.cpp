@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "ground/model/dynamics.h"
+#include "ground/model/pushed_step.h"
 
 namespace ground {
 namespace {
@@ -43,7 +43,14 @@ std::string EffectUse::remark() const {
   return text;
 }
 
-EffectUse wholeModelUse(const Model& model) { return {active(model), {}, ""}; }
+EffectUse wholeModelUse(const Model& model) {
+  EffectUse use{active(model), {}, ""};
+  if (model.stateCount() > kMostStates)
+    use.refusal = "the effects of this model have " + std::to_string(model.stateCount()) +
+                  " states, and the controller follows " + std::to_string(kMostStates) +
+                  " at most: take effects with states out of its model";
+  return use;
+}
 
 EffectUse bodyOnlyUse(const Model& model, const std::string& controller) {
   EffectUse use{{}, active(model), ""};

@@ -176,8 +176,8 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
   state.segment<3>(3) = start_.state.nu;
-  for (int i = 0; i < kMostActuators; ++i)
-    state(6 + i) = start_.actuators[static_cast<std::size_t>(i)];
+  for (int i = 0; i < kMostStates; ++i)
+    state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)
     references_[k] =

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace ground {
@@ -51,12 +52,13 @@ Vector2<double> boxMinimum(const Eigen::Matrix2d& H, const Vector2<double>& g,
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
     : dynamics_(model),
       derivatives_(model),
-      actuators_(model.stateCount()),
+      effect_states_(model.stateCount()),
       input_max_(model.body.input_max),
       step_(step) {
-  if (actuators_ > kMostActuators)
-    throw std::invalid_argument(
-        "a model with more than two actuator states cannot be planned with");
+  if (effect_states_ > kMostStates)
+    throw std::invalid_argument("a model whose effects have more than " +
+                                std::to_string(kMostStates) +
+                                " states cannot be planned with");
   if (steps < 1 || steps > kMostSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const auto count = static_cast<std::size_t>(steps);
@@ -101,7 +103,7 @@ void TrajectoryOptimizer::linearize(int k) {
   // What to take derivatives by: states by their place, then inputs.
   std::array<int, kStates + 2> by{};
   int count = 0;
-  for (int i = 3; i < 6 + actuators_; ++i) by[static_cast<std::size_t>(count++)] = i;
+  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
   for (int i = 0; i < 2; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
   if (dynamics_.usesPose()) {
     for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
@@ -133,7 +135,7 @@ void TrajectoryOptimizer::linearize(int k) {
         derivative(j) = body.eta(j).v[i - first];
         derivative(3 + j) = body.nu(j).v[i - first];
       }
-      for (int j = 0; j < actuators_; ++j)
+      for (int j = 0; j < effect_states_; ++j)
         derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v[i - first];
       if (column < kStates) {
         linear.A.col(column) = derivative;

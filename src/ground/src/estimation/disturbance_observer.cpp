@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 
 #include "ground/model/measurement.h"
 #include "ground/model/pushed_step.h"
@@ -18,8 +19,9 @@ constexpr double kDisorder = 0.1;      // of commands of several controllers [s]
 
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
-  if (model.stateCount() > kMostActuators)
-    throw std::invalid_argument("a model with more than two actuator states cannot be observed");
+  if (model.stateCount() > kMostStates)
+    throw std::invalid_argument("a model whose effects have more than " +
+                                std::to_string(kMostStates) + " states cannot be observed");
   reset();
 }
 
@@ -56,6 +58,18 @@ void DisturbanceObserver::replay(double from, double until, Step step) const {
   }
 }
 
+void DisturbanceObserver::settle() {
+  const std::vector<double>& initial = dynamics_.initialStates();
+  std::copy(initial.begin(), initial.end(), estimate_.effects.begin());
+  const std::size_t known = std::min(count_, commands_.size());
+  if (known == 0 || !dynamics_.hasMemory()) return;
+  const double from = std::max(recent(known - 1).time + delay(), time_ - kActuatorMemory);
+  replay(from, time_, [&](double t, double h, const Command& c) {
+    dynamics_.settle(t - origin_, estimate_.state, c.thrusters, c.lift, h,
+                     estimate_.effects.data());
+  });
+}
+
 void DisturbanceObserver::begin(double time, const RigidState<double>& measured) {
   started_ = true;
   time_ = time;
@@ -66,6 +80,7 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
   } catch (const std::runtime_error&) {
     // Begun with what was measured, it gets there by its corrections.
   }
+  settle();
   Vector9 deviation;
   deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05,
       0.2, params_.push_drift, params_.push_drift, params_.twist_drift;
@@ -88,8 +103,8 @@ void DisturbanceObserver::predict(double until) {
   constexpr int kPsi = 0, kNu = 1, kMissing = 4;
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
   Vector3<Jet> missing = estimate_.missing.cast<Jet>();
-  std::array<Jet, kMostActuators> actuators;
-  for (std::size_t i = 0; i < actuators.size(); ++i) actuators[i] = Jet(estimate_.actuators[i]);
+  std::array<Jet, kMostStates> effects;
+  for (std::size_t i = 0; i < effects.size(); ++i) effects[i] = Jet(estimate_.effects[i]);
   state.eta.z().v[kPsi] = 1;
   for (int i = 0; i < 3; ++i) {
     state.nu(i).v[kNu + i] = 1;
@@ -97,7 +112,7 @@ void DisturbanceObserver::predict(double until) {
   }
   replay(time_, until, [&](double t, double h, const Command& c) {
     const StepInputs<Jet> acting =
-        derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), actuators.data());
+        derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), effects.data());
     state = pushedStep(derivatives_, Jet(t - origin_), state, acting, missing, h);
   });
   Matrix9 F = Matrix9::Identity();
@@ -107,7 +122,7 @@ void DisturbanceObserver::predict(double until) {
     F.row(i).tail<7>() = state.eta(i).v.head<7>().transpose();
     F.row(3 + i).tail<7>() = state.nu(i).v.head<7>().transpose();
   }
-  for (std::size_t i = 0; i < actuators.size(); ++i) estimate_.actuators[i] = actuators[i].a;
+  for (std::size_t i = 0; i < effects.size(); ++i) estimate_.effects[i] = effects[i].a;
   const double h = until - time_;
   time_ = until;
   Vector9 noise = Vector9::Zero();
@@ -148,7 +163,7 @@ DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
   Estimate at = estimate_;
   replay(time_, time, [&](double t, double h, const Command& c) {
     const StepInputs<double> acting =
-        dynamics_.actuate(c.thrusters, c.lift, h, at.actuators.data());
+        dynamics_.actuate(c.thrusters, c.lift, h, at.effects.data());
     at.state = pushedStep(dynamics_, t - origin_, at.state, acting, at.missing, h);
   });
   return at;

@@ -155,7 +155,7 @@ void WrenchFilter::linearise(const Model& model, const RunData& run,
       for (std::size_t p = 0; p < passes.size(); ++p) {
         const Seeded seeded(along[k], passes[p]);
         outside.value = seeded.wrench;
-        simulations[p].state() = seeded.state;
+        simulations[p].restart(seeded.state);
         simulations[p].advance(run.times[k + 1]);
         const RigidState<Jet>& to = simulations[p].state();
         for (int i = 0; i < 3; ++i) {

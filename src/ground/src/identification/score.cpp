@@ -109,7 +109,7 @@ Scores scores(const SimulationError& problem, const Model& model,
   return result;
 }
 
-std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, const Model& model,
+std::vector<NoiseLevels> likeliestDisturbance(const SimulationError& problem, const Model& model,
                                               double width, int threads) {
   const std::vector<double> coordinates = model.coordinates();
   Initials initial = measuredInitials(problem);
@@ -118,7 +118,7 @@ std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, co
     return problem.residuals(model, coordinates, {}, w, initial[w], false).finite;
   });
   const WindowSimulation simulation = problem.simulateFrom(model, initial);
-  std::vector<Disturbance> result;
+  std::vector<NoiseLevels> result;
   for (const RunData& run : problem.runs()) result.push_back({run.noise, run.disturbance, {0, 0}});
   inParallel(2 * result.size(), threads, [&](std::size_t task) {
     const auto run = static_cast<int>(task / 2);

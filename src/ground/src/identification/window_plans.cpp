@@ -49,9 +49,9 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
                                      const std::vector<Window>& windows,
                                      const std::vector<Rows3>& measured,
                                      const std::vector<Whitening<double>>& whitening, double delay,
-                                     bool varies, double memory) {
+                                     bool varies, const Settling& settling) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (groups_ && delay_ == delay && varies_ == varies && memory_ == memory) return groups_;
+  if (groups_ && delay_ == delay && varies_ == varies && settling_ == settling) return groups_;
   std::vector<int> order(windows.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
@@ -67,7 +67,7 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
       lanes.push_back(
           {&run.inputs, &run.times[windows[w].first], windows[w].last - windows[w].first + 1});
     }
-    LanePlan plan(lanes, delay, varies, memory);
+    LanePlan plan(lanes, delay, varies, settling);
     auto targets = gather(plan, windows, measured, members);
     auto whitenings = gather(plan, whitening, members);
     groups->push_back(
@@ -76,7 +76,7 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
   groups_ = groups;
   delay_ = delay;
   varies_ = varies;
-  memory_ = memory;
+  settling_ = settling;
   return groups_;
 }
 

@@ -32,15 +32,16 @@ class WindowPlans {
   using Groups = std::shared_ptr<const std::vector<Group>>;
 
   /// Of windows of `runs`, `measured` being what each run is held against, and the whitening that
-  /// of each window. Delay, whether it `varies` and `memory` as in LanePlan.
+  /// of each window. Delay, whether it `varies` and settling as in LanePlan.
   Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
              const std::vector<Rows3>& measured, const std::vector<Whitening<double>>& whitening,
-             double delay, bool varies, double memory);
+             double delay, bool varies, const Settling& settling);
 
  private:
   std::mutex mutex_;
   Groups groups_;
-  double delay_ = 0, memory_ = 0;
+  double delay_ = 0;
+  Settling settling_;
   bool varies_ = false;
 };
 

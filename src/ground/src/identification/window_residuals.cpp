@@ -87,7 +87,7 @@ WindowPlans::Groups Evaluation::groups() const {
   const Jet& delay = dynamics.inputDelay();
   return error_.plans_->get(error_.runs(), error_.windows_, error_.data_->measured,
                             error_.whitening_, delay.a, !delay.isConstant(),
-                            dynamics.hasActuators() ? kActuatorMemory : 0);
+                            dynamics.settling());
 }
 
 /// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without.

@@ -1,6 +1,7 @@
 #include "ground/model/dynamics.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <stdexcept>
 #include <type_traits>
 
@@ -34,6 +35,46 @@ bool couples(const Matrix3<T>& mass) {
 }  // namespace
 
 template <typename T>
+struct Dynamics<T>::Instant {
+  T since;
+  Vector3<T> nu_air;
+  Vector2<T> thrust;
+  Point<T> point;
+
+  Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
+          const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift, const T* states)
+      : since(notBelowZero(t)),
+        nu_air(nu),
+        thrust(drive.thrust),
+        point{since, eta, nu, heading, nu_air, drive.input,
+              thrust, lift, d.body_, d.mass_, states} {
+    if (d.has_air_) {
+      const Vector2<T> air = heading.toBody(d.air_);
+      nu_air.x() -= air.x();
+      nu_air.y() -= air.y();
+    }
+    if (d.thrust_.empty()) return;
+    Vector2<T> force = thrust;
+    for (const Active& a : d.thrust_) a.effect->thrust(a.p, of(a, states), force);
+    thrust = force;
+  }
+  /// The instant as one effect sees it.
+  const Point<T>& of(const Active& a, const T* states) {
+    point.states = states + a.state;
+    return point;
+  }
+};
+
+template <typename T>
+template <typename H>
+void Dynamics<T>::StateStages::move(const H& share, const H& to, T* end) {
+  for (std::size_t i = 0; i < rates.size(); ++i) {
+    end[i] += share * rates[i];
+    at[i] = begin[i] + to * rates[i];
+  }
+}
+
+template <typename T>
 Dynamics<T>::Dynamics(const Model& model) : Dynamics(model, constants<T>(model.coordinates())) {}
 
 template <typename T>
@@ -53,22 +94,26 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     const Effect& effect = *instances_.back();
     const EffectHooks<T>& hooks = effect;
     const unsigned has = effect.hooks();
-    const Active active{&hooks, p, state_count_};
+    const Active active{&hooks, p, stateCount()};
     if (has & Effect::kDelay) hooks.delay(p, delay_);
     if (has & Effect::kAir) hooks.air(p, air_);
     if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
     if (has & Effect::kActuate) actuators_.push_back(active);
+    if (has & Effect::kRates) rates_.push_back(active);
     if (has & Effect::kThrust) thrust_.push_back(active);
     if (has & Effect::kWrench) wrench_.push_back(active);
     if (has & Effect::kMeasure) measure_.push_back(active);
     uses_pose_ = uses_pose_ || (has & Effect::kPose);
     has_air_ = has_air_ || (has & Effect::kAir);
-    state_count_ += effect.info().states;
+    const EffectInfo& info = effect.info();
+    initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
+    initial_.resize(static_cast<std::size_t>(active.state + info.states), T(0.0));
     p += effect.info().parameters.size();
   }
   mass_inverse_ = mass_.inverse();
   couples_ = couples(mass_);
-  has_hooks_ = has_air_ || !thrust_.empty() || !wrench_.empty();
+  has_hooks_ = has_air_ || !thrust_.empty() || !wrench_.empty() || !rates_.empty();
+  stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
   over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
   lever_ = body_.l / body_.I_z;
@@ -79,9 +124,37 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
                                    T* states) const {
-  StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty()};
+  StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty(), states};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
+}
+
+template <typename T>
+Settling Dynamics<T>::settling() const {
+  Settling settling;
+  if (hasMemory()) settling.memory = kActuatorMemory;
+  if (!rates_.empty()) settling.step = kSettlingStep;
+  return settling;
+}
+
+template <typename T>
+void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Vector2<T>& command,
+                         const ValueOf<T>& lift, const T& h, T* states) const {
+  const StepInputs<T> inputs = actuate(command, lift, h, states);
+  if (rates_.empty()) return;
+  const Rotation<T> heading(state.eta.z());
+  const T zero(0.0), half = 0.5 * h, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
+  const auto take = [&](int node, const T& after, const T& share, const T& to, const T* at) {
+    const Drive now = drive(inputs.thrusters[static_cast<std::size_t>(node)]);
+    Instant instant(*this, t + after, state.eta, heading, state.nu, now, lift, at);
+    rates(instant, at, stages_.rates.data());
+    stages_.move(share, to, states);
+  };
+  std::copy(states, states + initial_.size(), stages_.begin.begin());
+  take(0, zero, sixth, half, stages_.begin.data());
+  take(1, half, third, half, stages_.at.data());
+  take(1, half, third, h, stages_.at.data());
+  take(2, h, sixth, zero, stages_.at.data());
 }
 
 template <typename T>
@@ -98,25 +171,20 @@ typename Dynamics<T>::Drive Dynamics<T>::drive(const Vector2<I>& input) const {
 }
 
 template <typename T>
+void Dynamics<T>::rates(Instant& instant, const T* states, T* rates) const {
+  for (const Active& a : rates_) a.effect->rates(a.p, instant.of(a, states), rates + a.state);
+}
+
+template <typename T>
 Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                                const Vector3<T>& nu, const Drive& drive,
-                                const ValueOf<T>& lift) const {
-  Vector3<T> nu_air = nu;
-  if (has_air_) {
-    const Vector2<T> air = heading.toBody(air_);
-    nu_air.x() -= air.x();
-    nu_air.y() -= air.y();
-  }
-  Vector2<T> thrust = drive.thrust;
-  const T since = notBelowZero(t);
-  const Point<T> point{since, eta, nu, heading, nu_air, drive.input, thrust, lift, body_, mass_};
-  if (!thrust_.empty()) {
-    Vector2<T> force = thrust;
-    for (const Active& a : thrust_) a.effect->thrust(a.p, point, force);
-    thrust = force;
-  }
+                                const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift,
+                                const T* states, T* rates) const {
+  Instant instant(*this, t, eta, heading, nu, drive, lift, states);
+  if (rates) this->rates(instant, states, rates);
+  const Vector3<T>& nu_air = instant.nu_air;
+  const Vector2<T>& thrust = instant.thrust;
   Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
-  for (const Active& a : wrench_) a.effect->wrench(a.p, point, wrench);
+  for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
   if (couples_) {
     const T &u = nu.x(), &v = nu.y(), &r = nu.z();
     const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
@@ -141,13 +209,16 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Vector2<T>& input, const ValueOf<T>& lift) const {
+                                      const Vector2<T>& input, const ValueOf<T>& lift,
+                                      const T* states) const {
   const Rotation<T> heading(state.eta.z());
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
   const Vector2<T> over_floor = heading.toWorld({u, v});
   const Drive now = drive(input);
   Vector3<T> nu_dot(T(0.0), T(0.0), T(0.0));
-  if (has_hooks_ || couples_) nu_dot = effects(t, state.eta, heading, state.nu, now, lift);
+  if (has_hooks_ || couples_)
+    nu_dot = effects(t, state.eta, heading, state.nu, now, lift,
+                     states ? states : initial_.data(), nullptr);
   if (!couples_) {
     nu_dot.x() += r * v + now.surge - damping_.x() * u;
     nu_dot.y() -= r * u + damping_.y() * v;
@@ -162,11 +233,11 @@ void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, 
                        int count) const {
   const Drive start = drive(inputs.thrusters[0]);
   if (inputs.held) {
-    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, h, count);
+    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, inputs.states, h, count);
     return;
   }
   const Drive middle = drive(inputs.thrusters[1]), end = drive(inputs.thrusters[2]);
-  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, h, count);
+  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, inputs.states, h, count);
 }
 
 template <typename T>
@@ -174,13 +245,15 @@ template <bool kPose, typename H>
 void Dynamics<T>::hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command,
                        const ValueOf<T>& lift, const H& h, int count) const {
   const Drive held = drive(command);
-  run<kPose, H>(t, state, {&held, &held, &held}, lift, h, count);
+  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
 }
 
 template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-                      const ValueOf<T>& lift, const H& h, int count) const {
+                      const ValueOf<T>& lift, T* states, const H& h, int count) const {
+  const bool remembers = states && !rates_.empty();
+  const T* const held = states ? states : initial_.data();
   const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   Stages<T, kPose, H> stages{damping_, directions_, state};
   const auto take = [&](auto first, auto last, const H& after, const H& share, const H& to,
@@ -193,7 +266,10 @@ void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*,
     }
     const Vector3<T>& nu = kFirst ? stages.nu : stages.at_nu;
     const Vector3<T>& eta = kFirst || !kPose ? stages.eta : stages.at_eta;
-    const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift);
+    const T* now = !remembers ? held : kFirst ? stages_.begin.data() : stages_.at.data();
+    T* const rates = remembers ? stages_.rates.data() : nullptr;
+    const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift, now, rates);
+    if (remembers) stages_.move(share, to, states);
     if (couples_)
       stages.template move<kFirst, kLast, false, true>(share, to, drive.surge, drive.yaw, more);
     else
@@ -201,6 +277,7 @@ void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*,
   };
   for (int i = 0; i < count; ++i) {
     stages.begin(uses_pose_);
+    if (remembers) std::copy(states, states + initial_.size(), stages_.begin.begin());
     take(std::true_type(), std::false_type(), H(0.0), sixth, half, *drives[0]);
     take(std::false_type(), std::false_type(), half, third, half, *drives[1]);
     take(std::false_type(), std::false_type(), half, third, h, *drives[1]);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <regex>
 #include <set>
+#include <sstream>
 #include <stdexcept>
 
 #include "ground/model/shortened.h"
@@ -13,7 +14,7 @@
 namespace ground {
 namespace {
 
-/// Variables of a formula in the order of their values; parameters follow.
+/// Variables of a formula in the order of their values; states and parameters follow.
 const std::vector<std::string>& variableNames() {
   static const std::vector<std::string> names = {"u",   "v",   "r",   "x",    "y",
                                                  "psi", "u_L", "u_R", "lift", "t"};
@@ -27,6 +28,8 @@ bool isIdentifier(const std::string& text) {
 
 /// One formula bound to the values of an ExpressionEffect.
 struct Formula {
+  std::string what;  ///< "formula X", "state p"
+  std::string text;  ///< empty: zero
   mu::Parser parser;
   std::vector<int> depends;  ///< indices of the values it uses
 };
@@ -41,38 +44,64 @@ class ExpressionEffect final : public Effect {
       const double scale = definition.typical.at(i);
       info_.parameters[i].scale = [scale](const Body<double>&) { return scale; };
     }
-    const int count = static_cast<int>(variableNames().size() + info_.parameters.size());
-    values_.resize(count);
-    for (int i = 0; i < 3; ++i)
-      if (hasFormula(i)) bind("XYN"[i], text(i), formulas_[i]);
-    if (!info_.parameters.empty()) checkNeutral();
+    info_.states = static_cast<int>(definition.states.size());
+    for (const ExpressionDefinition::State& state : definition.states)
+      info_.initial.push_back(state.initial);
+    values_.resize(static_cast<std::size_t>(firstParameter()) + info_.parameters.size());
+    for (const auto& component : definition.components())
+      components_.push_back(bound("formula " + component.first, component.second));
+    for (const ExpressionDefinition::State& state : definition.states)
+      rates_.push_back(bound("state " + state.name, state.rate));
+    std::vector<double> neutral;
+    for (const ParameterInfo& parameter : info_.parameters) neutral.push_back(parameter.neutral);
+    requireFiniteRates(neutral);
+    if (!neutral.empty()) requireZero(neutral);
   }
 
   const EffectInfo& info() const override { return info_; }
-  unsigned hooks() const override { return kWrench | kPose; }
+  unsigned hooks() const override {
+    unsigned set = kPose;
+    for (int i = 0; i < 3; ++i) set |= component(i).text.empty() ? 0u : kWrench;
+    for (int i = 3; i < 5; ++i) set |= component(i).text.empty() ? 0u : kThrust;
+    return rates_.empty() ? set : set | kRates;
+  }
   EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_); }
   const ExpressionDefinition& definition() const { return definition_; }
 
-  void wrench(const double* p, const Point<double>& point, Vector3<double>& wrench) const override {
-    add(p, point, wrench);
+#define GROUND_HOOKS_OF(T)                                                                   \
+  void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {        \
+    add(p, point, &components_[0], 3, wrench.data());                                        \
+  }                                                                                          \
+  void thrust(const T* p, const Point<T>& point, Vector2<T>& force) const override {         \
+    add(p, point, &components_[3], 2, force.data());                                         \
+  }                                                                                          \
+  void rates(const T* p, const Point<T>& point, T* rates) const override {                   \
+    std::fill(rates, rates + info_.states, T(0.0));                                          \
+    add(p, point, rates_.data(), info_.states, rates);                                       \
   }
-  void wrench(const Jet* p, const Point<Jet>& point, Vector3<Jet>& wrench) const override {
-    add(p, point, wrench);
-  }
-  void wrench(const Lanes* p, const Point<Lanes>& point, Vector3<Lanes>& wrench) const override {
-    add(p, point, wrench);
-  }
-  void wrench(const LanesJet* p, const Point<LanesJet>& point,
-              Vector3<LanesJet>& wrench) const override {
-    add(p, point, wrench);
+  GROUND_HOOKS_OF(double)
+  GROUND_HOOKS_OF(Jet)
+  GROUND_HOOKS_OF(Lanes)
+  GROUND_HOOKS_OF(LanesJet)
+#undef GROUND_HOOKS_OF
+
+  /// Throws std::invalid_argument when the derivative of a state is not finite at these values of
+  /// the parameters.
+  void requireFiniteRates(const std::vector<double>& parameters) const {
+    for (int trial = 0; trial < kTrials; ++trial) {
+      tryAt(trial, parameters);
+      for (const Formula& rate : rates_)
+        if (!std::isfinite(rate.parser.Eval()))
+          fail(rate, "its derivative by time is not finite at " + listed(parameters));
+    }
   }
 
  private:
+  static constexpr int kTrials = 8;
+
   static int variableCount() { return static_cast<int>(variableNames().size()); }
-  const std::string& text(int i) const {
-    return i == 0 ? definition_.X : i == 1 ? definition_.Y : definition_.N;
-  }
-  bool hasFormula(int i) const { return !text(i).empty(); }
+  int firstParameter() const { return variableCount() + info_.states; }
+  const Formula& component(int i) const { return components_[static_cast<std::size_t>(i)]; }
 
   template <typename T>
   static T variable(const Point<T>& point, int i) {
@@ -95,13 +124,14 @@ class ExpressionEffect final : public Effect {
     }
   }
 
+  /// Adds the values of `count` formulas to `sums`.
   template <typename T>
-  void add(const T* p, const Point<T>& point, Vector3<T>& wrench) const {
+  void add(const T* p, const Point<T>& point, const Formula* formulas, int count, T* sums) const {
     for (int lane = 0; lane < laneCount(T()); ++lane) {
       for (int j = 0; j < static_cast<int>(values_.size()); ++j)
         values_[j] = inLane(valueOf(argument(p, point, j)), lane);
-      for (int i = 0; i < 3; ++i)
-        if (hasFormula(i)) add(formulas_[i], p, point, lane, wrench(i));
+      for (int i = 0; i < count; ++i)
+        if (!formulas[i].text.empty()) add(formulas[i], p, point, lane, sums[i]);
     }
   }
   template <typename T>
@@ -120,8 +150,9 @@ class ExpressionEffect final : public Effect {
     }
   }
   template <typename T>
-  static T argument(const T* p, const Point<T>& point, int j) {
-    return j < variableCount() ? variable(point, j) : p[j - variableCount()];
+  T argument(const T* p, const Point<T>& point, int j) const {
+    if (j < variableCount()) return variable(point, j);
+    return j < firstParameter() ? point.states[j - variableCount()] : p[j - firstParameter()];
   }
 
   template <typename T>
@@ -145,77 +176,125 @@ class ExpressionEffect final : public Effect {
   }
 
   double stepScale(int j) const {
-    return j < variableCount() ? 1.0 : std::abs(definition_.typical[j - variableCount()]);
+    return j < firstParameter() ? 1.0 : std::abs(definition_.typical[j - firstParameter()]);
   }
 
-  [[noreturn]] void fail(char component, const std::string& text, const std::string& why) const {
-    throw std::invalid_argument("effect '" + definition_.name + "': formula " + component + " = '" +
-                                shortened(text) + "': " + shortened(why, 120));
+  [[noreturn]] void fail(const Formula& formula, const std::string& why) const {
+    throw std::invalid_argument("effect '" + definition_.name + "': " + formula.what + " = '" +
+                                shortened(formula.text) + "': " + shortened(why, 160));
   }
 
-  void bind(char component, const std::string& text, Formula& formula) {
+  Formula bound(const std::string& what, const std::string& text) {
+    Formula formula{what, text, {}, {}};
+    if (text.empty()) return formula;
     if (text.size() > kLongestFormula)
-      fail(component, text, "it is longer than " + std::to_string(kLongestFormula) + " characters");
+      fail(formula, "it is longer than " + std::to_string(kLongestFormula) + " characters");
     static const std::regex assignment("(^|[^<>=!])=([^=]|$)");
-    if (std::regex_search(text, assignment)) fail(component, text, "it must not assign with '='");
+    if (std::regex_search(text, assignment)) fail(formula, "it must not assign with '='");
     try {
       mu::Parser& parser = formula.parser;
       parser.DefineConst("pi", M_PI);
-      for (int i = 0; i < variableCount(); ++i) parser.DefineVar(variableNames()[i], &values_[i]);
-      for (std::size_t i = 0; i < info_.parameters.size(); ++i)
-        parser.DefineVar(info_.parameters[i].name, &values_[variableCount() + i]);
+      double* value = values_.data();
+      for (const std::string& name : variableNames()) parser.DefineVar(name, value++);
+      for (const auto& state : definition_.states) parser.DefineVar(state.name, value++);
+      for (const ParameterInfo& parameter : info_.parameters)
+        parser.DefineVar(parameter.name, value++);
       parser.SetExpr(text);
       int results = 0;
       parser.Eval(results);
-      if (results != 1) fail(component, text, "it must give one number, not a list");
+      if (results != 1) fail(formula, "it must give one number, not a list");
       for (const auto& used : parser.GetUsedVar())
         formula.depends.push_back(static_cast<int>(used.second - values_.data()));
     } catch (const mu::Parser::exception_type& error) {
-      fail(component, text, error.GetMsg());
+      fail(formula, error.GetMsg());
     }
+    return formula;
+  }
+
+  /// Sets the variables and states to those of a trial, off the special points 0 and 1.
+  void tryAt(int trial, const std::vector<double>& parameters) const {
+    for (int i = 0; i < firstParameter(); ++i) {
+      const bool input = i >= 6 && i < variableCount();
+      const double wave = std::sin(1.0 + 3.7 * trial + 1.3 * i);
+      values_[i] = input ? 0.5 + 0.5 * wave : wave;
+    }
+    std::copy(parameters.begin(), parameters.end(), values_.begin() + firstParameter());
   }
 
   /// An effect has to vanish at its neutral parameters, otherwise nothing can be compared to it.
-  void checkNeutral() {
-    for (std::size_t i = 0; i < info_.parameters.size(); ++i)
-      values_[variableCount() + i] = info_.parameters[i].neutral;
-    for (int trial = 0; trial < 8; ++trial) {
-      for (int i = 0; i < variableCount(); ++i)  // off the special points 0 and 1
-        values_[i] =
-            (i < 6 ? 1.0 : 0.5) * std::sin(1.0 + 3.7 * trial + 1.3 * i) + (i < 6 ? 0 : 0.5);
-      for (int i = 0; i < 3; ++i) {
-        if (!hasFormula(i) || formulas_[i].parser.Eval() == 0.0) continue;
-        fail("XYN"[i], text(i), "it is not zero at the neutral values of the parameters");
+  void requireZero(const std::vector<double>& neutral) const {
+    for (int trial = 0; trial < kTrials; ++trial) {
+      tryAt(trial, neutral);
+      for (const Formula& formula : components_) {
+        if (formula.text.empty() || formula.parser.Eval() == 0.0) continue;
+        fail(formula, "it is not zero at the neutral values of the parameters");
       }
     }
   }
 
+  /// "c = 0, tau = 0.2" for messages.
+  std::string listed(const std::vector<double>& parameters) const {
+    std::ostringstream text;
+    for (std::size_t i = 0; i < parameters.size(); ++i)
+      text << (i ? ", " : "") << info_.parameters[i].name << " = " << parameters[i];
+    return parameters.empty() ? "some motion" : text.str();
+  }
+
   ExpressionDefinition definition_;
   EffectInfo info_;
-  mutable std::vector<double> values_;  ///< of variables, then parameters; scratch of one thread
-  Formula formulas_[3];
+  mutable std::vector<double> values_;  ///< of variables, states, parameters; scratch of one thread
+  std::vector<Formula> components_;     ///< X, Y, N, thrust_L, thrust_R
+  std::vector<Formula> rates_;          ///< of the states
 };
 
 }  // namespace
+
+std::size_t ExpressionDefinition::formulaLength() const {
+  std::size_t length = 0;
+  for (const auto& component : components()) length += component.second.size();
+  for (const State& state : states) length += state.rate.size();
+  return length;
+}
 
 EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
   if (!isIdentifier(definition.name))
     throw std::invalid_argument("effect name '" + shortened(definition.name) +
                                 "' is not an identifier of at most " +
                                 std::to_string(kLongestName) + " characters");
-  if (definition.X.empty() && definition.Y.empty() && definition.N.empty())
-    throw std::invalid_argument("effect '" + definition.name + "' has none of X, Y, N");
+  const auto components = definition.components();
+  if (std::all_of(components.begin(), components.end(),
+                  [](const auto& component) { return component.second.empty(); }))
+    throw std::invalid_argument("effect '" + definition.name +
+                                "' has none of X, Y, N, thrust_L, thrust_R");
   if (definition.parameters.size() > kMostEffectParameters)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
                                 std::to_string(kMostEffectParameters) + " parameters");
+  if (definition.states.size() > kMostEffectStates)
+    throw std::invalid_argument("effect '" + definition.name + "' has more than " +
+                                std::to_string(kMostEffectStates) + " states");
   std::set<std::string> names(variableNames().begin(), variableNames().end());
   names.insert("pi");
-  for (const ParameterInfo& parameter : definition.parameters) {
-    if (!isIdentifier(parameter.name) || !names.insert(parameter.name).second)
-      throw std::invalid_argument("effect '" + definition.name + "': parameter name '" +
-                                  shortened(parameter.name) + "' is taken or not an identifier");
+  const auto take = [&](const std::string& what, const std::string& name) {
+    if (!isIdentifier(name) || !names.insert(name).second)
+      throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" +
+                                  shortened(name) + "' is taken or not an identifier");
+  };
+  for (const ParameterInfo& parameter : definition.parameters) take("parameter", parameter.name);
+  for (const ExpressionDefinition::State& state : definition.states) {
+    take("state", state.name);
+    if (state.rate.empty())
+      throw std::invalid_argument("effect '" + definition.name + "': state " + state.name +
+                                  " lacks the formula of its derivative");
+    if (!std::isfinite(state.initial))
+      throw std::invalid_argument("effect '" + definition.name + "': the initial value of state " +
+                                  state.name + " is not finite");
   }
   return std::make_shared<ExpressionEffect>(definition);
+}
+
+void requireFiniteRates(const Effect& effect, const std::vector<double>& values) {
+  if (const auto* expression = dynamic_cast<const ExpressionEffect*>(&effect))
+    expression->requireFiniteRates(values);
 }
 
 const ExpressionDefinition* expressionDefinition(const Effect& effect) {

@@ -42,8 +42,8 @@ void set(LanePlan::Step& step, int lane, double h, double by_delay,
 
 }  // namespace
 
-LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, double memory,
-                   double max_step)
+LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
+                   const Settling& settling, double max_step)
     : varies_(varies) {
   if (lanes.empty() || lanes.size() > Lanes::kCount)
     throw std::invalid_argument("a plan has one to eight lanes");
@@ -53,18 +53,21 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, do
   std::size_t longest = 0, most = 0;
   for (const Lane& lane : lanes) {
     const Stepping stepping(*lane.inputs, lane.samples[0], delay, varies, max_step);
-    before.push_back(stepping.before(memory));
+    before.push_back(stepping.before(settling));
     parts.push_back(partsOf(lane, stepping));
     longest = std::max(longest, before.back().size());
     most = std::max(most, parts.back().size());
   }
-  // Actuators settle until the start; lanes with fewer commands have been off before.
+  // Effects settle until the start; lanes with fewer commands have been off before.
   settling_.assign(longest, nothing());
   for (int lane = 0; lane < count; ++lane) {
     const std::vector<Stepping::Held>& all = before[lane];
-    for (std::size_t k = 0; k < all.size(); ++k)
-      set(settling_[longest - all.size() + k], lane, all[k].duration, all[k].by_delay,
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      Step& settled = settling_[longest - all.size() + k];
+      set(settled, lane, all[k].duration, all[k].by_delay,
           lanes[lane].inputs->thrusters[all[k].command], lanes[lane].inputs->lift[all[k].command]);
+      settled.t[lane] = all[k].t;
+    }
   }
   std::size_t at[Lanes::kCount] = {};  // part of each lane
   int left[Lanes::kCount] = {};        // steps of it
@@ -110,13 +113,13 @@ template <typename T>
 LaneRun<T>::LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, bool pose)
     : dynamics_(dynamics),
       state_(state),
-      actuators_(static_cast<std::size_t>(dynamics.stateCount()), T(0.0)),
+      effect_states_(dynamics.initialStates()),
       pose_(pose) {}
 
 template <typename T>
 void LaneRun<T>::settle(const LanePlan::Step& step) {
-  dynamics_.actuate(step.command.template cast<T>(), step.lift,
-                    dynamics_.withDelay(step.h, step.by_delay), actuators_.data());
+  dynamics_.settle(T(step.t), state_, step.command.template cast<T>(), step.lift,
+                   dynamics_.withDelay(step.h, step.by_delay), effect_states_.data());
 }
 
 template <typename T>
@@ -129,14 +132,14 @@ void LaneRun<T>::take(const LanePlan::Step& step, bool varies) {
 template <typename T>
 template <typename H>
 void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
-  if (!dynamics_.hasActuators()) {
+  if (!dynamics_.hasMemory()) {
     pose_ ? dynamics_.template hold<true>(t_, state_, step.command, step.lift, h, step.count)
           : dynamics_.template hold<false>(t_, state_, step.command, step.lift, h, step.count);
     return;
   }
   const Vector2<T> held = {T(step.command(0)), T(step.command(1))};
   for (int i = 0; i < step.count; ++i) {
-    const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), actuators_.data());
+    const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), effect_states_.data());
     pose_ ? dynamics_.template step<true>(t_, state_, acting, h)
           : dynamics_.template step<false>(t_, state_, acting, h);
   }

@@ -167,45 +167,74 @@ ParameterInfo readExpressionParameter(const Reader& reader, const std::string& n
   return info;
 }
 
+/// Formulas of the components of an effect, by their names.
+void readComponents(const Reader& reader, const YAML::Node& node,
+                    ExpressionDefinition& definition) {
+  const std::string what = "expression of " + definition.name;
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    const std::pair<const char*, std::string*> known[] = {{"X", &definition.X},
+                                                          {"Y", &definition.Y},
+                                                          {"N", &definition.N},
+                                                          {"thrust_L", &definition.thrust_L},
+                                                          {"thrust_R", &definition.thrust_R}};
+    for (const auto& [name, formula] : known)
+      if (key == name) {
+        *formula = reader.text(value, key);
+        return;
+      }
+    reader.unknown(value, key, what, "X, Y, N, thrust_L, thrust_R");
+  });
+}
+
+/// A state: the formula of its derivative, or a map of that and its initial value.
+ExpressionDefinition::State readState(const Reader& reader, const std::string& name,
+                                      const YAML::Node& node) {
+  if (!node.IsMap()) return {name, reader.text(node, name), 0};
+  ExpressionDefinition::State state{name, "", 0};
+  const std::string what = "state " + shortened(name);
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "derivative") {
+      state.rate = reader.text(value, key);
+    } else if (key == "initial") {
+      state.initial = reader.number(value, key);
+    } else {
+      reader.unknown(value, key, what, "derivative, initial");
+    }
+  });
+  return state;
+}
+
 void readExpression(const Reader& reader, const std::string& name, const YAML::Node& node,
                     Model& model) {
   ExpressionDefinition definition;
   definition.name = name;
   std::vector<double> values;
-  const YAML::Node expression = node["expression"], parameters = node["parameters"];
-  reader.each(expression, "expression of " + name,
-              [&](const std::string& key, const YAML::Node& value) {
-                if (key == "X") {
-                  definition.X = reader.text(value, key);
-                } else if (key == "Y") {
-                  definition.Y = reader.text(value, key);
-                } else if (key == "N") {
-                  definition.N = reader.text(value, key);
-                } else {
-                  reader.unknown(value, key, "expression of " + name, "X, Y, N");
-                }
-              });
-  if (parameters) {
-    reader.each(parameters, "parameters of " + name,
-                [&](const std::string& key, const YAML::Node& value) {
-                  if (key.size() > kLongestName)
-                    reader.fail(value, "a parameter's name is longer than " +
-                                           std::to_string(kLongestName) + " characters");
-                  double number = 0, scale = 0;
-                  definition.parameters.push_back(
-                      readExpressionParameter(reader, key, value, number, scale));
-                  definition.typical.push_back(scale);
-                  values.push_back(number);
-                  const std::string wrong = checkValue(definition.parameters.back(), number);
-                  if (!wrong.empty()) reader.fail(value, wrong);
-                });
-  }
   reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
-    if (key != "name" && key != "expression" && key != "parameters")
-      reader.unknown(value, key, "effect " + name, "name, expression, parameters");
+    if (key == "expression") {
+      readComponents(reader, value, definition);
+    } else if (key == "states") {
+      reader.each(value, "states of " + name, [&](const std::string& state, const YAML::Node& n) {
+        definition.states.push_back(readState(reader, state, n));
+      });
+    } else if (key == "parameters") {
+      reader.each(value, "parameters of " + name, [&](const std::string& p, const YAML::Node& n) {
+        if (p.size() > kLongestName)
+          reader.fail(n, "a parameter's name is longer than " + std::to_string(kLongestName) +
+                             " characters");
+        double number = 0, scale = 0;
+        definition.parameters.push_back(readExpressionParameter(reader, p, n, number, scale));
+        definition.typical.push_back(scale);
+        values.push_back(number);
+        const std::string wrong = checkValue(definition.parameters.back(), number);
+        if (!wrong.empty()) reader.fail(n, wrong);
+      });
+    } else if (key != "name") {
+      reader.unknown(value, key, "effect " + name, "name, expression, states, parameters");
+    }
   });
   try {
     model.addEffect(makeExpressionEffect(definition));
+    requireFiniteRates(*model.effects.back().effect, values);
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
   }
@@ -241,6 +270,40 @@ void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
     if (!given[i])
       reader.fail(node, "effect " + name + " lacks " + parameters[i].name + " (" +
                             parameters[i].doc + ", " + parameters[i].unit + ")");
+}
+
+/// Numbers by channel, those that are not there zero; `thrust` where there is such a channel.
+void readChannels(const Reader& reader, const std::string& what, const YAML::Node& node,
+                  Vector3<double>& channels, double* thrust = nullptr) {
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    const std::size_t channel = std::string("XYN").find(key);
+    if (key.size() == 1 && channel != std::string::npos) {
+      channels(static_cast<Eigen::Index>(channel)) = reader.number(value, key);
+    } else if (thrust && key == "thrust") {
+      *thrust = reader.number(value, key);
+    } else {
+      reader.unknown(value, key, what, thrust ? "X, Y, N, thrust" : "X, Y, N");
+    }
+  });
+}
+
+void readDisturbance(const Reader& reader, const YAML::Node& node, Disturbance& disturbance) {
+  reader.each(node, "disturbance", [&](const std::string& key, const YAML::Node& value) {
+    const std::string what = key + " of disturbance";
+    if (key == "sigma") {
+      readChannels(reader, what, value, disturbance.sigma);
+    } else if (key == "time") {
+      readChannels(reader, what, value, disturbance.time);
+    } else if (key == "white") {
+      readChannels(reader, what, value, disturbance.white);
+    } else if (key == "trim") {
+      readChannels(reader, what, value, disturbance.trim, &disturbance.trim_thrust);
+    } else {
+      reader.unknown(value, key, "disturbance", "sigma, time, white, trim");
+    }
+  });
+  const std::string wrong = disturbance.validate();
+  if (!wrong.empty()) reader.fail(node, "disturbance: " + wrong);
 }
 
 void readProvenance(const Reader& reader, const YAML::Node& node, Provenance& provenance) {
@@ -303,15 +366,31 @@ std::string comment(const ParameterInfo& parameter) {
   return parameter.doc.empty() ? parameter.unit : parameter.unit + ", " + parameter.doc;
 }
 
+void emitStates(YAML::Emitter& out, const std::vector<ExpressionDefinition::State>& states) {
+  if (states.empty()) return;
+  out << YAML::Key << "states" << YAML::Value << YAML::BeginMap;
+  for (const ExpressionDefinition::State& state : states) {
+    out << YAML::Key << state.name << YAML::Value;
+    if (state.initial == 0) {
+      out << YAML::DoubleQuoted << state.rate;
+      continue;
+    }
+    out << YAML::Flow << YAML::BeginMap;
+    out << YAML::Key << "derivative" << YAML::Value << YAML::DoubleQuoted << state.rate;
+    emitNumber(out, "initial", state.initial, "");
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
 void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
                     const std::vector<double>& values) {
   out << YAML::Key << "expression" << YAML::Value << YAML::BeginMap;
-  const std::pair<const char*, const std::string*> formulas[] = {
-      {"X", &definition.X}, {"Y", &definition.Y}, {"N", &definition.N}};
-  for (const auto& formula : formulas)
-    if (!formula.second->empty())
-      out << YAML::Key << formula.first << YAML::Value << YAML::DoubleQuoted << *formula.second;
+  for (const auto& [name, formula] : definition.components())
+    if (!formula.empty())
+      out << YAML::Key << name << YAML::Value << YAML::DoubleQuoted << formula;
   out << YAML::EndMap;
+  emitStates(out, definition.states);
   if (definition.parameters.empty()) return;
   out << YAML::Key << "parameters" << YAML::Value << YAML::BeginMap;
   for (std::size_t i = 0; i < definition.parameters.size(); ++i) {
@@ -327,6 +406,24 @@ void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
     emitNumber(out, "scale", definition.typical[i], "");
     out << YAML::EndMap;
   }
+  out << YAML::EndMap;
+}
+
+void emitDisturbance(YAML::Emitter& out, const Disturbance& disturbance) {
+  const auto channels = [&](const char* key, const Vector3<double>& values, double thrust,
+                            const char* remark) {
+    if (values.isZero(0) && thrust == 0) return;
+    out << YAML::Key << key << YAML::Value << YAML::Flow << YAML::BeginMap;
+    for (int i = 0; i < 3; ++i) emitNumber(out, std::string(1, "XYN"[i]), values(i), "");
+    if (thrust != 0) emitNumber(out, "thrust", thrust, "");
+    out << YAML::EndMap << YAML::Comment(remark);
+  };
+  out << YAML::Key << "disturbance" << YAML::Value << YAML::BeginMap;
+  channels("sigma", disturbance.sigma, 0, "N, N, N m, standard deviation of a random wrench, body");
+  channels("time", disturbance.time, 0, "s, its correlation time");
+  channels("white", disturbance.white, 0, "N sqrt(s), N sqrt(s), N m sqrt(s), white wrench");
+  channels("trim", disturbance.trim, disturbance.trim_thrust,
+           "N, N, N m, -, standard deviation from run to run: constant wrench, thrust's factor");
   out << YAML::EndMap;
 }
 
@@ -408,12 +505,14 @@ Model parse(const std::string& yaml, const std::string& source, BodyLines& lines
       model.name = reader.text(value, key);
     } else if (key == "body") {
       readBody(reader, value, model, lines);
+    } else if (key == "disturbance") {
+      readDisturbance(reader, value, model.disturbance);
     } else if (key == "provenance") {
       readProvenance(reader, value, model.provenance);
     } else if (key == "effects") {
       if (!value.IsSequence() && !value.IsNull()) reader.fail(value, "effects must be a list");
     } else if (key != "schema") {
-      reader.unknown(value, key, top, "schema, name, body, effects, provenance");
+      reader.unknown(value, key, top, "schema, name, body, effects, disturbance, provenance");
     }
   });
   for (const auto& effect : root["effects"]) readEffect(reader, effect, model);
@@ -476,6 +575,7 @@ std::string formatModel(const Model& model) {
     out << YAML::EndMap;
   }
   out << YAML::EndSeq;
+  if (!model.disturbance.empty()) emitDisturbance(out, model.disturbance);
   if (!model.provenance.empty()) emitProvenance(out, model.provenance);
   out << YAML::EndMap;
   return std::string(out.c_str()) + '\n';

@@ -15,12 +15,18 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
       stepping_(inputs, start, valueOf(dynamics.inputDelay()), !isConstant(dynamics.inputDelay()),
                 max_step),
       state_(initial),
-      actuator_states_(static_cast<std::size_t>(dynamics.stateCount()), T(0.0)),
+      effect_states_(dynamics.initialStates()),
       t_(stepping_.t()) {
-  if (!dynamics_.hasActuators()) return;
-  for (const Stepping::Held& held : stepping_.before(kActuatorMemory))
-    dynamics_.actuate(inputs.thrusters[held.command].template cast<T>(), inputs.lift[held.command],
-                      dynamics_.withDelay(held.duration, held.by_delay), actuator_states_.data());
+  for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
+    dynamics_.settle(T(held.t), state_, inputs.thrusters[held.command].template cast<T>(),
+                     inputs.lift[held.command], dynamics_.withDelay(held.duration, held.by_delay),
+                     effect_states_.data());
+}
+
+template <typename T>
+void Simulation<T>::restart(const RigidState<T>& state) {
+  state_ = state;
+  for (T& own : effect_states_) own = T(valueOf(own));
 }
 
 template <typename T>
@@ -40,7 +46,7 @@ void Simulation<T>::advance(double time) {
 template <typename T>
 template <bool kPose, typename H>
 void Simulation<T>::step(int steps, const H& h) {
-  if (!dynamics_.hasActuators()) {
+  if (!dynamics_.hasMemory()) {
     dynamics_.template hold<kPose>(t_, state_, stepping_.thrusters(), stepping_.lift(), h,
                                    steps);
     return;
@@ -48,12 +54,12 @@ void Simulation<T>::step(int steps, const H& h) {
   const Vector2<T> held = stepping_.thrusters().template cast<T>();
   for (int i = 0; i < steps; ++i)
     dynamics_.template step<kPose>(
-        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), actuator_states_.data()), h);
+        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()), h);
 }
 
 template <typename T>
 Vector2<T> Simulation<T>::actuated() const {
-  std::vector<T> states = actuator_states_;
+  std::vector<T> states = effect_states_;
   return dynamics_
       .actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(0.0), states.data())
       .thrusters[0];
@@ -63,7 +69,7 @@ template <typename T>
 RigidState<T> Simulation<T>::derivative() const {
   T t = t_;
   valueIn(t) = stepping_.t();
-  return dynamics_.derivative(t, state_, actuated(), stepping_.lift());
+  return dynamics_.derivative(t, state_, actuated(), stepping_.lift(), effect_states_.data());
 }
 
 template class Simulation<double>;

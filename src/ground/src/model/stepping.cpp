@@ -32,16 +32,27 @@ Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool
   held_ = next_;
 }
 
-std::vector<Stepping::Held> Stepping::before(double memory) const {
-  const std::vector<double>& times = inputs_->times;
-  const auto first = static_cast<std::size_t>(
-      std::upper_bound(times.begin(), times.end(), time_ - memory - delay_) - times.begin());
+std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
   std::vector<Held> held;
-  for (std::size_t i = first; i < next_; ++i) {
-    // The last one acts until now, which stays where it is when the delay changes.
-    const bool last = i + 1 == next_;
-    held.push_back({i, last ? time_ - (times[i] + delay_) : times[i + 1] - times[i],
-                    last && varies_ ? -1.0 : 0.0});
+  if (settling.memory <= 0) return held;
+  const std::vector<double>& times = inputs_->times;
+  const double oldest = time_ - settling.memory;
+  const auto first = static_cast<std::size_t>(
+      std::upper_bound(times.begin(), times.end(), oldest - delay_) - times.begin());
+  // The one before them acts until the first of them, the last one until now; the instants from and
+  // until which they are looked at stay where they are when the delay changes.
+  for (std::size_t i = first > 0 ? first - 1 : 0; i < next_; ++i) {
+    const bool cut = i < first, last = i + 1 == next_;
+    const double begin = cut ? oldest : times[i] + delay_;
+    const double duration =
+        last ? time_ - begin : cut ? times[i + 1] + delay_ - begin : times[i + 1] - times[i];
+    const double by_delay = varies_ ? double(cut) - double(last) : 0.0;
+    const int pieces = std::max(1, static_cast<int>(std::ceil(duration / settling.step - 1e-9)));
+    for (int k = 0; k < pieces; ++k) {
+      const double now = begin + k * duration / pieces;
+      held.push_back({i, duration / pieces, by_delay / pieces,
+                      now - inputs_->drive.origin(now)});
+    }
   }
   return held;
 }

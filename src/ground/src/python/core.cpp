@@ -130,9 +130,9 @@ py::dict toDict(const ExperimentLog& log) {
   d["commands"] = toRows(log.commands, 4, [](const ExperimentLog::Command& c) {
     return Eigen::RowVector4d(c.time, c.left, c.right, c.lift);
   });
-  d["truth"] = toRows(log.truth, 10, [](const ExperimentLog::Truth& t) {
-    return (Eigen::RowVectorXd(10) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
-            t.nu_dot.transpose())
+  d["truth"] = toRows(log.truth, 13, [](const ExperimentLog::Truth& t) {
+    return (Eigen::RowVectorXd(13) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
+            t.nu_dot.transpose(), t.wrench.transpose())
         .finished();
   });
   d["references"] = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
@@ -149,10 +149,13 @@ py::dict toDict(const ExperimentLog& log) {
 }
 
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
-                                  const MocapParams& mocap, unsigned long seed) {
+                                  const MocapParams& mocap, unsigned long seed,
+                                  const Disturbance& disturbance) {
   if (!eta.allFinite() || !nu.allFinite())
     throw std::invalid_argument("the initial state is not finite");
-  return {{eta, nu}, mocap, seed};
+  ExperimentParams params{{eta, nu}, mocap, seed};
+  params.disturbance = disturbance;
+  return params;
 }
 
 py::dict toDict(const FitResult& result) {
@@ -217,9 +220,24 @@ PYBIND11_MODULE(_core, module) {
       .def_readwrite("confidence_95", &Provenance::confidence_95)
       .def_readwrite("not_identified", &Provenance::not_identified);
 
+  py::class_<Disturbance>(module, "Disturbance",
+                          "A random wrench beside the model: X, Y [N], N [N m], body.")
+      .def(py::init<>())
+      .def_readwrite("sigma", &Disturbance::sigma,
+                     "Stationary standard deviation of an Ornstein-Uhlenbeck process (3,).")
+      .def_readwrite("time", &Disturbance::time, "Its correlation time (3,) [s].")
+      .def_readwrite("white", &Disturbance::white,
+                     "Root of the two-sided spectral density of white noise (3,) [N sqrt(s), ..].")
+      .def_readwrite("trim", &Disturbance::trim,
+                     "Standard deviation, from run to run, of a constant wrench (3,).")
+      .def_readwrite("trim_thrust", &Disturbance::trim_thrust,
+                     "Standard deviation, from run to run, of a factor on the thrust.")
+      .def("empty", &Disturbance::empty)
+      .def("validate", &Disturbance::validate, "What is wrong; empty when nothing is.");
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
       .def_readwrite("name", &Model::name)
+      .def_readwrite("disturbance", &Model::disturbance)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
       .def_property_readonly("effects",
@@ -413,9 +431,9 @@ PYBIND11_MODULE(_core, module) {
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
          const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed) {
+         unsigned long seed, const Disturbance& disturbance) {
         const InputSequence inputs = toInputs(schedule);
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed);
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
         ExperimentLog log;
         {
           const py::gil_scoped_release release;
@@ -424,15 +442,16 @@ PYBIND11_MODULE(_core, module) {
         return toDict(log);
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
       "Craft and mocap under rows of time, left, right, lift (0..1). Gives frames (captured, "
-      "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot).");
+      "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot, "
+      "wrench of the disturbance).");
   module.def(
       "track_reference",
       [](const Model& model, const Model& believed, const TrackingParams& tracking,
          const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed);
+         unsigned long seed, const Disturbance& disturbance) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
         ExperimentLog log;
         {
           const py::gil_scoped_release release;
@@ -441,7 +460,7 @@ PYBIND11_MODULE(_core, module) {
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
       "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
       "p_dddot), decisions (time, left, right, processor time), why it stopped early, empty when "
       "it did not, and when.");
@@ -635,13 +654,13 @@ PYBIND11_MODULE(_core, module) {
       .def(
           "likeliest_disturbance",
           [](const SimulationError& problem, const Model& model, double width, int threads) {
-            std::vector<Disturbance> found;
+            std::vector<NoiseLevels> found;
             {
               const py::gil_scoped_release release;
               found = likeliestDisturbance(problem, model, width, threads);
             }
             py::list all;
-            for (const Disturbance& d : found)
+            for (const NoiseLevels& d : found)
               all.append(py::make_tuple(d.noise, d.disturbance, d.gain[0] + d.gain[1]));
             return all;
           },

@@ -226,13 +226,15 @@ void note(const Room& room, ExperimentLog& log) {
     throw std::runtime_error(text);
   }
   const Measurement<double> seen = room.measurement();
-  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}});
+  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu},
+                       room.wrench()});
 }
 
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
   Room::Params place;
   place.initial = params.initial;
   place.seed = params.seed;
+  place.disturbance = params.disturbance;
   Room room(model, params.mocap, place);
   const double input_max = model.body.input_max;
   while (true) {

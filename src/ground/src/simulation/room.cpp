@@ -19,9 +19,14 @@ std::string MocapParams::validate() const {
 }
 
 Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
-    : model_(model),
-      moving_(std::make_unique<Moving>(model, inputs_, params.initial, params.start)),
-      params_(params),
+    : params_(params),
+      source_(params.disturbance.empty()
+                  ? std::nullopt
+                  : std::make_optional<DisturbanceSource>(params.disturbance, kDefaultStep,
+                                                          params.seed)),
+      next_wrench_(params.start),
+      model_(onThisRun(model)),
+      moving_(std::make_unique<Moving>(model_, inputs_, params.initial, params.start)),
       random_(params.seed),
       time_(params.start),
       last_command_(params.start),
@@ -30,16 +35,48 @@ Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
   setMocap(mocap);
 }
 
+/// The model with the thrust that it has in this run.
+Model Room::onThisRun(Model model) const {
+  if (source_) model.body.k *= source_->thrustFactor();
+  return model;
+}
+
+RigidState<double> Room::derivative() const {
+  RigidState<double> rate = moving_->simulation.derivative();
+  if (source_) rate.nu += moving_->mobility * wrench_;
+  return rate;
+}
+
+/// Moves the craft under the disturbance: between two changes of the wrench, half of its impulse
+/// acts before and half after.
+void Room::move(double time) {
+  Simulation<double>& simulation = moving_->simulation;
+  while (source_ && simulation.time() < time) {
+    if (simulation.time() >= next_wrench_) {
+      wrench_ = source_->next();
+      next_wrench_ = params_.start + static_cast<double>(++drawn_) * kDefaultStep;
+    }
+    const double until = std::min(time, next_wrench_);
+    const Vector3<double> push =
+        0.5 * (until - simulation.time()) * (moving_->mobility * wrench_);
+    simulation.state().nu += push;
+    simulation.advance(until);
+    simulation.state().nu += push;
+  }
+  simulation.advance(time);
+}
+
 void Room::setModel(const Model& model) {
   const RigidState<double> here = state();
   InputSequence inputs = inputs_;
   for (auto& thrusters : inputs.thrusters)
     thrusters *= model.body.input_max / model_.body.input_max;
-  const Moving probe(model, inputs, here, time_);
+  const Model other = onThisRun(model);
+  const Moving probe(other, inputs, here, time_);
   const RigidState<double> rate = probe.simulation.derivative();
   if (!rate.eta.allFinite() || !rate.nu.allFinite())
     throw std::invalid_argument("the craft's acceleration by this model is not finite");
-  model_ = model;
+  model_ = other;
   inputs_ = std::move(inputs);
   moving_ = std::make_unique<Moving>(model_, inputs_, here, time_);
 }
@@ -79,7 +116,7 @@ void Room::advance(double time) {
     const double stop =
         expired_ ? std::numeric_limits<double>::infinity() : last_command_ + params_.watchdog;
     const double next = std::min({time, next_frame_, stop});
-    moving_->simulation.advance(next);
+    move(next);
     time_ = next;
     if (next == next_frame_) {
       capture();

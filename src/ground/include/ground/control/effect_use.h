@@ -18,7 +18,8 @@ struct EffectUse {
   std::string remark() const;
 };
 
-/// A controller that works on the whole model.
+/// A controller that works on the whole model. It refuses a model whose effects have more than
+/// kMostStates states.
 EffectUse wholeModelUse(const Model& model);
 
 /// A controller, of this name, that works on the rigid body alone. It refuses a model that says

@@ -22,12 +22,12 @@ struct PlanWeights {
 /// Gauss-Newton, with exact derivatives of the model. Everything is allocated at construction.
 class TrajectoryOptimizer {
  public:
-  static constexpr int kStates = 6 + kMostActuators;
+  static constexpr int kStates = 6 + kMostStates;
   static constexpr int kMostSteps = 200;
-  using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, actuators
+  using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
-  /// Steps are `step` [s] long. Throws std::invalid_argument when the model has too many actuator
-  /// states or the horizon is bad.
+  /// Steps are `step` [s] long. Throws std::invalid_argument when the model's effects
+  /// have more than kMostStates states or the horizon is bad.
   TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
 
@@ -70,7 +70,7 @@ class TrajectoryOptimizer {
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
-  int actuators_;
+  int effect_states_;
   double input_max_;
   PlanWeights weights_;
   double step_;

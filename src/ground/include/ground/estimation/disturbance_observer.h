@@ -21,18 +21,18 @@ struct ObserverParams {
 
 /// Pose, velocity and the acceleration that the model lacks, from measured poses and from the
 /// commands that were given: an extended Kalman filter around the craft's own model, the missing
-/// acceleration a random walk in the body frame. Knows the model's delay and actuators, so that it
-/// also foretells the state at which a command of now will act. Nothing is allocated after
-/// construction.
+/// acceleration a random walk in the body frame. Knows the model's delay and the states of its
+/// effects, which it follows but does not correct, so that it also predicts the state at which a
+/// command of now will act. Nothing is allocated after construction.
 class DisturbanceObserver {
  public:
   struct Estimate {
     RigidState<double> state;
-    std::array<double, kMostActuators> actuators{};
+    std::array<double, kMostStates> effects{};           ///< states of the model's effects
     Vector3<double> missing = Vector3<double>::Zero();  ///< body [m/s^2, m/s^2, rad/s^2]
   };
 
-  /// Throws std::invalid_argument when the model has more than two actuator states.
+  /// Throws std::invalid_argument when the model's effects have more than kMostStates states.
   DisturbanceObserver(const Model& model, const ObserverParams& params);
 
   void setParams(const ObserverParams& params) { params_ = params; }
@@ -60,6 +60,8 @@ class DisturbanceObserver {
     double lift = 0;
   };
 
+  /// The states of effects at the last measurement, from the commands before it.
+  void settle();
   void begin(double time, const RigidState<double>& measured);
   const Command& recent(std::size_t age) const;
   /// Calls step(h, command) for the pieces of `from`..`until` over which the command is held.

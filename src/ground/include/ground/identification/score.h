@@ -31,14 +31,14 @@ Scores scores(const SimulationError& problem, const Model& model,
 /// Noise of the poses and the disturbance beside the model, of each run: those under which the
 /// innovations of its windows (Whitening), simulated by the model, are likeliest; by their M-scale,
 /// so that outliers weigh little. Poses have to be the target.
-struct Disturbance {
+struct NoiseLevels {
   Vector3<double> noise, disturbance;
   /// Log-likelihood ratio 2 (L1 - L0) against no disturbance: of x and y together, and of psi.
   /// About chi squared with one degree of freedom, or zero half of the time, when the model is
   /// true.
   double gain[2] = {0, 0};
 };
-std::vector<Disturbance> likeliestDisturbance(const SimulationError& problem, const Model& model,
+std::vector<NoiseLevels> likeliestDisturbance(const SimulationError& problem, const Model& model,
                                               double width, int threads);
 
 }  // namespace ground

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "ground/model/model.h"
+#include "ground/model/stepping.h"
 
 namespace ground {
 
@@ -34,26 +35,37 @@ class Dynamics {
   T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
     return seconds + by_delay * (delay_ - valueOf(delay_));
   }
-  int stateCount() const { return state_count_; }
-  bool hasActuators() const { return !actuators_.empty(); }
+  int stateCount() const { return static_cast<int>(initial_.size()); }
+  /// The states of all effects before anything has been commanded.
+  const std::vector<T>& initialStates() const { return initial_; }
+  /// Whether effects depend on what was before: then every step is an actuate() and a step().
+  bool hasMemory() const { return !actuators_.empty() || !rates_.empty(); }
+  Settling settling() const;
   /// Whether velocities depend on the pose: else they can be simulated without it.
   bool usesPose() const { return uses_pose_; }
 
   /// Passes a command, held over a step of length h [s], through the actuators; their states are
-  /// advanced to the end of the step.
+  /// advanced to the end of the step. Those of other effects are left to step().
   StepInputs<T> actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
                         T* states) const;
+  /// Advances the states of all effects by h [s] under a command, the motion held: what they
+  /// remember of the time before a simulation, whose motion is not known.
+  void settle(const T& t, const RigidState<T>& state, const Vector2<T>& command,
+              const ValueOf<T>& lift, const T& h, T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
-  /// is the time since the drive began (DriveClock); what is below 0 counts as 0.
+  /// is the time since the drive began (DriveClock); what is below 0 counts as 0. `states` are the
+  /// effects', by default as they begin.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
-                           const ValueOf<T>& lift) const;
+                           const ValueOf<T>& lift, const T* states = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
   /// same inputs. H is ValueOf<T>, or T where h has derivatives. The pose stays as it is unless kPose.
+  /// The states of effects that have rates() are integrated along, of the same order: what changes
+  /// in less than 36% of h makes the step unstable.
   template <bool kPose = true, typename H = T>
   void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
             int count = 1) const;
-  /// The same with a command that is held and, there being no actuators, acts as it is.
+  /// The same with a command that is held and, effects having no memory, acts as it is.
   template <bool kPose = true, typename H = T>
   void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command, const ValueOf<T>& lift,
             const H& h, int count = 1) const;
@@ -79,16 +91,32 @@ class Dynamics {
   Drive drive(const Vector2<I>& input) const;
   template <bool kPose, typename H>
   void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-           const ValueOf<T>& lift, const H& h, int count) const;
+           const ValueOf<T>& lift, T* states, const H& h, int count) const;
+  /// What effects look at, at one instant.
+  struct Instant;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces; with a
   /// mass matrix that couples, the whole acceleration. `heading` is that of eta, only looked at
   /// where motion depends on the pose.
   Vector3<T> effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                     const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift) const;
+                     const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift,
+                     const T* states, T* rates) const;
+  /// The derivatives of the effects' states.
+  void rates(Instant& instant, const T* states, T* rates) const;
+
+  /// The states of effects during a Runge-Kutta step.
+  struct StateStages {
+    std::vector<T> begin, at, rates;
+
+    /// `share` of the rates is added to the end of the step; the next stage is `to` along them.
+    template <typename H>
+    void move(const H& share, const H& to, T* end);
+  };
 
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
-  std::vector<Active> actuators_, thrust_, wrench_, measure_;
+  std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;
+  std::vector<T> initial_;       ///< states of the effects
+  mutable StateStages stages_;   ///< scratch of one thread
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
   Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z
@@ -96,7 +124,7 @@ class Dynamics {
   T surge_gain_{}, yaw_gain_{};     ///< k/m, k l/I_z
   Vector2<T> air_;
   T delay_{};
-  int state_count_ = 0, directions_ = 8;
+  int directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
   bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
   bool has_hooks_ = false;  ///< there are effects to ask at every instant

@@ -40,6 +40,8 @@ struct EffectInfo {
   std::string summary;
   std::vector<ParameterInfo> parameters;
   int states = 0;  ///< number of states of its own
+  /// Their values before anything has been commanded; empty: all zero.
+  std::vector<double> initial = {};
   /// A diagnosis tries it only when it is asked for by name: it has many parameters.
   bool opt_in = false;
   /// Prior on the parameters: W, symmetric, positive semidefinite, a row for each parameter; the
@@ -54,6 +56,8 @@ struct StepInputs {
   std::array<Vector2<T>, 3> thrusters;  ///< left, right
   ValueOf<T> lift{0.0};                 ///< held over the step
   bool held = false;                    ///< the thrusters' inputs are, too
+  /// Of all effects, to be integrated over the step with the motion; none: they stay as they begin.
+  T* states = nullptr;
 };
 
 /// All that a wrench may depend on, at one instant.
@@ -69,6 +73,7 @@ struct Point {
   const ValueOf<T>& lift;      ///< 0..1
   const Body<T>& body;         ///< nominal parameters
   const Matrix3<T>& mass;      ///< mass matrix with all effects inside
+  const T* states;             ///< of the effect that is asked
 };
 
 /// Measured pose and velocity: what the mocap's rigid body does, not the centre of the craft.
@@ -91,6 +96,9 @@ class EffectHooks {
   /// Dynamics of the actuators over a step of length h with the command held: from the command to
   /// what reaches the thrusters. `states` are the effect's own, advanced to the end of the step.
   virtual void actuate(const T* /*p*/, const T& /*h*/, T* /*states*/, StepInputs<T>&) const {}
+  /// Derivatives by time of the effect's own states (Point::states), all of which it sets. The
+  /// states are integrated together with the motion, by the same Runge-Kutta step.
+  virtual void rates(const T* /*p*/, const Point<T>&, T* /*rates*/) const {}
   /// Thrust of the two thrusters [N].
   virtual void thrust(const T* /*p*/, const Point<T>&, Vector2<T>&) const {}
   /// Velocity of the air over the floor, world_ned [m/s].
@@ -117,8 +125,9 @@ class Effect : public EffectHooks<double>,
     kInertia = 1u << 4,
     kWrench = 1u << 5,
     kMeasure = 1u << 6,
+    kRates = 1u << 7,
     kPose = 1u
-        << 7  ///< motion depends on where the craft is or heads: always so, unless it says no
+        << 8  ///< motion depends on where the craft is or heads: always so, unless it says no
   };
   virtual const EffectInfo& info() const = 0;
   /// Which hooks do anything, and whether they look at the pose (a set of Hook).

@@ -32,6 +32,7 @@ namespace detail {
   }
 GROUND_FORWARD_HOOK(delay)
 GROUND_FORWARD_HOOK(actuate)
+GROUND_FORWARD_HOOK(rates)
 GROUND_FORWARD_HOOK(thrust)
 GROUND_FORWARD_HOOK(air)
 GROUND_FORWARD_HOOK(inertia)
@@ -52,6 +53,7 @@ class HooksOf : public Base {
   void actuate(const T* p, const T& h, T* states, StepInputs<T>& u) const override {
     call_actuate<E>(0, p, h, states, u);
   }
+  void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E>(0, p, s, d); }
   void thrust(const T* p, const Point<T>& s, Vector2<T>& f) const override {
     call_thrust<E>(0, p, s, f);
   }
@@ -84,6 +86,8 @@ class EffectFrom final
     add(Effect::kActuate,
         has<decltype(call_actuate<E>(0, P(), std::declval<const double&>(), std::declval<double*>(),
                                      std::declval<StepInputs<double>&>()))>());
+    add(Effect::kRates, has<decltype(call_rates<E>(0, P(), std::declval<const Point<double>&>(),
+                                                   std::declval<double*>()))>());
     add(Effect::kThrust, has<decltype(call_thrust<E>(0, P(), std::declval<const Point<double>&>(),
                                                      std::declval<Vector2<double>&>()))>());
     add(Effect::kAir, has<decltype(call_air<E>(0, P(), std::declval<Vector2<double>&>()))>());
@@ -94,7 +98,7 @@ class EffectFrom final
     add(Effect::kMeasure,
         has<decltype(call_measure<E>(0, P(), std::declval<const Vector3<double>&>(),
                                      std::declval<Measurement<double>&>()))>());
-    const bool moves = set & (Effect::kThrust | Effect::kWrench);
+    const bool moves = set & (Effect::kThrust | Effect::kWrench | Effect::kRates);
     add(Effect::kPose, (set & Effect::kAir) || (moves && UsesPose<E>::value));
     return set;
   }

@@ -31,8 +31,8 @@ class LanePlan {
     bool measured;  ///< some lanes are, after the last of these
   };
 
-  /// Actuators settle to the commands of the last `memory` seconds before the start.
-  LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, double memory,
+  /// The states of effects settle to the commands before the start.
+  LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, const Settling& settling,
            double max_step = kDefaultStep);
 
   /// Instants at which some lanes, one sample each, are measured; the first is the start.
@@ -40,7 +40,7 @@ class LanePlan {
   const Sample* begin(int visit) const { return visit == 0 ? samples_.data() : end(visit - 1); }
   const Sample* end(int visit) const { return samples_.data() + behind_[visit]; }
 
-  /// Runs all lanes from `state`, the actuators settled, and calls take(visit, eta, nu) with what
+  /// Runs all lanes from `state`, the effects settled, and calls take(visit, eta, nu) with what
   /// the mocap sees then. Without `pose` only velocities are integrated.
   template <typename T, class Take>
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Take& take) const;
@@ -73,7 +73,7 @@ class LaneRun {
   const Dynamics<T>& dynamics_;
   RigidState<T> state_;
   T t_{0.0};  ///< since the drive began [s]
-  std::vector<T> actuators_;
+  std::vector<T> effect_states_;
   bool pose_;
 };
 
@@ -84,7 +84,7 @@ template <typename T, class Take>
 void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
                    const Take& take) const {
   LaneRun<T> run(dynamics, state, pose);
-  if (dynamics.hasActuators())
+  if (dynamics.hasMemory())
     for (const Step& step : settling_) run.settle(step);
   int visit = 0;
   run.measure(visit++, take);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "ground/model/body.h"
+#include "ground/model/disturbance.h"
 #include "ground/model/effect.h"
 
 namespace ground {
@@ -36,6 +37,7 @@ class Model {
   std::string name;
   Body<double> body;
   std::vector<Entry> effects;
+  Disturbance disturbance;
   Provenance provenance;
 
   /// Adds an effect at its neutral parameters. Throws std::invalid_argument when it is there

@@ -4,8 +4,8 @@
 
 namespace ground {
 
-/// Most states of actuators that estimators and planners reserve room for.
-constexpr int kMostActuators = 2;
+/// Most states of a model's effects that estimators and planners reserve room for.
+constexpr int kMostStates = 4;
 
 /// One step of a model that lacks a constant acceleration (body; m/s^2, m/s^2, rad/s^2): half of it
 /// acts before and half after the step.

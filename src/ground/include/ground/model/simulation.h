@@ -7,16 +7,15 @@
 
 namespace ground {
 
-constexpr double kDefaultStep = 0.005;    ///< longest step of a simulation [s], thesis 2.3
-constexpr double kActuatorMemory = 10.0;  ///< actuators forget what was commanded before [s]
+constexpr double kDefaultStep = 0.005;  ///< longest step of a simulation [s], thesis 2.3
 
 /// Runs a model through a sequence of commands by the steps of Stepping. T is double or Jet.
 /// Dynamics and sequence must outlive it; the sequence may grow.
 template <typename T>
 class Simulation {
  public:
-  /// Starts at time `start` [s] of the sequence's clock with actuators settled to the commands
-  /// given until then. Steps are at most max_step [s] long.
+  /// Starts at time `start` [s] of the sequence's clock with the states of effects settled to the
+  /// commands given until then (Dynamics::settle). Steps are at most max_step [s] long.
   Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs, const RigidState<T>& initial,
              double start, double max_step = kDefaultStep);
 
@@ -33,6 +32,8 @@ class Simulation {
   double time() const { return stepping_.time(); }
   const RigidState<T>& state() const { return state_; }
   RigidState<T>& state() { return state_; }
+  /// Goes on from another state; what the effects remember stays, without derivatives.
+  void restart(const RigidState<T>& state);
   /// Acceleration and velocity at the current time.
   RigidState<T> derivative() const;
   /// What reaches the thrusters at the current time.
@@ -46,7 +47,7 @@ class Simulation {
   const Dynamics<T>& dynamics_;
   Stepping stepping_;
   RigidState<T> state_;
-  std::vector<T> actuator_states_;
+  std::vector<T> effect_states_;
   T t_;  ///< since the drive began [s]
   bool pose_ = true;
 };

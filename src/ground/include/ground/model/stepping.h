@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "ground/model/drive_clock.h"
@@ -29,6 +30,21 @@ struct Stretch {
   double t;         ///< since the drive began, at the first step; below 0 before it [s]
 };
 
+constexpr double kActuatorMemory = 10.0;  ///< effects forget what was commanded before [s]
+/// Longest step of states that settle without the motion [s]: Runge-Kutta steps are stable for time
+/// constants above 36% of it.
+constexpr double kSettlingStep = 0.01;
+
+/// How the effects of a model come to the start of a simulation.
+struct Settling {
+  double memory = 0;  ///< the commands of so many seconds before act on their states [s]
+  double step = std::numeric_limits<double>::infinity();  ///< longest piece of a command [s]
+
+  bool operator==(const Settling& other) const {
+    return memory == other.memory && step == other.step;
+  }
+};
+
 /// Which steps a simulation takes: they end exactly at the instants asked for and at those where
 /// the delayed command changes, so that RK4 keeps its order and derivatives by the delay are exact.
 /// The sequence must outlive it and may grow.
@@ -54,10 +70,10 @@ class Stepping {
   struct Held {
     std::size_t command;
     double duration, by_delay;
+    double t;  ///< since the drive began, at its beginning; below 0 before it [s]
   };
-  /// The commands of the last `memory` seconds before the start, what actuators have to be settled
-  /// to.
-  std::vector<Held> before(double memory) const;
+  /// The commands before the start, in pieces, to which effects have to be settled.
+  std::vector<Held> before(const Settling& settling) const;
   /// Since the drive began, now; below 0 before it [s].
   double t() const { return time_ - inputs_->drive.origin(time_); }
 

@@ -15,10 +15,12 @@ namespace ground {
 struct ExperimentParams {
   RigidState<double> initial;  ///< of the craft
   MocapParams mocap;
-  unsigned long seed = 1;  ///< of the mocap's noise and losses
+  unsigned long seed = 1;  ///< of the mocap's noise and losses, and of the disturbance
   /// From when until when commands do not reach the craft [s].
   double deaf_from = std::numeric_limits<double>::infinity();
   double deaf_until = std::numeric_limits<double>::infinity();
+  /// Acts on the craft; that of the model does not.
+  Disturbance disturbance = {};
 };
 
 /// A controller as the nodelets run it: lift alone first, then decisions at `rate` on the states
@@ -51,6 +53,7 @@ struct ExperimentLog {
     RigidState<double> state;
     Vector3<double> nu_dot;       ///< body [m/s^2, m/s^2, rad/s^2]
     RigidState<double> measured;  ///< what an exact mocap makes of the state
+    Vector3<double> wrench;       ///< of the disturbance: X, Y [N], N [N m], body
   };
   struct Decision {
     double time;                ///< [s]

@@ -1,12 +1,15 @@
 #pragma once
 
+#include <Eigen/LU>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
 
 #include "ground/model/simulation.h"
+#include "ground/simulation/disturbance_source.h"
 
 namespace ground {
 
@@ -41,9 +44,10 @@ class Room {
     double start = 0.0;          ///< time at which the room comes to be [s]
     double watchdog = 0.25;      ///< the craft stops its motors after this long without command [s]
     unsigned long seed = 1;
+    Disturbance disturbance = {};  ///< acts on the craft; that of the model does not
   };
 
-  /// Throws std::invalid_argument when mocap parameters are bad.
+  /// Throws std::invalid_argument when mocap parameters or the disturbance are bad.
   Room(const Model& model, const MocapParams& mocap, const Params& params);
   Room(const Room&) = delete;
   Room& operator=(const Room&) = delete;
@@ -71,7 +75,9 @@ class Room {
   const RigidState<double>& state() const { return moving_->simulation.state(); }
   /// What an exact mocap makes of the state.
   Measurement<double> measurement() const { return moving_->simulation.measure(); }
-  RigidState<double> derivative() const { return moving_->simulation.derivative(); }
+  RigidState<double> derivative() const;
+  /// The disturbance that acts now: X, Y [N], N [N m], body.
+  const Vector3<double>& wrench() const { return wrench_; }
   /// Whether the craft's own watchdog has stopped the motors.
   bool watchdogExpired() const { return expired_; }
 
@@ -80,20 +86,29 @@ class Room {
   struct Moving {
     Moving(const Model& model, const InputSequence& inputs, const RigidState<double>& state,
            double time)
-        : dynamics(model), simulation(dynamics, inputs, state, time) {}
+        : dynamics(model),
+          simulation(dynamics, inputs, state, time),
+          mobility(dynamics.mass().inverse()) {}
     Dynamics<double> dynamics;
     Simulation<double> simulation;
+    Matrix3<double> mobility;  ///< inverse of the mass matrix
   };
 
+  Model onThisRun(Model model) const;
+  void move(double time);
   void capture();
   void forgetCommands();
   bool lost(double time);
 
+  Params params_;
+  std::optional<DisturbanceSource> source_;
+  Vector3<double> wrench_ = Vector3<double>::Zero();
+  double next_wrench_;        ///< when it changes [s]
+  unsigned long drawn_ = 0;   ///< how often it has
   Model model_;
   InputSequence inputs_;
   std::unique_ptr<Moving> moving_;
   MocapParams mocap_;
-  Params params_;
   std::mt19937_64 random_;
   std::normal_distribution<double> normal_;
   double time_;

@@ -29,6 +29,7 @@ class SimulatedRun(Recording):
     truth_eta: np.ndarray = field(default=None)  # (k, 3) x, y [m], psi [rad], world_ned
     truth_nu: np.ndarray = field(default=None)  # (k, 3) u, v [m/s], r [rad/s], body
     truth_nu_dot: np.ndarray = field(default=None)  # (k, 3) their derivatives
+    truth_wrench: np.ndarray = field(default=None)  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: np.ndarray = field(default=None)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     stopped: str = ""  # why the controller stopped before its end
 
@@ -108,6 +109,21 @@ def as_given(rows, duration):
     return Schedule(np.vstack([off[:1], rows[rows[:, 0] < end], off[1:]]), end + TAIL)
 
 
+def disturbance_in_shares(model, share=0.0, time=0.0, trim=0.0):
+    """A _core.Disturbance in shares of what the craft's thrusters can do.
+
+    The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
+    k l input_max. share: standard deviation of a wrench whose correlation time is `time` [s]; trim:
+    standard deviation, from run to run, of a constant wrench and of the factor on the thrust.
+    """
+    force = model.value("k") * model.input_max
+    unit = np.array([2 * force, 2 * force, force * model.value("l")])
+    found = _core.Disturbance()
+    found.sigma, found.time = share * unit, np.full(3, float(time))
+    found.trim, found.trim_thrust = trim * unit, trim
+    return found
+
+
 def simulate(
     model,
     drive,
@@ -117,17 +133,21 @@ def simulate(
     mocap=None,
     seed=1,
     believed=None,
+    disturbance=None,
 ):
     """Runs an experiment and gives its SimulatedRun.
 
     drive: a Schedule, or _core.TrackingParams for the tracking controller in the loop, which then
     believes in the model `believed` (by default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
-    _core.MocapParams. Raises ValueError on bad parameters, IdentifyError when nothing can be
-    recorded or the motion is not finite.
+    _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
+    of the model does not act by itself. Raises ValueError on bad parameters, IdentifyError when
+    nothing can be recorded or the motion is not finite.
     """
     mocap = _core.MocapParams() if mocap is None else mocap
-    where = (np.array(pose, float), np.array(velocity, float), mocap, seed)
+    where = [np.array(pose, float), np.array(velocity, float), mocap, seed]
+    if disturbance is not None:
+        where.append(disturbance)
     try:
         if isinstance(drive, Schedule):
             log = _core.play_schedule(model, drive.rows, drive.end, *where)
@@ -154,7 +174,8 @@ def simulate(
         truth_times=START + truth[:, 0],
         truth_eta=truth[:, 1:4],
         truth_nu=truth[:, 4:7],
-        truth_nu_dot=truth[:, 7:],
+        truth_nu_dot=truth[:, 7:10],
+        truth_wrench=truth[:, 10:],
         references=references,
         stopped=log["stopped"],
     )

@@ -38,6 +38,8 @@ inputs:
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
 same bag, bit by bit. The topics are those of record.launch; simulator/truth has the true motion.
+
+A disturbance in the model file acts only with --disturbance; without it, a line says so.
 """
 
 # option, its place in _core's parameters, metavar, help
@@ -104,7 +106,8 @@ def configure(parser):
         "--seed",
         type=common.seed,
         default=1,
-        help="of the mocap's noise and losses, and of where the PRBS starts (%(default)s)",
+        help="of the mocap's noise and losses, of the disturbance, and of where the PRBS starts "
+        "(%(default)s)",
     )
     parser.add_argument(
         "--duration",
@@ -161,6 +164,23 @@ def configure(parser):
         metavar="S",
         help="how long a level is held [s] (1)",
     )
+    disturbance = parser.add_argument_group("disturbance")
+    disturbance.add_argument(
+        "--disturbance",
+        type=_number,
+        nargs="*",
+        metavar=("SHARE", "TIME"),
+        help="a random wrench pushes the craft: its standard deviation as a share of full thrust (X, "
+        "Y) and of the moment of one thruster (N), its correlation time [s]; without numbers the "
+        "disturbance of the model file",
+    )
+    disturbance.add_argument(
+        "--trim",
+        type=_between(0, 0.3),
+        metavar="SHARE",
+        help="what differs from run to run, 1 sigma: a constant wrench, in the same shares, and the "
+        "factor on the thrust",
+    )
     mocap = parser.add_argument_group("motion capture")
     _add_numbers(mocap, MOCAP, _core.MocapParams())
     mocap.add_argument(
@@ -209,9 +229,12 @@ def run(arguments):
     drive, sequence = _drive(arguments)
     mocap = _filled(_core.MocapParams(), MOCAP, arguments)
     start = arguments.start_pose, arguments.start_velocity
+    disturbance = _disturbance(arguments, model)
     try:
         _core.AxisMapping(arguments.axes, arguments.heading_offset)
-        run = experiments.simulate(model, drive, name, *start, mocap, arguments.seed, believed)
+        run = experiments.simulate(
+            model, drive, name, *start, mocap, arguments.seed, believed, disturbance
+        )
     except ValueError as error:
         arguments.refuse(str(error))
     counts = bags.write(
@@ -222,6 +245,7 @@ def run(arguments):
         "input": arguments.input,
         "sequence": sequence,
         "seed": arguments.seed,
+        "disturbance": _described(disturbance),
         "duration": float(run.truth_times[-1] - run.truth_times[0]),
         "messages": counts,
         "frames_not_delivered": len(run.truth_times) - len(run.pose_times),
@@ -241,6 +265,11 @@ def run(arguments):
     )
     if sequence:
         common.say(arguments, "%s: %s" % (arguments.input, sequence))
+    if disturbance is None and not model.disturbance.empty():
+        common.say(
+            arguments,
+            "%s has a disturbance, which did not act: --disturbance applies it" % arguments.model,
+        )
     if result["tracking_error"] is not None:
         common.say(arguments, "tracking error: %.3f m rms" % result["tracking_error"])
     if run.stopped:
@@ -272,6 +301,39 @@ def _drive(arguments):
     if kind == "lifted":
         return experiments.as_given(rows, duration), None
     return experiments.with_lift(rows, duration, **_given(arguments, LIFT)), sequence
+
+
+def _disturbance(arguments, model):
+    """The _core.Disturbance by --disturbance and --trim; None without either."""
+    given, trim = arguments.disturbance, arguments.trim
+    if given is None and trim is None:
+        return None
+    if given == []:
+        found = model.copy().disturbance
+        if found.empty():
+            arguments.refuse("--disturbance: %s has none; give SHARE and TIME" % arguments.model)
+        if trim is None:
+            return found
+    elif given is None:
+        found = _core.Disturbance()
+    elif len(given) == 2 and 0 <= given[0] <= 1 and given[1] > 0:
+        found = experiments.disturbance_in_shares(model, *given)
+    else:
+        arguments.refuse(
+            "--disturbance takes a SHARE between 0 and 1 and a positive TIME, or nothing, not %s"
+            % " ".join("%g" % value for value in given)
+        )
+    own = experiments.disturbance_in_shares(model, trim=trim or 0.0)
+    found.trim, found.trim_thrust = own.trim, own.trim_thrust
+    return found
+
+
+def _described(disturbance):
+    """What --json says of a disturbance, SI units."""
+    if disturbance is None:
+        return None
+    found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}
+    return dict(found, trim_thrust=disturbance.trim_thrust)
 
 
 def _tracking(arguments):

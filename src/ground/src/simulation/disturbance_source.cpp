@@ -1,0 +1,41 @@
+#include "ground/simulation/disturbance_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace ground {
+namespace {
+
+constexpr double kLeastThrust = 0.05;                  // factor on the thrust of a run
+constexpr unsigned long kStream = 0x9e3779b97f4a7c15;  // apart from the mocap's of the same seed
+
+}  // namespace
+
+DisturbanceSource::DisturbanceSource(const Disturbance& disturbance, double step,
+                                     unsigned long seed)
+    : random_(seed ^ kStream), white_(disturbance.white / std::sqrt(step)) {
+  const std::string wrong = disturbance.validate();
+  if (!wrong.empty()) throw std::invalid_argument("disturbance: " + wrong);
+  trim_ = disturbance.trim.cwiseProduct(draw());
+  thrust_factor_ = std::max(kLeastThrust, 1 + disturbance.trim_thrust * normal_(random_));
+  process_ = disturbance.sigma.cwiseProduct(draw());
+  for (int i = 0; i < 3; ++i) {
+    keep_(i) = disturbance.time(i) > 0 ? std::exp(-step / disturbance.time(i)) : 0;
+    drive_(i) = disturbance.sigma(i) * std::sqrt(1 - keep_(i) * keep_(i));
+  }
+}
+
+Vector3<double> DisturbanceSource::draw() {
+  Vector3<double> numbers;
+  for (int i = 0; i < 3; ++i) numbers(i) = normal_(random_);
+  return numbers;
+}
+
+Vector3<double> DisturbanceSource::next() {
+  const Vector3<double> wrench = trim_ + process_ + white_.cwiseProduct(draw());
+  process_ = keep_.cwiseProduct(process_) + drive_.cwiseProduct(draw());
+  return wrench;
+}
+
+}  // namespace ground

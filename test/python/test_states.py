@@ -1,0 +1,80 @@
+"""Effects with states of their own, from a model file to the fit of their parameters."""
+import numpy as np
+import pytest
+from conftest import MODEL
+
+SKIRT = """
+effects:
+  - name: skirt
+    states: {p: "(lift - p)/tau"}
+    expression: {X: "-c*(1 - p)*u", Y: "-c*(1 - p)*v"}
+    parameters:
+      c: {value: 0.02, unit: N s/m, lower: 0, scale: 0.01}
+      tau: {value: 0.8, unit: s, neutral: 0.4, lower: 0.01, scale: 0.2}
+"""
+DROOP = """
+effects:
+  - name: droop
+    states:
+      w: {derivative: "((u_L + u_R)/2 - w)/tau", initial: 0.1}
+    expression: {thrust_L: "-c*w*u_L", thrust_R: "-c*w*u_R"}
+    parameters:
+      c: {value: 0.015, unit: N, scale: 0.01}
+      tau: {value: 0.7, unit: s, neutral: 0.4, lower: 0.01, scale: 0.2}
+"""
+
+
+def planted(effects):
+    """The craft's model with the effects of a text."""
+    from ground import _core
+
+    return _core.parse_model(MODEL.read_text().replace("\neffects: []\n", effects), "planted")
+
+
+def noise_free(model):
+    """Runs of 8 s whose lift changes, as the fit sees them."""
+    from ground import _core
+
+    runs = []
+    for seed in (1, 2):
+        edges = np.arange(0, 8, 1 / 15)
+        bits = np.resize(np.array(_core.make_prbs(9, 97 * seed), float), (len(edges), 2))
+        lift = np.where(edges % 2 < 1.2, 1.0, 0.6)
+        inputs = np.column_stack([edges, bits, lift])
+        times = np.arange(0, 8, 0.01)
+        found = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+        runs.append(_core.RunData("run", times, found["eta"], found["nu"], inputs))
+    return runs
+
+
+@pytest.mark.parametrize("name, text", [("skirt", SKIRT), ("droop", DROOP)])
+def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(name, text):
+    from ground.analysis import candidates
+    from ground.recordings import windows
+
+    truth = planted(text)
+    runs = noise_free(truth)
+    without = truth.copy()
+    without.remove_effect(name)
+    off = np.array(noise_free(without)[0].nu) - np.array(runs[0].nu)
+    assert np.abs(off).max() > 0.02, "the effect is seen"
+    start = truth.copy()
+    free = [p["name"] for p in candidates.parameters_of(truth, name)]
+    start.set_value(name + ".c", 0.005)
+    start.set_value(name + ".tau", 0.4)
+    found = windows.problem(runs, windows.cut(runs)).fit(start, free)
+    for parameter in free:
+        value = found["model"].value(parameter)
+        assert value == pytest.approx(truth.value(parameter), rel=1e-4), parameter
+
+
+def test_a_model_with_states_is_the_same_after_it_was_written(tmp_path):
+    from ground import _core
+
+    model = planted(DROOP)
+    path = tmp_path / "droop.yaml"
+    _core.save_model(model, str(path))
+    again = _core.load_model(str(path))
+    assert again.format() == model.format()
+    for a, b in zip(noise_free(again), noise_free(model)):
+        assert np.array_equal(a.nu, b.nu)
