@@ -109,7 +109,8 @@ def test_many_bags_on_a_cluster_compare_the_same(two_workers, tmp_path):
     found = []
     for name, more in (("here", []), ("there", ["--scheduler", address])):
         out = tmp_path / name
-        result = process("identify", "compare", *bags, "--model", MODEL, "--numbers", "-o", out, *more)
+        numbers = ["--model", MODEL, "--numbers", "-o", out]
+        result = process("identify", "compare", *bags, *numbers, *more)
         assert result.returncode == 0, result.stderr
         text = (out / "compare.json").read_text().replace(str(out), "OUT")
         found.append(json.loads(text))

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/model/drive_clock.h"
 #include "ground/model/measurement.h"
 #include "ground/model/pushed_step.h"
 
@@ -12,7 +13,6 @@ namespace ground {
 namespace {
 
 constexpr double kLongestStep = 0.01;  // [s]
-constexpr double kDisorder = 0.1;      // of commands of several controllers [s]
 
 }  // namespace
 
@@ -29,7 +29,7 @@ void DisturbanceObserver::reset() {
 }
 
 void DisturbanceObserver::command(double time, const Vector2<double>& thrusters, double lift) {
-  if (count_ > 0 && time < recent(0).time - kDisorder) count_ = 0;
+  if (count_ > 0 && time < recent(0).time - DriveClock::kDisorder) count_ = 0;
   commands_[count_++ % commands_.size()] = {time, thrusters, lift};
 }
 
