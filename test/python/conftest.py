@@ -1,9 +1,12 @@
 """What the tests of the identification tool share."""
+import contextlib
 import functools
+import io
 import pathlib
 import socket
 import subprocess
 import time
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -18,6 +21,24 @@ def identify(*arguments):
     return program("identify", *arguments)
 
 
+def program(name, *arguments):
+    """Runs a program of the package with a user's arguments, but in this process: one of its own takes
+    a second to load its libraries. Gives a CompletedProcess."""
+    from ground import cli
+    from ground.verbs import track, tune
+
+    verb = {"track": track, "tune": tune}.get(name)
+    argv = [str(a) for a in arguments]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with mock.patch("sys.argv", [name] + argv):
+            try:
+                status = cli.program(verb, argv) if verb else cli.main(argv)
+            except SystemExit as end:  # of argparse
+                status = end.code
+    return subprocess.CompletedProcess([name] + argv, status, out.getvalue(), err.getvalue())
+
+
 @functools.lru_cache(maxsize=None)
 def located(name):
     """What rosrun would run, which takes a second to find it."""
@@ -25,8 +46,8 @@ def located(name):
     return subprocess.check_output(find, universal_newlines=True).strip()
 
 
-def program(name, *arguments):
-    """Runs a program of the package as a user does."""
+def process(name, *arguments):
+    """The same as a process of its own, for claims about processes."""
     return subprocess.run(
         [located(name)] + [str(a) for a in arguments],
         stdout=subprocess.PIPE,

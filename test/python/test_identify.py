@@ -85,13 +85,13 @@ def test_fit_finds_the_parameters(tmp_path, bag, guess):
     fails(identify("fit", bag, "--model", guess, "-o", out), "exists")
     assert out.read_text() == text
     folder = tmp_path / "compare"
-    compared = identify("compare", bag, "--model", guess, "--model", out, "-o", folder, "--json")
+    models = ["--model", guess, "--model", out]
+    compared = identify("compare", bag, *models, "-o", folder, "--json", "--numbers")
     assert compared.returncode == 0, compared.stderr
     run = json.loads((folder / "compare.json").read_text())["runs"][0]
     assert run["models"]["fitted"]["error"] == pytest.approx(fit["error"]["after"], rel=1e-3)
     assert run["models"]["guess"]["error"] > 5 * run["models"]["fitted"]["error"]
     assert min(run["models"]["fitted"]["fit_percent"].values()) > 90
-    assert (folder / "run.png").read_bytes().startswith(b"\x89PNG")
     fails(identify("compare", bag, "--model", guess, "-o", folder), "exists")
 
 

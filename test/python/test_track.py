@@ -100,7 +100,7 @@ def test_the_predictive_controller_tracks(kind):
 
     settings, nominal, noise, wrong = PREDICTIVE[kind]
     model, controller = load(TABLE_4_1), gains.choice("ModelPredictive")
-    task, starts = tracking.task(kind, **settings), tracking.starts(STARTS, 3)
+    task, starts = tracking.task(kind, until=45.0, **settings), tracking.starts(STARTS, 3)
     found = medians(controller, model, model, task, starts)
     assert found["rms"] < nominal
     rough = tracking.Conditions(noise=True, delay=0.02)
@@ -114,6 +114,7 @@ def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
     from ground.simulation import gains, tracking
 
     task = tracking.task("line", smooth=smooth)
+    task.until = task.reference.extent() + tracking.AFTER_STOP + 1
     for path in (MODEL, TABLE_4_1):
         model = load(path)
         found = medians(
@@ -125,10 +126,10 @@ def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
 def test_the_predictive_controller_reaches_the_circle_from_anywhere():
     from ground.simulation import gains, tracking
 
-    task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
+    task = tracking.task("circle", rate_of_turn=0.63, settled=7.0, until=9.0)
     model = load(MODEL)
     runs = tracking.many(
-        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(200, 5, 3.0)
+        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(100, 5, 3.0)
     )
     reached = np.mean([run.numbers["rms"] < 5e-3 for run in runs])
     assert reached >= 0.99

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, ROOT, program
+from conftest import MODEL, ROOT, process, program
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 GAINS = ROOT / "cfg" / "gains"
@@ -83,10 +83,10 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
 
 def test_the_same_search_finds_the_same_gains(tmp_path):
     texts = []
-    for name in "ab":
-        out = tmp_path / name
-        search = ["--evaluations", 40, "--starts", 1, "--test-starts", 2, "--holdout"]
-        result = program(
+    for run in (program, process):
+        out = tmp_path / run.__name__
+        search = ["--evaluations", 24, "--starts", 1, "--test-starts", 2, "--holdout"]
+        result = run(
             "tune", "--model", MODEL, *search, "--references", "circle", "-o", out, "--json"
         )
         assert result.returncode == 0, result.stderr

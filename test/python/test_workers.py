@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from conftest import MODEL, identify, program, write_bag
+from conftest import MODEL, process, write_bag
 
 from ground import workers
 from ground.errors import IdentifyError
@@ -92,11 +92,11 @@ def test_parameters_travel():
 
 def test_a_search_on_a_cluster_finds_the_same_gains(two_workers, tmp_path):
     address, _ = two_workers
-    options = ["--model", MODEL, "--evaluations", "40", "--starts", "1", "--test-starts", "2"]
+    options = ["--model", MODEL, "--evaluations", "24", "--starts", "1", "--test-starts", "2"]
     options += ["--references", "circle", "--holdout", "--json"]
     found = []
     for name, more in (("here", []), ("there", ["--scheduler", address])):
-        result = program("tune", *options, *more, "-o", tmp_path / (name + ".yaml"))
+        result = process("tune", *options, *more, "-o", tmp_path / (name + ".yaml"))
         assert result.returncode == 0, result.stderr
         found.append(json.loads(result.stdout))
         found[-1].pop("output")
@@ -109,7 +109,8 @@ def test_many_bags_on_a_cluster_compare_the_same(two_workers, tmp_path):
     found = []
     for name, more in (("here", []), ("there", ["--scheduler", address])):
         out = tmp_path / name
-        result = identify("compare", *bags, "--model", MODEL, "-o", out, *more)
+        numbers = ["--model", MODEL, "--numbers", "-o", out]
+        result = process("identify", "compare", *bags, *numbers, *more)
         assert result.returncode == 0, result.stderr
         text = (out / "compare.json").read_text().replace(str(out), "OUT")
         found.append(json.loads(text))

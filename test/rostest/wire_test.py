@@ -15,7 +15,7 @@ import harness  # noqa: E402
 from fake_craft import FakeCraft, is_zero  # noqa: E402
 from ground import _core  # noqa: E402
 
-PORT, CLOCK, DURATION = 33441, 15.0, 4.0
+PORT, CLOCK, DURATION = 33491, 15.0, 4.0
 
 
 class WireTest(unittest.TestCase):

@@ -5,6 +5,7 @@ import os
 import platform
 import shlex
 import sys
+from importlib import metadata
 
 
 def command():
@@ -19,14 +20,11 @@ def now():
 
 def versions():
     """Of the programs that took part, by name."""
-    import numpy
-    import plotly
-    import scipy
-    import sklearn
     from ground import _core
 
     found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}
-    found.update((m.__name__, m.__version__) for m in (numpy, scipy, sklearn, plotly))
+    libraries = ("numpy", "scipy", "scikit-learn", "plotly")
+    found.update((name, metadata.version(name)) for name in libraries)
     found["Python"] = platform.python_version()
     return found
 

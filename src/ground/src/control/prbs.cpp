@@ -14,7 +14,7 @@
 namespace ground {
 namespace {
 
-constexpr std::size_t kLargestFile = 20000000;  // [bytes]
+constexpr std::size_t kLargestSequence = 20000000;  // [bytes]
 
 /// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
 const std::vector<std::vector<int>>& taps() {
@@ -101,7 +101,7 @@ int rowsPerBit(const PrbsBits& rows) {
 PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
   if (rows_per_bit < 0)
     throw std::invalid_argument("rows_per_bit must be positive, or 0 to find it in the file");
-  std::istringstream file(readTextFile(path, kLargestFile));
+  std::istringstream file(readTextFile(path, kLargestSequence));
   PrbsBits rows;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {

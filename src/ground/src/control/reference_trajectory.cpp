@@ -242,7 +242,7 @@ class Waypoints : public ReferenceTrajectory {
   Pace pace_;
 };
 
-constexpr std::size_t kLargestFile = 100000000;    // [bytes]
+constexpr std::size_t kLargestTable = 100000000;   // [bytes]
 constexpr std::size_t kMostPoints = 1000000;       // in files
 constexpr double kFarthest = 1e4, kLongest = 1e7;  // of points in files [m], [s]
 
@@ -338,7 +338,7 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
   if (path.empty()) throw std::runtime_error("parameter file is empty: which CSV shall it be?");
-  const std::string text = readTextFile(path, kLargestFile);
+  const std::string text = readTextFile(path, kLargestTable);
   const auto fail = [&](int line, const std::string& what) {
     throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
   };

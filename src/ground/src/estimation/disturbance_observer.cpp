@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "ground/model/drive_clock.h"
 #include "ground/model/measurement.h"
 #include "ground/model/pushed_step.h"
 
@@ -13,7 +14,6 @@ namespace ground {
 namespace {
 
 constexpr double kLongestStep = 0.01;  // [s]
-constexpr double kDisorder = 0.1;      // of commands of several controllers [s]
 
 }  // namespace
 
@@ -31,7 +31,7 @@ void DisturbanceObserver::reset() {
 }
 
 void DisturbanceObserver::command(double time, const Vector2<double>& thrusters, double lift) {
-  if (count_ > 0 && time < recent(0).time - kDisorder) count_ = 0;
+  if (count_ > 0 && time < recent(0).time - DriveClock::kDisorder) count_ = 0;
   commands_[count_++ % commands_.size()] = {time, thrusters, lift};
 }
 

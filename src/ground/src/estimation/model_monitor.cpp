@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "ground/model/drive_clock.h"
+
 namespace ground {
 namespace {
 
-constexpr double kMemory = 12.0;   // of commands before a prediction starts, for delay and lag [s]
-constexpr double kDisorder = 0.1;  // of commands of several controllers [s]
-constexpr double kSlack = 1.5;     // of the horizon: what starts earlier is no prediction over it
+constexpr double kInputMemory = 12;  // of commands before a prediction, for delay and lag [s]
+constexpr double kSlack = 1.5;       // of the horizon: what starts earlier is no prediction over it
 /// Below these a craft does not move, and errors in parts of its motion mean nothing.
 const Vector3<double> kLeastSpread(0.01, 0.01, 0.05);
 
@@ -40,14 +41,14 @@ void ModelMonitor::reset() {
 
 void ModelMonitor::command(double time, const Vector2<double>& thrusters, double lift) {
   if (inputs_.size() > 0 && time < inputs_.times.back()) {
-    if (time < inputs_.times.back() - kDisorder)
+    if (time < inputs_.times.back() - DriveClock::kDisorder)
       reset();
     else
       time = inputs_.times.back();
   }
   inputs_.add(time, thrusters.x(), thrusters.y(), lift);
   observer_.command(time, thrusters, lift);
-  const double oldest = time - params_.horizon * kSlack - kMemory;
+  const double oldest = time - params_.horizon * kSlack - kInputMemory;
   const auto past = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) -
                     inputs_.times.begin() - 1;
   if (past < static_cast<long>(inputs_.size() / 2)) return;  // now and then, not each time

@@ -6,11 +6,6 @@
 #include <utility>
 
 namespace ground {
-namespace {
-
-constexpr double kDisorder = 0.1;  // of commands of several controllers, and of their records [s]
-
-}  // namespace
 
 DriveClock::DriveClock(std::vector<double> starts) : starts_(std::move(starts)) {
   for (std::size_t i = 0; i < starts_.size(); ++i)

@@ -20,6 +20,8 @@ namespace ground {
 class DriveClock {
  public:
   static constexpr double kPause = 2.0;  ///< longest pause of the lift within a drive [s]
+  /// By how much commands of several controllers, and records of them, may come out of order [s].
+  static constexpr double kDisorder = 0.1;
 
   DriveClock() = default;
   /// Drives began at `starts` [s], ascending. Throws std::invalid_argument when they do not ascend
@@ -27,12 +29,12 @@ class DriveClock {
   explicit DriveClock(std::vector<double> starts);
 
   /// Takes a command in order of time; returns whether a drive begins with it. A command earlier
-  /// than the last one by more than 0.1 s means that the caller's clock was set back: drives that
-  /// began later are forgotten.
+  /// than the last one by more than kDisorder means that the caller's clock was set back: drives
+  /// that began later are forgotten.
   bool command(double time, double lift);
   /// Takes a record: at `as_of` [s] the newest drive was the one that began at `began` [s]. It takes
-  /// the place of those that seemed to begin between the two, or up to 0.1 s earlier. A record that
-  /// is not finite or of the future (began > as_of) is left out.
+  /// the place of those that seemed to begin between the two, or up to kDisorder earlier. A record
+  /// that is not finite or of the future (began > as_of) is left out.
   void record(double began, double as_of);
 
   /// When the drive of time `time` began [s]; before the first drive, when that begins; infinity
