@@ -1,7 +1,7 @@
 """The one place at which the hidden-effect bench calls the project's diagnosis."""
 import time
 
-from ground.analysis import candidates, diagnosis, diagnosis_report, evidence
+from ground.analysis import candidates, diagnosis, diagnosis_report
 from ground.errors import IdentifyError
 
 
@@ -37,7 +37,7 @@ def diagnose(runs, heldout, model, thorough=False):
         "chosen": [c.name for c in found.chosen],
         "groups": {s["added"]: s["group"] for s in found.steps if "added" in s},
         "first": [t.name for t in first[:3]],
-        "p_values": {t.name: _p_value(t) for t in first},
+        "p_values": {t.name: t.p_value for t in first},
         "errors": {
             "fit": [float(found.nominal.error.sum()), float(found.best.error.sum())],
             "steps": [float(error) for error in conclusion.heldout],
@@ -52,8 +52,14 @@ def diagnose(runs, heldout, model, thorough=False):
             }
             for p in conclusion.parameters
         ],
-        "varies": None,
-        "memory": None,
+        "varies": [v["parameter"] for v in conclusion.varies],
+        "memory": conclusion.verdict == "memory",
+        "left": {
+            "memory": [conclusion.memory.p_value, conclusion.memory.gain, conclusion.memory.share],
+            "state": [conclusion.state.p_value, conclusion.state.gain, conclusion.state.share],
+        },
+        "dropped": {d.trial.name: d.why for d in found.dropped},
+        "slight": found.slight and found.slight.name,
     }
     if thorough:
         report = diagnosis_report.of(found, conclusion, model.name, heldout)
@@ -61,16 +67,3 @@ def diagnose(runs, heldout, model, thorough=False):
         told["next_experiment"] = report["next_experiment"]
         told["where"] = [w["variable"] for w in report["unexplained"]["where"]]
     return told
-
-
-def _p_value(trial):
-    """Of one effect alone."""
-    on_bound = sum(_is_bounded(trial, p) for p in trial.parameters)
-    blocks, count = trial.screened["blocks"], len(trial.parameters)
-    return evidence.p_value(trial.gain, trial.inflation, blocks, count, on_bound, 5)
-
-
-def _is_bounded(trial, parameter):
-    """Whether the neutral value is at a bound."""
-    of_model = {p["name"]: p for p in trial.model.parameters()}[parameter["name"]]
-    return of_model["neutral"] in (of_model["lower"], of_model["upper"])

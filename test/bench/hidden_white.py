@@ -46,8 +46,8 @@ STRENGTHS = {
     "heading_offset": {"psi0": 0.044},
     "thrust_sway_moment": {"c": 3e-4},
     "differential_side_force": {"c": 0.22},
-    "directional_yaw_damping": {"na": 8e-6},
-    "skirt_friction": {"f0": 0.014, "n0": 1e-4},
+    "directional_yaw_damping": {"na": 6.5e-6},
+    "skirt_friction": {"f0": 0.011, "n0": 5.6e-5},
 }
 ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
 ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}

@@ -268,8 +268,8 @@ def test_real_runs_of_one_day(tmp_path, recordings):
     result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
-    assert report["verdict"] == "unexplained"
-    assert report["steps"][0]["added"] == "heading_offset"
+    assert report["verdict"] in ("memory", "unexplained")
+    assert "heading_offset" in [step["added"] for step in report["steps"]]
     offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
     assert offset == pytest.approx(1.8, abs=0.15)
     assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]

@@ -1,0 +1,108 @@
+"""The search for effects under a random disturbance, on crafts of the hidden-effect bench."""
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "test" / "bench"))
+
+
+def diagnosed(kind, seed, **options):
+    """A case of the bench, its Diagnosis and Conclusion."""
+    import hidden_cases
+    from ground.analysis import candidates, diagnosis
+
+    case = hidden_cases.make(kind, seed)
+    fitted, held = hidden_cases.record(case)
+    model = hidden_cases.given_model(case)
+    found = diagnosis.Diagnosis(fitted, model, candidates.library(model), **options)
+    found.grow()
+    return case, found, found.conclude(held)
+
+
+def names(found):
+    return sorted(c.name for c in found.chosen)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_random_wrench_is_not_taken_for_an_effect(seed):
+    case, found, conclusion = diagnosed("disturbed_null", seed)
+    assert names(found) == []
+    assert conclusion.verdict in ("complete", "varies")
+    full = 2 * case.body["k"]
+    assert 0.3 * case.level < found.fit.levels["sigma_X"] / full < 5 * case.level
+
+
+def test_an_effect_is_found_in_a_disturbance_with_its_size():
+    case, found, conclusion = diagnosed("disturbed_single", 8)
+    (hidden,) = case.hidden
+    assert names(found) == [hidden] and conclusion.verdict == "missing"
+    assert conclusion.heldout[-1] < conclusion.heldout[0]
+    values = {p["name"]: p for p in conclusion.parameters}
+    for name, true in case.effects[hidden].items():
+        p = values["%s.%s" % (hidden, name)]
+        assert abs(p["value"] - true) < 4 * p["deviation"], name
+
+
+def test_a_delay_and_a_lag_are_found_together():
+    # beside a delay a lag is, to first order, a longer delay: score tests do not see it
+    case, found, _ = diagnosed("twins", 2)
+    assert case.hidden == ["input_delay", "motor_lag"]
+    assert names(found) == case.hidden
+
+
+def test_a_trim_that_differs_between_runs_is_said_and_an_effect_beside_it_found():
+    case, found, conclusion = diagnosed("trim_single", 7)
+    assert names(found) == case.hidden
+    assert "yaw moment" in [v["parameter"] for v in conclusion.varies]
+
+
+def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monkeypatch):
+    from ground.analysis import study
+
+    import hidden_cases
+    from ground.analysis import candidates, diagnosis
+
+    case = hidden_cases.make("disturbed_single", 8)
+    fitted, held = hidden_cases.record(case)
+    model = hidden_cases.given_model(case)
+    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
+    found.grow()
+    assert names(found) == case.hidden
+    honest = study.channel_errors
+
+    def worse(runs, cut, model, truth=None):
+        factor = 2.0 if runs is held and case.hidden[0] in model.effects else 1.0
+        return factor * honest(runs, cut, model, truth)
+
+    monkeypatch.setattr(study, "channel_errors", worse)
+    conclusion = found.conclude(held)
+    assert names(found) == [] and conclusion.verdict != "missing"
+    (dropped,) = found.dropped
+    assert dropped.trial.name == case.hidden[0] and "runs held out" in dropped.why
+    assert conclusion.heldout == conclusion.heldout[:1]
+
+
+def test_p_values_know_bounds():
+    from ground.analysis.diagnosis import p_value
+    from scipy import stats
+
+    assert p_value(0.0, 1, 1) == 1.0
+    assert p_value(4.0, 1, 0) == pytest.approx(stats.chi2.sf(4, 1))
+    assert p_value(4.0, 1, 1) == pytest.approx(stats.chi2.sf(4, 1) / 2)
+    mixed = p_value(4.0, 2, 1)
+    assert mixed == pytest.approx((stats.chi2.sf(4, 1) + stats.chi2.sf(4, 2)) / 2)
+
+
+def test_what_differs_between_runs_is_told_from_chance():
+    from ground.analysis import remains
+
+    random = np.random.default_rng(3)
+    alike = [
+        remains._varies("side force", "N", random.normal(0, 1, 6), np.ones(6), 100.0)["p_value"]
+        for _ in range(200)
+    ]
+    assert 0.02 < np.mean(np.array(alike) < 0.05) < 0.09
+    apart = remains._varies("side force", "N", 6 * random.normal(0, 1, 6), np.ones(6), 100.0)
+    assert apart["p_value"] < 1e-6

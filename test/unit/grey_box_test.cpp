@@ -1,0 +1,219 @@
+// The stochastic likelihood on runs whose disturbance is known.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "artificial_run.h"
+#include "ground/identification/grey_box.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+#include "ground/simulation/disturbance_source.h"
+
+namespace ground {
+namespace {
+
+constexpr double kPosition = 3e-4, kHeading = 5e-3;
+
+Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+/// A share of full thrust in every channel, correlated over 0.3 s, and trims of half of it.
+Disturbance pushes(const Model& model, double share) {
+  Disturbance disturbance;
+  const double force = typical::force(model.body), moment = typical::moment(model.body);
+  disturbance.sigma = share * Vector3<double>(force, force, moment);
+  disturbance.time.setConstant(0.3);
+  disturbance.trim = 0.5 * disturbance.sigma;
+  return disturbance;
+}
+
+/// Poses at 120 Hz of the model under a disturbance that pushes it every millisecond.
+RunData disturbedRun(const Model& model, const Disturbance& disturbance, unsigned seed,
+                     double duration = 8) {
+  constexpr double kStep = 1e-3;
+  PrbsParams params;
+  params.clock = 10;
+  params.duration = duration;
+  const PrbsSignal prbs(makePrbs(9, seed), params);
+  RunData run;
+  run.name = "disturbed";
+  run.noise = {kPosition, kPosition, kHeading};
+  for (double t = 0; t < duration; t = prbs.nextChange(t))
+    run.inputs.add(t, prbs.at(t).x(), prbs.at(t).y(), 1);
+  DisturbanceSource source(disturbance, kStep, seed);
+  const Dynamics<double> dynamics(model);
+  Simulation<double> simulation(dynamics, run.inputs, {}, 0);
+  const Vector3<double> over(1 / model.body.m, 1 / model.body.m, 1 / model.body.I_z);
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  const auto samples = static_cast<Eigen::Index>(duration * 120);
+  run.eta.resize(samples, 3);
+  run.nu.resize(samples, 3);
+  run.poses.resize(samples, 3);
+  for (Eigen::Index i = 0; i < samples; ++i) {
+    const double time = static_cast<double>(i) / 120;
+    while (simulation.time() < time - 1e-9) {
+      const double step = std::min(kStep, time - simulation.time());
+      simulation.state().nu += step * over.cwiseProduct(source.next());
+      simulation.advance(simulation.time() + step);
+    }
+    run.times.push_back(time);
+    run.eta.row(i) = simulation.state().eta;
+    run.nu.row(i) = simulation.state().nu;
+    run.poses.row(i) = simulation.state().eta;
+    for (int c = 0; c < 3; ++c) run.poses(i, c) += run.noise(c) * normal(random);
+  }
+  return run;
+}
+
+std::vector<RunData> disturbedRuns(const Model& model, double share, int count,
+                                   unsigned seed = 1) {
+  std::vector<RunData> runs;
+  for (int i = 0; i < count; ++i)
+    runs.push_back(disturbedRun(model, pushes(model, share), seed + static_cast<unsigned>(i)));
+  return runs;
+}
+
+GreyBoxOptions far(std::vector<std::string> free = kFive) {
+  GreyBoxOptions options;
+  options.free = std::move(free);
+  options.far = true;
+  return options;
+}
+
+TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
+  const Model truth = craft();
+  const GreyBox box(disturbedRuns(truth, 0.03, 6));
+  Model away = truth;
+  for (const std::string& name : kFive) away.setValue(name, 1.2 * truth.value(name));
+  const GreyBoxFit fit = box.fit(box.start(away), far());
+  EXPECT_TRUE(fit.converged);
+  for (const FittedParameter& p : fit.parameters) {
+    EXPECT_LT(std::abs(p.value - truth.value(p.name)), 4 * p.deviation) << p.name;
+    EXPECT_LT(p.deviation, 0.2 * truth.value(p.name)) << p.name;
+  }
+  const Disturbance disturbance = pushes(truth, 0.03);
+  const DisturbanceLevels& levels = fit.point.levels;
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(std::log(levels.sigma(c) / disturbance.sigma(c)), 0, std::log(1.6)) << c;
+    EXPECT_NEAR(std::log(levels.time(c) / 0.3), 0, std::log(2.2)) << c;
+  }
+  EXPECT_NEAR(levels.position, 1, 0.05);
+  EXPECT_NEAR(levels.heading, 1, 0.05);
+}
+
+TEST(GreyBox, NoNeighbourIsLikelier) {
+  const GreyBox box(disturbedRuns(craft(), 0.02, 4));
+  const GreyBoxFit fit = box.fit(box.start(craft()), far());
+  GreyBoxOptions held;
+  held.levels = false;
+  held.max_iterations = 0;
+  const auto at = [&](const GreyBoxPoint& point) { return box.fit(point, held).log_posterior; };
+  EXPECT_NEAR(at(fit.point), fit.log_posterior, 1e-6);
+  auto values = fit.point.levels.values();
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    for (const double factor : {0.9, 1.1}) {
+      GreyBoxPoint other = fit.point;
+      auto changed = values;
+      changed[i] *= factor;
+      other.levels = DisturbanceLevels::of(changed);
+      EXPECT_LT(at(other), fit.log_posterior + 0.05) << DisturbanceLevels::names()[i];
+    }
+  }
+  for (const FittedParameter& p : fit.parameters) {
+    for (const double way : {-1.0, 1.0}) {
+      GreyBoxPoint other = fit.point;
+      other.model.setValue(p.name, p.value + way * p.deviation);
+      EXPECT_LT(at(other), fit.log_posterior - 0.2) << p.name;
+    }
+  }
+}
+
+TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
+  // Of the free-signed effects below, one parameter each: the gain is chi squared of one degree.
+  const std::vector<std::string> effects = {"thrust_asymmetry", "thrust_sway_moment", "yaw_bias",
+                                            "differential_side_force"};
+  double sum = 0;
+  int count = 0;
+  for (unsigned seed = 10; seed < 90; seed += 10) {
+    const GreyBox box(disturbedRuns(craft(), 0.02, 4, seed));
+    const GreyBoxFit fit = box.fit(box.start(craft()), far());
+    GreyBoxPoint point = fit.point;
+    std::vector<std::string> names = kFive;
+    for (const std::string& effect : effects) {
+      point.model.addEffect(makeEffect(effect));
+      const ParameterInfo info = makeEffect(effect)->info().parameters[0];
+      names.push_back(effect + "." + info.name);
+      point.model.setValue(names.back(), info.neutral);
+    }
+    const GreyBoxScores found = box.scores(point, names, 25, 1, 1);
+    const Eigen::VectorXd score = found.score.colwise().sum();
+    for (int i = 5; i < score.size(); ++i) {
+      std::vector<int> used = {0, 1, 2, 3, 4, i};
+      Eigen::MatrixXd A(6, 6);
+      Eigen::VectorXd b(6);
+      for (int r = 0; r < 6; ++r) {
+        b(r) = score(used[r]);
+        for (int c = 0; c < 6; ++c) A(r, c) = found.information(used[r], used[c]);
+      }
+      sum += b.dot(A.ldlt().solve(b)) -
+             b.head<5>().dot(A.topLeftCorner<5, 5>().ldlt().solve(b.head<5>()));
+      ++count;
+    }
+  }
+  // The mean of 32 such gains has a standard deviation of 0.25.
+  EXPECT_NEAR(sum / count, 1, 0.75);
+}
+
+TEST(GreyBox, TrimsAreToldAndAGapIsPassed) {
+  const Model model = craft();
+  std::vector<RunData> runs;
+  const double moment = 0.04 * typical::moment(model.body);
+  for (unsigned i = 0; i < 4; ++i) {
+    RunData run = disturbedRun(model, pushes(model, 0.002), 20 + i);
+    runs.push_back(run);
+  }
+  // A steady turn of one craft only, and half a second without poses in another.
+  Disturbance turning = pushes(model, 0.002);
+  turning.trim << 0, 0, moment;
+  runs[1] = disturbedRun(model, turning, 31);
+  RunData& cut = runs[2];
+  const Eigen::Index first = 300, gone = 60, rest = cut.eta.rows() - first - gone;
+  for (Eigen::MatrixX3d* rows : {&cut.eta, &cut.nu, &cut.poses}) {
+    const Eigen::MatrixX3d end = rows->bottomRows(rest);
+    rows->conservativeResize(first + rest, 3);
+    rows->bottomRows(rest) = end;
+  }
+  cut.times.erase(cut.times.begin() + first, cut.times.begin() + first + gone);
+  const GreyBox box(runs);
+  const GreyBoxFit fit = box.fit(box.start(model), far());
+  EXPECT_TRUE(fit.converged);
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    EXPECT_TRUE(std::isfinite(fit.by_run[i]));
+    EXPECT_LT(fit.trims[i].wrench_sigma(2), 0.3 * moment);
+  }
+  EXPECT_GT(std::abs(fit.trims[1].wrench(2)), 3 * fit.trims[1].wrench_sigma(2));
+  for (const FittedParameter& p : fit.parameters)
+    EXPECT_LT(std::abs(p.value - model.value(p.name)), 4.5 * p.deviation) << p.name;
+}
+
+TEST(GreyBox, RefusesWhatCannotBe) {
+  const Model model = craft();
+  const RunData run = disturbedRun(model, pushes(model, 0.01), 1, 2);
+  RunData descending = run;
+  std::swap(descending.times[3], descending.times[9]);
+  EXPECT_THROW(GreyBox({descending}), std::invalid_argument);
+  RunData broken = run;
+  broken.poses(5, 1) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(GreyBox({broken}), std::invalid_argument);
+  RunData shorter = run;
+  shorter.times.pop_back();
+  EXPECT_THROW(GreyBox({shorter}), std::invalid_argument);
+  const GreyBox box({run});
+  EXPECT_THROW(box.fit(box.start(model), far({"no_such"})), std::invalid_argument);
+  EXPECT_THROW(box.residuals(box.start(model), 1, 25, {}, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace ground
