@@ -10,7 +10,7 @@ import pytest
 from conftest import MODEL
 
 from ground import _core
-from ground.analysis import diagnosis, study, unfinished
+from ground.analysis import held_out, likelihood, unfinished
 
 PLANTED = []
 
@@ -20,15 +20,23 @@ class Malicious:
         return PLANTED.append, ("run",)
 
 
-def a_trial():
+def a_judged():
     model = _core.load_model(str(MODEL))
     model.add_effect("motor_lag")
     parameters = {"k": {"name": "k", "value": 0.1, "ci95": (0.05, np.inf), "identified": True}}
-    fit = study.Fit(model, parameters, np.arange(3.0), np.ones(3), np.array([0.1, np.nan]))
-    screened = {"gain": 0.1, "step": np.array([1e-3]), "blocks": 7, "seen": np.float64(0.2)}
-    trial = diagnosis.Trial("motor_lag", model, [], screened, 1 / 3, 1.0, 0.1, -3.0, None)
-    trial.fit, trial.costs = fit, np.random.default_rng(1).normal(size=(2, 3))
-    return trial
+    blocks = (np.random.default_rng(1).normal(size=(2, 3)), np.arange(4.0))
+    errors = np.arange(3.0), np.ones(3), np.array([0.1, np.nan])
+    return held_out.Judged(model, parameters, *errors, blocks)
+
+
+def a_fit():
+    model = _core.load_model(str(MODEL))
+    levels = {"sigma_X": 1 / 3, "time_X": np.float64(0.2)}
+    found = {"name": "k", "value": 0.1, "ci95": (0.05, np.inf), "identified": True}
+    blocks, eye = np.array([1.0, 2.0]), np.eye(2)
+    return likelihood.Fit(
+        model, levels, (0.1, -0.1), ("k",), -3.0, blocks, eye, blocks, (found,), eye, (), True
+    )
 
 
 def same(a, b):
@@ -61,7 +69,7 @@ def kept(folder, value, identity="this work"):
 
 
 def test_results_come_back_bit_by_bit(tmp_path):
-    for name, value in (("trial", a_trial()), ("fit", a_trial().fit), ("none", None)):
+    for name, value in (("judged", a_judged()), ("fit", a_fit()), ("none", None)):
         first, computed = kept(tmp_path / name, value)
         assert computed
         again, computed = kept(tmp_path / name, "another")
@@ -116,7 +124,7 @@ def test_a_malicious_pickle_in_the_folder_is_never_run(tmp_path):
     ],
 )
 def test_what_is_damaged_or_foreign_is_computed_again(tmp_path, spoil):
-    kept(tmp_path, a_trial())
+    kept(tmp_path, a_judged())
     (path,) = files_of(tmp_path)
     path.write_bytes(spoil(path.read_bytes()))
     assert kept(tmp_path, 2.5) == (2.5, True)

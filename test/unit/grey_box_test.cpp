@@ -1,4 +1,5 @@
 // The stochastic likelihood on runs whose disturbance is known.
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -84,7 +85,7 @@ GreyBoxOptions far(std::vector<std::string> free = kFive) {
 
 TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   const Model truth = craft();
-  const GreyBox box(disturbedRuns(truth, 0.03, 6));
+  const GreyBox box(disturbedRuns(truth, 0.03, 6), truth.body);
   Model away = truth;
   for (const std::string& name : kFive) away.setValue(name, 1.2 * truth.value(name));
   const GreyBoxFit fit = box.fit(box.start(away), far());
@@ -104,7 +105,7 @@ TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
 }
 
 TEST(GreyBox, NoNeighbourIsLikelier) {
-  const GreyBox box(disturbedRuns(craft(), 0.02, 4));
+  const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
   const GreyBoxFit fit = box.fit(box.start(craft()), far());
   GreyBoxOptions held;
   held.levels = false;
@@ -137,7 +138,7 @@ TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
   double sum = 0;
   int count = 0;
   for (unsigned seed = 10; seed < 90; seed += 10) {
-    const GreyBox box(disturbedRuns(craft(), 0.02, 4, seed));
+    const GreyBox box(disturbedRuns(craft(), 0.02, 4, seed), craft().body);
     const GreyBoxFit fit = box.fit(box.start(craft()), far());
     GreyBoxPoint point = fit.point;
     std::vector<std::string> names = kFive;
@@ -186,7 +187,7 @@ TEST(GreyBox, TrimsAreToldAndAGapIsPassed) {
     rows->bottomRows(rest) = end;
   }
   cut.times.erase(cut.times.begin() + first, cut.times.begin() + first + gone);
-  const GreyBox box(runs);
+  const GreyBox box(runs, model.body);
   const GreyBoxFit fit = box.fit(box.start(model), far());
   EXPECT_TRUE(fit.converged);
   for (std::size_t i = 0; i < runs.size(); ++i) {
@@ -203,17 +204,22 @@ TEST(GreyBox, RefusesWhatCannotBe) {
   const RunData run = disturbedRun(model, pushes(model, 0.01), 1, 2);
   RunData descending = run;
   std::swap(descending.times[3], descending.times[9]);
-  EXPECT_THROW(GreyBox({descending}), std::invalid_argument);
+  EXPECT_THROW(GreyBox({descending}, model.body), std::invalid_argument);
   RunData broken = run;
   broken.poses(5, 1) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(GreyBox({broken}), std::invalid_argument);
+  EXPECT_THROW(GreyBox({broken}, model.body), std::invalid_argument);
   RunData shorter = run;
   shorter.times.pop_back();
-  EXPECT_THROW(GreyBox({shorter}), std::invalid_argument);
-  const GreyBox box({run});
+  EXPECT_THROW(GreyBox({shorter}, model.body), std::invalid_argument);
+  const GreyBox box({run}, model.body);
   EXPECT_THROW(box.fit(box.start(model), far({"no_such"})), std::invalid_argument);
   EXPECT_THROW(box.residuals(box.start(model), 1, 25, {}, {}), std::invalid_argument);
 }
 
 }  // namespace
 }  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -56,8 +56,7 @@ DisturbanceLevels fromLogs(const LevelVector& logs) {
 struct Prior {
   LevelVector median, precision;
 
-  explicit Prior(const Body<double>& body) {
-    const LevelPrior prior(body);
+  explicit Prior(const LevelPrior& prior) {
     median = logs(prior.median);
     for (int i = 0; i < kLevels; ++i) precision(i) = std::pow(prior.deviation[i], -2);
   }
@@ -161,8 +160,9 @@ void setCoordinates(Model& model, const std::vector<double>& coordinates) {
 /// Ascends to the likeliest point.
 class Ascent {
  public:
-  Ascent(Search& search, const GreyBoxPoint& start, const GreyBoxOptions& options)
-      : search_(search), options_(options), prior_(start.model.body), point_(start) {
+  Ascent(Search& search, const LevelPrior& prior, const GreyBoxPoint& start,
+         const GreyBoxOptions& options)
+      : search_(search), options_(options), prior_(prior), point_(start) {
     free_ = options.free.empty() ? Free() : makeFree(start.model, options.free);
     for (std::size_t i = 0; i < free_.index.size(); ++i)
       scaled_.push_back(free_.base[free_.index[i]] / free_.scale[i]);
@@ -387,22 +387,22 @@ class Ascent {
 
 }  // namespace
 
-GreyBox::GreyBox(std::vector<RunData> runs, double max_gap)
-    : runs_(std::move(runs)), max_gap_(max_gap) {
+GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap)
+    : runs_(std::move(runs)), prior_(craft), max_gap_(max_gap) {
   for (const RunData& run : runs_) DisturbanceFilter(run, max_gap_);
 }
 
 GreyBox::~GreyBox() = default;
 
 GreyBoxPoint GreyBox::start(const Model& model) const {
-  GreyBoxPoint point{model, LevelPrior(model.body).median, {}};
+  GreyBoxPoint point{model, prior_.median, {}};
   point.levels.sigma *= 5;
   return point;
 }
 
 GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const {
   Search search(runs_, max_gap_, options.threads);
-  return Ascent(search, start, options).run();
+  return Ascent(search, prior_, start, options).run();
 }
 
 std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap,

@@ -65,7 +65,10 @@ void bindGreyBox(py::module_& module) {
                              [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
       .def_readonly("loudness", &GreyBoxPoint::loudness);
   py::class_<GreyBox>(module, "GreyBox", "Stochastic grey-box likelihood of recorded poses.")
-      .def(py::init<std::vector<RunData>, double>(), py::arg("runs"), py::arg("max_gap") = 0.1)
+      .def(py::init([](std::vector<RunData> runs, const Model& craft, double max_gap) {
+             return GreyBox(std::move(runs), craft.body, max_gap);
+           }),
+           py::arg("runs"), py::arg("craft"), py::arg("max_gap") = 0.1)
       .def("start", &GreyBox::start, py::arg("model"))
       .def(
           "fit",

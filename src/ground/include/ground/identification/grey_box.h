@@ -80,9 +80,9 @@ struct GreyBoxResiduals {
 /// zero. After a gap the motion starts anew; what is constant in the run stays.
 class GreyBox {
  public:
-  /// Throws std::invalid_argument when arrays differ in length, a value is not finite or times
-  /// descend.
-  explicit GreyBox(std::vector<RunData> runs, double max_gap = 0.1);
+  /// The priors of the levels are in parts of the craft's full thrust. Throws std::invalid_argument
+  /// when arrays differ in length, a value is not finite or times descend.
+  GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap = 0.1);
   ~GreyBox();
 
   /// Where a search may start: the prior's medians, but a disturbance of 10% of full thrust. Levels
@@ -110,6 +110,7 @@ class GreyBox {
 
  private:
   std::vector<RunData> runs_;
+  LevelPrior prior_;
   double max_gap_;
 };
 

@@ -100,8 +100,8 @@ class Diagnosis:
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
-        self.likelihood = Likelihood(runs)
-        self.folds = held_out.Folds(runs, self.cut, each=self.pool.map)
+        self.likelihood = Likelihood(runs, model)
+        self.folds = held_out.Folds(runs, model, self.cut, self.pool.map)
         self.search = Search(
             self.likelihood,
             model,

@@ -30,10 +30,11 @@ class Judged:
 class Folds:
     """Runs (_core.RunData) parted, by run or, where there is one run only, by quarters of its time.
 
-    cut: the windows that errors are taken over. threads: of one fit.
+    craft: as for Likelihood; cut: the windows that errors are taken over; each: maps a function over
+    items, side by side if it can.
     """
 
-    def __init__(self, runs, cut, threads=1, each=map):
+    def __init__(self, runs, craft, cut, each=map):
         self.runs, self.cut, self.each = runs, cut, each
         self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
         self.count = min(FOLDS, len(self.parts))
@@ -41,8 +42,8 @@ class Folds:
         for fold in range(self.count):
             inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
             outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
-            self.fitted.append(Likelihood([run for part in outside for run in part], threads))
-            self.tested.append(Likelihood([run for part in inside for run in part], threads))
+            self.fitted.append(Likelihood([run for part in outside for run in part], craft))
+            self.tested.append(Likelihood([run for part in inside for run in part], craft))
         self.fold_of = np.array([self._fold_of(w) for w in cut])
 
     def _fold_of(self, window):

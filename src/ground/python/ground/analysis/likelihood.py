@@ -42,12 +42,13 @@ class Fit:
 
 
 class Likelihood:
-    """Runs (_core.RunData) under models with a disturbance. threads: of one fit."""
+    """Runs (_core.RunData) under models with a disturbance. craft: _core.Model whose full thrust the
+    priors of the levels are in parts of; threads: of one fit."""
 
-    def __init__(self, runs, threads=1):
+    def __init__(self, runs, craft, threads=1):
         self.runs = list(runs)
         self.threads = threads
-        self.box = call(_core.GreyBox, self.runs)
+        self.box = call(_core.GreyBox, self.runs, craft)
 
     def fit(self, model, free, near=None, levels=True):
         """The likeliest values of the free parameters, sought from the model's own.
