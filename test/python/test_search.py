@@ -106,3 +106,11 @@ def test_what_differs_between_runs_is_told_from_chance():
     assert 0.02 < np.mean(np.array(alike) < 0.05) < 0.09
     apart = remains._varies("side force", "N", 6 * random.normal(0, 1, 6), np.ones(6), 100.0)
     assert apart["p_value"] < 1e-6
+
+
+def test_the_budget_of_a_disturbed_crafts_error_adds_up():
+    _, _, conclusion = diagnosed("disturbed_null", 4)
+    shares = conclusion.budget.parts()
+    assert sum(shares.values()) == pytest.approx(1)
+    assert shares["disturbance"] > 0.3 and abs(shares["rest"]) < 0.3, shares
+    assert conclusion.budget.noise < 0.7 * conclusion.budget.measured

@@ -1,4 +1,5 @@
 // Python's view of the core: numpy arrays in, numpy arrays out.
+#include <Eigen/LU>
 #include <ceres/version.h>
 #include <malloc.h>
 #include <pybind11/eigen.h>
@@ -91,18 +92,28 @@ py::array timesOf(const py::object& self) {
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
-                     const Vector3<double>& nu, const std::vector<double>& drives) {
+                     const Vector3<double>& nu, const std::vector<double>& drives,
+                     const Eigen::MatrixX3d& wrench) {
   InputSequence inputs = toInputs(rows);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
+  if (wrench.rows() != 0 && wrench.rows() != count)
+    throw std::invalid_argument("the wrench needs a row for each time");
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
     const py::gil_scoped_release release;
     const Dynamics<double> dynamics(model);
     Simulation<double> simulation(dynamics, inputs, {eta, nu}, times.front());
+    const Matrix3<double> mobility = dynamics.mass().inverse();
     for (Eigen::Index i = 0; i < count; ++i) {
-      simulation.advance(times[static_cast<std::size_t>(i)]);
+      const double time = times[static_cast<std::size_t>(i)];
+      Vector3<double> push = Vector3<double>::Zero();
+      if (i > 0 && wrench.rows() > 0)
+        push = 0.5 * (time - simulation.time()) * mobility * wrench.row(i - 1).transpose();
+      simulation.state().nu += push;  // half of it before the step, half after
+      simulation.advance(time);
+      simulation.state().nu += push;
       eta_out.row(i) = simulation.measure().eta;
       nu_out.row(i) = simulation.measure().nu;
     }
@@ -308,8 +319,10 @@ PYBIND11_MODULE(_core, module) {
       "asked to.");
   module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
              py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
+             py::arg("wrench") = Eigen::MatrixX3d(0, 3),
              "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
-             "of time, left, right, lift; `drives` says when drives began [s], the lift if empty.");
+             "of time, left, right, lift; `drives` says when drives began [s], the lift if empty; "
+             "`wrench` X, Y [N], N [N m] acts besides, each row until the next time (none if empty).");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
              py::arg("records") = Eigen::MatrixX2d(0, 2),
              "When drives began [s], the origins of the model's t: by commands in order of time "

@@ -13,7 +13,7 @@ from typing import Any, List
 import numpy as np
 from scipy import stats
 
-from ground.analysis import candidates as effects, held_out, remains, study
+from ground.analysis import budget, candidates as effects, held_out, remains, study
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.search import Criteria, Search
 from ground.analysis.unfinished import Unfinished
@@ -69,6 +69,7 @@ class Conclusion:
     varies: List[dict] = field(default_factory=list)  # what differs between runs
     memory: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
+    budget: Any = None  # budget.Budget
 
 
 class Diagnosis:
@@ -326,6 +327,7 @@ class Diagnosis:
             varies,
             memory,
             state,
+            budget.budget(self.runs, self.cut, self.fit),
         )
 
     def _verdict(self, explained, varies, memory, state):

@@ -57,6 +57,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "memory": _remains(conclusion.memory),
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
+        "budget": _budget(conclusion.budget),
         "next_experiment": _next_experiment(diagnosis, alike, thorough),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
@@ -86,6 +87,12 @@ def _parameters(parameters, prefix=""):
 
 def _remains(found):
     return {"found": found.found, "p_value": found.p_value, "gain": found.gain, "share": found.share}
+
+
+def _budget(found):
+    """Errors that the parts would leave, one after the other added, and their shares of the square."""
+    error = {"noise": found.noise, "disturbance": found.disturbance, "trim": found.trim}
+    return {"error": dict(error, measured=found.measured), "share": found.parts()}
 
 
 def _disturbance(fit):

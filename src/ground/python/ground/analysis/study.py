@@ -199,18 +199,26 @@ def noise_floor(runs, model, seed=1):
     are smoothed as the recording was; s is that of the recording.
     """
     random = np.random.default_rng(seed)
-    artificial = [_artificial(run, model, random) for run in runs]
+    artificial = [recorded(run, model, random) for run in runs]
     return channel_errors(artificial, windows.cut(runs), model, truth=runs)
 
 
-def _artificial(run, model, random):
+def recorded(run, model, random, wrench=None, thrust=0.0):
+    """What a run would have recorded, were the model the truth: _core.RunData. wrench: (n, 3), acts
+    besides, held from sample to sample [N], [N m], body; thrust: its relative change."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     inputs, noise = np.array(run.inputs), np.array(run.noise)
+    wrench = np.zeros_like(eta) if wrench is None else wrench
+    if thrust:
+        model = model.copy()
+        model.set_value("k", (1 + thrust) * model.value("k"))
     poses = np.empty_like(eta)
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP) + 1
     for stretch in np.split(np.arange(len(times)), breaks):
         start = stretch[0]
-        found = _core.simulate(model, inputs, times[stretch], eta[start], nu[start], run.drives)
+        found = _core.simulate(
+            model, inputs, times[stretch], eta[start], nu[start], run.drives, wrench[stretch]
+        )
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     if not np.isfinite(poses).all():
         raise IdentifyError("the model's motion along %s is not finite" % run.name)

@@ -46,6 +46,7 @@ def diagnosis(
     sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
     sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
+    sheet.paragraph(words.budget(report))
     steps = [("refitted as it is", report["nominal"]["error"]["heldout"])] + [
         ("+ " + s["added"] if "added" in s else "− " + s["removed"], s["error"]["heldout"])
         for s in report["steps"]

@@ -256,6 +256,21 @@ def slight(report):
         )
 
 
+def budget(report):
+    """What the error of the improved model is made of."""
+    error, share = report["budget"]["error"], report["budget"]["share"]
+    parts = ["%.0f%% noise of the poses" % (100 * share["noise"])]
+    parts.append("%.0f%% a random wrench" % (100 * share["disturbance"]))
+    if abs(share["trim"]) >= 0.005:
+        parts.append("%.0f%% what differs between runs" % (100 * share["trim"]))
+    rest = "%.0f%% is left" if share["rest"] >= 0 else "%.0f%% more than there is"
+    return "Of its squared error (%.3f on the runs fitted to) %s; %s." % (
+        error["measured"],
+        _listed(parts),
+        rest % (100 * abs(share["rest"])),
+    )
+
+
 def left(report):
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
@@ -310,6 +325,7 @@ def extent(report):
 def diagnosis(report):
     """What the terminal says of a diagnosis."""
     yield verdict(report)
+    yield budget(report)
     yield ""
     yield "%4s %-24s %9s %9s %9s  %s" % (
         "rank",

@@ -1,0 +1,72 @@
+"""What a model's error is made of: the poses' noise, the random disturbance, differences between runs.
+
+The grown model is run along the recordings with each of these as the fitted levels have them; the error
+(DESIGN 8) of such artificial recordings is what each alone would leave. Independent parts add in squares.
+"""
+from dataclasses import dataclass
+
+import numpy as np
+
+from ground.analysis import study
+from ground.analysis.unfinished import can_be_kept
+
+SEEDS = (1, 2, 3)  # artificial recordings that the errors are means of
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Budget:
+    """Errors as DESIGN 8 has them, of artificial recordings and of the real ones."""
+
+    noise: float  # the poses' noise alone
+    disturbance: float  # with the random wrench
+    trim: float  # with the wrench and thrust that each run had, constant, besides
+    measured: float  # of the recordings
+
+    def parts(self):
+        """Squares of what each part adds, as shares of the measured error's: noise, disturbance, trim,
+        and the rest, which is negative where the levels leave more than was measured."""
+        edges = np.array([0.0, self.noise, self.disturbance, self.trim, self.measured]) ** 2
+        return dict(zip(("noise", "disturbance", "trim", "rest"), np.diff(edges) / edges[-1]))
+
+
+def budget(runs, cut, fit):
+    """The Budget of a likelihood.Fit on runs (_core.RunData) over windows of them."""
+    errors = [
+        float(np.mean([_error_of(runs, cut, fit, parts, seed) for seed in SEEDS]))
+        for parts in ((), ("disturbance",), ("disturbance", "trim"))
+    ]
+    measured = float(study.channel_errors(runs, cut, fit.model).sum())
+    return Budget(*errors, measured)
+
+
+def _error_of(runs, cut, fit, parts, seed):
+    """Error of artificial recordings that have some parts besides the poses' noise."""
+    random = np.random.default_rng(seed)
+    factors = np.exp(fit.loudness) if fit.loudness else np.ones(len(runs))
+    artificial = []
+    for run, trim, factor in zip(runs, fit.trims, factors):
+        wrench, thrust = np.zeros((len(run.times), 3)), 0.0
+        if "disturbance" in parts:
+            wrench += factor * wrench_of(run, fit.levels, random)
+        if "trim" in parts:
+            wrench += np.array(trim["wrench"])
+            thrust = trim["thrust"]
+        artificial.append(study.recorded(run, fit.model, random, wrench, thrust))
+    return study.channel_errors(artificial, cut, fit.model, truth=runs).sum()
+
+
+def wrench_of(run, levels, random):
+    """An Ornstein-Uhlenbeck and white wrench (n, 3) of some levels at a run's samples [N], [N m]."""
+    steps = np.diff(np.array(run.times), append=run.times[-1] + 1e-3)
+    steps = np.maximum(steps, 1e-4)
+    wrench = np.empty((len(steps), 3))
+    for i, channel in enumerate("XYN"):
+        sigma, time = levels["sigma_" + channel], levels["time_" + channel]
+        slow = sigma * random.normal()
+        drawn, white = random.normal(size=(2, len(steps)))
+        for k, step in enumerate(steps):
+            wrench[k, i] = slow + levels["white_" + channel] / np.sqrt(step) * white[k]
+            left = np.exp(-step / time)
+            slow = left * slow + sigma * np.sqrt(1 - left**2) * drawn[k]
+    return wrench
