@@ -161,15 +161,15 @@ class LiveComparisonTest(unittest.TestCase):
             + ["__name:=late", "_model:=" + SAGGING, "model_error:=late_error"]
         )
         late = harness.Latest("late_error", ModelError)
-        for error in (second, late):
+        for error in (second, late):  # what a busy computer delays at their start passes
             harness.wait_for(
                 lambda: error.message
                 and error.message.model == "sagging_craft"
-                and error.message.window > 3,
+                and error.message.window > 3
+                and error.message.error < 0.8,
                 20,
-                "errors of the sagging craft",
+                lambda: "small errors of the sagging craft, not %s" % error.message,
             )
-            self.assertLess(error.message.error, 0.8)
 
 
 if __name__ == "__main__":
