@@ -145,6 +145,8 @@ class Search:
     def _fit_all(self, current, proposals):
         """Fits of a set with each proposal more."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
+        if wanted:
+            self.say("refitting with each of %d sets of effects" % len(wanted))
         base = self.fits[current].model.format()
 
         def refit(added):
