@@ -15,8 +15,10 @@ from scipy import stats
 
 from ground.analysis import budget, candidates as effects, held_out, remains, study
 from ground.analysis.likelihood import Likelihood
+from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Criteria, Search
 from ground.analysis.unfinished import Unfinished
+from ground.errors import IdentifyError
 from ground.recordings import windows
 
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
@@ -26,6 +28,9 @@ MIN_INFLUENCE = 0.3
 # ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a PRBS,
 # 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
+SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
+SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
+MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 FLOORS = 5  # simulations that the noise floor is the mean of
 
 
@@ -262,7 +267,7 @@ class Diagnosis:
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters = tests.estimates(model, name, step)
-        return self._as_trial(name, model, parameters, gain, tests.seen(name) > 0.003, False)
+        return self._as_trial(name, model, parameters, gain, tests.seen(name) > UNSEEN, False)
 
     def _trial_in(self, found, name):
         """The Trial of an effect of a fitted set against the set without it."""
@@ -295,8 +300,32 @@ class Diagnosis:
         list of LookAlikes."""
         tests = self.search.test_beside(self.names)
         told = set(self.names) | {n for step in self.steps for n in step["group"]}
-        names = [n for n in tests.columns if n not in told and tests.seen(n) < 0.003]
-        return [LookAlike(n, self.model, list(self.fit.free), tests.taken_over_by(n)) for n in names]
+        names = [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
+        return [f for f in self.pool.map(self._look_alike, names) if f]
+
+    def _look_alike(self, name):
+        """The grown model with an effect of typical size, or a part of it, and all else refitted, if
+        these runs allow it; else None."""
+        neutral = self.search.candidates[name].neutral(self.model)
+        steps = self.search.test_beside(self.names).in_place(name, 1.0)
+        for part in SIZES:
+            try:
+                model = stepped(neutral, steps, part)
+                found = self.likelihood.fit(model, self.fit.free, self.fit, levels=False)
+            except IdentifyError:
+                continue
+            if found.log_posterior > self.fit.log_posterior - SETTLED:
+                return LookAlike(name, found, self._moved(found.model))
+        return None
+
+    def _moved(self, model):
+        """Which of the free parameters differ from those of the grown model, most first."""
+
+        def way(name):
+            a, b = self.model.value(name), model.value(name)
+            return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
+
+        return sorted((n for n in self.fit.free if way(n) > MOVED), key=lambda n: -way(n))
 
     # --- The end
 
@@ -365,9 +394,8 @@ class LookAlike:
     """An effect that on the runs does only what others can do."""
 
     name: str  # of the effect
-    model: Any  # _core.Model
-    free: List[str]  # parameters that were refitted
-    moved: List[str]  # those of them that do what the effect would do
+    fit: Any  # likelihood.Fit of the grown model with the effect at some size, all else refitted
+    moved: List[str]  # parameters that do without what the effect does in this one
 
 
 def p_value(gain, free, on_bound):

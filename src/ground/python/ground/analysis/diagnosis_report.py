@@ -1,6 +1,4 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
-import numpy as np
-
 from ground.analysis import candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
@@ -166,21 +164,19 @@ def _next_experiment(diagnosis, alike, thorough):
         rivals = []
         for name in step["group"]:
             names = (diagnosis.names - {step["added"]}) | {name}
-            fit = diagnosis.search.fits[names]
-            rivals.append(next_experiment.Rival(name, fit.model, list(fit.free)))
+            rivals.append(next_experiment.Rival(name, diagnosis.search.fits[names]))
         if len(rivals) > 1:
-            return next_experiment.propose(rivals, _levelled(runs, diagnosis.fit), each)
+            return next_experiment.propose(rivals, runs, each)
+    for other in alike:
+        rivals = [
+            next_experiment.Rival(other.name, other.fit),
+            next_experiment.Rival("", diagnosis.fit),
+        ]
+        proposed = next_experiment.propose(rivals, runs, each)
+        if proposed:
+            proposed["separates"] = [other.name] + other.moved
+            return proposed
     return None
-
-
-def _levelled(runs, fit):
-    """Runs with the white accelerations that stand for a fit's disturbance."""
-    model = fit.model
-    inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
-    levels = fit.levels
-    slow = np.array([2 * levels["sigma_" + c] ** 2 * levels["time_" + c] for c in "XYN"])
-    white = np.array([levels["white_" + c] ** 2 for c in "XYN"])
-    return [run.disturbed(run.noise, np.sqrt(slow + white) / inertia) for run in runs]
 
 
 def where_of(diagnosis):

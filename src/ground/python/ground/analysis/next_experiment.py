@@ -1,15 +1,15 @@
 """The experiment that would tell apart effects that recorded runs do not (DESIGN 7.6)."""
+import dataclasses
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, List
+from typing import Any
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import evidence
+from ground.analysis.likelihood import Likelihood
 from ground.errors import IdentifyError
-from ground.recordings import windows
 from ground.simulation import experiments
 
 DURATION = 8.0  # of the thrust [s]
@@ -28,19 +28,18 @@ class Rival:
     """A model that does on the recorded runs what another one does."""
 
     name: str
-    model: Any  # _core.Model
-    free: List[str]  # parameters that another run may correct
+    fit: Any  # likelihood.Fit to the recorded runs
 
 
 def propose(rivals, runs, each=map):
     """Where Rivals, which the same runs were explained with, would part most.
 
-    runs: _core.RunData with the levels of noise and disturbance under which the rivals were fitted.
+    runs: _core.RunData that the rivals were fitted to.
     Each rival is run through each experiment that a lab can do, and the others explain what it did: in
     the promising ones again when refitted to the old runs and the new one together. They are
-    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses
-    (ground.analysis.evidence); of all pairs, the one that is hardest to tell apart counts. each: maps over experiments, in parallel
-    if it can.
+    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses under the rivals' own
+    disturbance (ground.analysis.likelihood); of all pairs, the one that is hardest to tell apart counts.
+    each: maps over experiments, in parallel if it can.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate), `repeat`, the
     number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
@@ -114,11 +113,10 @@ def _disagreement(rivals, schedule, runs, known=None):
     """Of the pair that it is smallest of: what a new run adds to the difference of their costs. `known`:
     the costs of the runs, when rivals are refitted to them and the new run. None when one does not
     move on this input, or not finitely."""
-    levels = runs[0].noise, runs[0].disturbance
     worst = np.inf
     try:
         for true, other in itertools.permutations(rivals, 2):
-            new = [_run(true.model, schedule).disturbed(*levels)]
+            new = [_run(true.fit.model, schedule, runs[0].noise)]
             if known is None:
                 apart = _cost(other, new, False) - _cost(true, new, False)
             else:
@@ -130,21 +128,22 @@ def _disagreement(rivals, schedule, runs, known=None):
     return worst
 
 
-def _run(model, schedule):
+def _run(model, schedule, noise):
     """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the mean
-    disagreement that is wanted."""
+    disagreement that is wanted; `noise` says how exact it is."""
     times = np.arange(experiments.LEAD, schedule.end, 1 / RATE)
     inputs = schedule.rows.copy()
     inputs[:, 1:3] *= model.input_max
     found = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
     if not np.isfinite(found["eta"]).all():
         raise IdentifyError("the motion is not finite")
-    ones = np.ones(3)
-    return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], ones)
+    return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
 def _cost(rival, runs, refitted):
-    """Of poses under a rival, as it is or refitted."""
-    on = evidence.Evidence(runs, windows.cut(runs))
-    found = (on.fit if refitted else on.as_given)(rival.model, rival.free)
-    return float(found["costs"].sum())
+    """Of poses under a rival, as it is or refitted, the levels of the disturbance kept."""
+    on = Likelihood(runs, rival.fit.model)
+    near = dataclasses.replace(rival.fit, loudness=())
+    if refitted:
+        return -on.fit(near.model, near.free, near=near, levels=False).log_posterior
+    return -float(sum(blocks.sum() for blocks in on.blocks(near)))

@@ -3,7 +3,6 @@ import numpy as np
 
 from ground.analysis import candidates as effects, study
 
-MOVED = 0.05  # of its typical size: a parameter that takes over what an effect does
 UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
 
 
@@ -60,12 +59,6 @@ class ScoreTests:
         steps.update(zip(self.nuisance, map(float, moved)))
         return steps
 
-    def taken_over_by(self, name):
-        """Fitted parameters that do most of what an effect of typical size would do."""
-        moved = {n: abs(x) for n, x in self.in_place(name, 1.0).items() if n in self.nuisance}
-        size = {n: max(s, 1e-300) for n, s in zip(self.nuisance, self.nuisance_scale)}
-        return sorted((n for n in moved if moved[n] > MOVED * size[n]), key=lambda n: -moved[n] / size[n])
-
     def estimates(self, model, name, step):
         """Parameters of an effect as one step of its score test gives them: dictionaries as of a fit."""
         found = []
@@ -103,6 +96,15 @@ def moved(parameter, value, by):
         rate = (0 if np.isinf(value) else 1 / value) + by
         return float(np.clip(1 / rate if rate > 0 else np.inf, parameter["lower"], parameter["upper"]))
     return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
+
+
+def stepped(model, steps, part=1.0):
+    """A model after a part of some steps of coordinates by parameter name."""
+    described = {p["name"]: p for p in model.parameters()}
+    changed = model.copy()
+    for name, by in steps.items():
+        changed.set_value(name, moved(described[name], model.value(name), part * by))
+    return changed
 
 
 def _side(parameter):

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from ground.analysis import candidates as effects
-from ground.analysis.score_tests import ScoreTests, moved
+from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
 
@@ -179,21 +179,13 @@ class Search:
 
     def _starts(self, current, extended, added, step):
         """Models to start from, and Fits whose levels are near."""
-        described = {p["name"]: p for p in extended.parameters()}
         base, tests = self.fits[current], self.test_beside(current)
-
-        def stepped(steps, part=1.0):
-            model = extended.copy()
-            for name, by in steps.items():
-                model.set_value(name, moved(described[name], model.value(name), part * by))
-            return model
-
         for part in self.criteria.steps if step else self.criteria.steps[:1]:
-            yield stepped(step, part), base
+            yield stepped(extended, step, part), base
         for name in added:
             if tests.hidden(name):
                 for part in self.criteria.sizes:
-                    yield stepped(tests.in_place(name, part)), base
+                    yield stepped(extended, tests.in_place(name, part)), base
         if current or len(added) > 1:
             return
         # What was fitted without may be far from what is right with it.

@@ -80,7 +80,7 @@ def diagnosis(
     _origin(
         sheet,
         inputs,
-        [how, "all random numbers have fixed seeds (noise floor 0 to 4, bootstrap 1)"],
+        [how, "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"],
     )
     sheet.write(path, COLORS[report["verdict"]], force)
 
@@ -195,8 +195,8 @@ def _evidence(sheet, report):
     sheet.heading("Evidence")
     sheet.paragraph(
         "Each effect beside the refitted nominal model. p: chance of so much evidence without the "
-        "effect, corrected for the number of effects tried. ΔBIC: below 0 speaks for it. Inclusion: how "
-        "often it would be first, had other stretches been recorded. Brackets: 95% intervals. Green: "
+        "effect, corrected for the number of effects tried. ΔBIC: below 0 speaks for it. Inclusion: its "
+        "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Green: "
         "chosen.",
         "caption",
     )

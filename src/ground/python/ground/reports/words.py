@@ -274,7 +274,7 @@ def budget(report):
 def left(report):
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
-        yield _varying(found) + "."
+        yield "T" + _varying(found)[1:] + "."
     for found in report["dropped"]:
         yield "%s (p %.1g) was not added: %s." % (found["effect"], found["p_value"], found["why"])
     levels = report["disturbance"]
