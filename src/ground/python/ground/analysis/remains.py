@@ -19,6 +19,7 @@ LEVEL = 0.01  # chance of finding what is not there
 PENALTIES = (1e0, 1e1, 1e2, 1e3, 1e4)  # of the ridge regression, in squares of whitened innovations
 MEMORIES = (0.05, 0.2, 0.6, 2.0)  # time constants of the commands' past [s]
 WAVELENGTHS = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)  # over the floor [m]
+FEW = 3  # features of a sparse regression
 BLOCK = 120  # samples of a block of the test
 
 
@@ -33,7 +34,7 @@ class Remains:
 
     @property
     def found(self):
-        return self.p_value < LEVEL and self.gain > 0
+        return bool(self.p_value < LEVEL and self.gain > 0)
 
 
 def of_state(likelihood, fit):
@@ -77,6 +78,7 @@ def _varies(name, unit, estimates, doubts, spread):
 
 
 def _explained(likelihood, fit, features):
+    """The better of what all features together and a few of them explain."""
     designs, targets = [], []
     for i, run in enumerate(likelihood.runs):
         acting, channels, owner = _acting(features(run, fit.model), fit)
@@ -86,13 +88,23 @@ def _explained(likelihood, fit, features):
         targets.append(np.array(found["whitened"]).reshape(-1)[scored])
     if len(designs) == 1:  # a single run: quarters of its time
         designs, targets = np.array_split(designs[0], 4), np.array_split(targets[0], 4)
-    gains = _held_out_gains(designs, targets)
-    if gains is None:
-        return Remains(1.0, 0.0, 0.0)
-    blocks = np.concatenate([_blocks(g) for g in gains])
+    designs = _scaled(designs)
     power = sum((t**2).sum() for t in targets)
-    chance = stats.ttest_1samp(blocks, 0, alternative="greater").pvalue
-    return Remains(float(chance), float(blocks.sum()), float(2 * blocks.sum() / power))
+    found = []
+    for weigh in (_ridge, _sparse):
+        gains = _held_out_gains(designs, targets, weigh)
+        blocks = np.concatenate([_blocks(g) for g in gains])
+        chance = 1.0
+        if blocks.any():
+            chance = 2 * stats.ttest_1samp(blocks, 0, alternative="greater").pvalue
+        found.append(Remains(float(min(1.0, chance)), float(blocks.sum()), float(2 * blocks.sum() / power)))
+    return min(found, key=lambda f: f.p_value)
+
+
+def _scaled(designs):
+    size = np.sqrt(np.mean(np.concatenate([d**2 for d in designs]), axis=0))
+    used = size > 1e-12
+    return [d[:, used] / size[used] for d in designs]
 
 
 def _blocks(gains):
@@ -100,31 +112,53 @@ def _blocks(gains):
     return np.array([part.sum() for part in np.array_split(gains, count)])
 
 
-def _held_out_gains(designs, targets):
-    """Half the fall of each squared innovation by a ridge regression on the other runs, whose penalty
-    is chosen by leaving runs out among those."""
-    size = np.sqrt(np.mean(np.concatenate([d**2 for d in designs]), axis=0))
-    used = size > 1e-12
-    designs = [d[:, used] / size[used] for d in designs]
-    if not used.any():
-        return None
+def _held_out_gains(designs, targets, weigh):
+    """Half the fall of each squared innovation by a regression on the other runs."""
     grams = [(d.T @ d, d.T @ t) for d, t in zip(designs, targets)]
     gains = []
     for i in range(len(designs)):
         rest = [j for j in range(len(designs)) if j != i]
-        falls = [sum(_fall(grams, designs, targets, [k for k in rest if k != j], j, p).sum()
-                     for j in rest) if len(rest) > 1 else 0.0 for p in PENALTIES]
-        best = PENALTIES[int(np.argmax(falls))] if len(rest) > 1 else PENALTIES[2]
-        gains.append(_fall(grams, designs, targets, rest, i, best))
+        gains.append(_fall(designs[i], targets[i], weigh(grams, designs, targets, rest)))
     return gains
 
 
-def _fall(grams, designs, targets, fitted, tested, penalty):
-    A = sum(grams[j][0] for j in fitted)
-    b = sum(grams[j][1] for j in fitted)
-    weights = np.linalg.solve(A + penalty * len(fitted) * np.eye(len(A)), b)
-    left = targets[tested] - designs[tested] @ weights
-    return 0.5 * (targets[tested] ** 2 - left**2)
+def _fall(design, target, weights):
+    return 0.5 * (target**2 - (target - design @ weights) ** 2)
+
+
+def _ridge(grams, designs, targets, fitted):
+    """Weights of all features, the penalty chosen by leaving out one after the other of the fitted."""
+
+    def weights(parts, penalty):
+        A, b = (sum(grams[j][k] for j in parts) for k in (0, 1))
+        return np.linalg.solve(A + penalty * len(parts) * np.eye(len(A)), b)
+
+    def worth(penalty):
+        falls = [
+            _fall(designs[j], targets[j], weights([k for k in fitted if k != j], penalty)).sum()
+            for j in fitted
+        ]
+        return sum(falls)
+
+    best = max(PENALTIES, key=worth) if len(fitted) > 1 else PENALTIES[2]
+    return weights(fitted, best)
+
+
+def _sparse(grams, designs, targets, fitted):
+    """Weights of at most FEW features, each the one that gains most beside those before it."""
+    A, b = (sum(grams[j][k] for j in fitted) for k in (0, 1))
+    weights, chosen = np.zeros(len(b)), []
+    for _ in range(min(FEW, len(b))):
+        slope = b - A @ weights
+        gain = slope**2 / np.diag(A)
+        gain[chosen] = 0
+        best = int(np.argmax(gain))
+        if gain[best] < stats.chi2.isf(LEVEL / len(b), 1):
+            break
+        chosen.append(best)
+        weights = np.zeros(len(b))
+        weights[chosen] = np.linalg.lstsq(A[np.ix_(chosen, chosen)], b[chosen], rcond=1e-9)[0]
+    return weights
 
 
 def _acting(wrenches, fit):

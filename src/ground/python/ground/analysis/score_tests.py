@@ -94,7 +94,9 @@ def moved(parameter, value, by):
     # the coordinate of the inertia and of time constants that are neutral at infinity is 1 / value
     if np.isinf(parameter["neutral"]) or parameter["name"] == "I_z":
         rate = (0 if np.isinf(value) else 1 / value) + by
-        return float(np.clip(1 / rate if rate > 0 else np.inf, parameter["lower"], parameter["upper"]))
+        if rate <= 0:
+            return parameter["neutral"] if np.isinf(parameter["neutral"]) else value
+        return float(np.clip(1 / rate, parameter["lower"], parameter["upper"]))
     return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
 
 
