@@ -131,8 +131,10 @@ def _disagreement(rivals, schedule, runs, known=None):
 def _run(model, schedule, noise):
     """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the mean
     disagreement that is wanted; `noise` says how exact it is."""
-    times = np.arange(experiments.LEAD, schedule.end, 1 / RATE)
     inputs = schedule.rows.copy()
+    off = inputs[inputs[:, 3] > 0, 0].max() < inputs[:, 0]  # of what comes after, nothing is usable
+    end = inputs[off, 0].min() if off.any() else schedule.end
+    times = np.arange(experiments.LEAD, end, 1 / RATE)
     inputs[:, 1:3] *= model.input_max
     found = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
     if not np.isfinite(found["eta"]).all():

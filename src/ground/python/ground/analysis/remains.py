@@ -150,7 +150,7 @@ def _sparse(grams, designs, targets, fitted):
     weights, chosen = np.zeros(len(b)), []
     for _ in range(min(FEW, len(b))):
         slope = b - A @ weights
-        gain = slope**2 / np.diag(A)
+        gain = slope**2 / np.maximum(np.diag(A), 1e-300)
         gain[chosen] = 0
         best = int(np.argmax(gain))
         if gain[best] < stats.chi2.isf(LEVEL / len(b), 1):
