@@ -68,8 +68,10 @@ def diagnosis(
         sheet.points(apart)
     else:
         sheet.paragraph("These runs tell all effects tried apart.")
-    sheet.heading("What is left")
-    sheet.points(list(words.left(report)) + list(words.unexplained(report)))
+    rest = list(words.left(report)) + list(words.unexplained(report))
+    if rest:
+        sheet.heading("What is left")
+        sheet.points(rest)
     _quality(sheet, described)
     heldout = report["runs"]["heldout"]
     how = (

@@ -4,6 +4,7 @@ import math
 from ground.analysis import failure
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
+LEAST_SHARE = 0.05  # of the squared error: a random wrench that is worth a sentence
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
@@ -274,9 +275,12 @@ def budget(report):
 def left(report):
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
-        yield "T" + _varying(found)[1:] + "."
+        sentence = _varying(found)
+        yield sentence[0].upper() + sentence[1:] + "."
     for found in report["dropped"]:
         yield "%s (p %.1g) was not added: %s." % (found["effect"], found["p_value"], found["why"])
+    if report["budget"]["share"]["disturbance"] < LEAST_SHARE:
+        return  # levels this low say what was assumed before any data
     levels = report["disturbance"]
     yield (
         "Beside the model a random wrench acts: X %s over %.2g s, Y %s over %.2g s, N %s over %.2g s "
