@@ -264,7 +264,7 @@ def budget(report):
     parts.append("%.0f%% a random wrench" % (100 * share["disturbance"]))
     if abs(share["trim"]) >= 0.005:
         parts.append("%.0f%% what differs between runs" % (100 * share["trim"]))
-    rest = "%.0f%% is left" if share["rest"] >= 0 else "%.0f%% more than there is"
+    rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than was measured"
     return "Of its squared error (%.3f on the runs fitted to) %s; %s." % (
         error["measured"],
         _listed(parts),
