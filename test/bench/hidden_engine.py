@@ -54,8 +54,9 @@ def diagnose(runs, heldout, model, thorough=False):
         ],
         "varies": [v["parameter"] for v in conclusion.varies],
         "memory": conclusion.verdict == "memory",
+        "memory_kind": conclusion.memory and conclusion.memory.kind.name,
         "left": {
-            "memory": [conclusion.memory.p_value, conclusion.memory.gain, conclusion.memory.share],
+            "memory": [conclusion.history.p_value, conclusion.history.gain, conclusion.history.share],
             "state": [conclusion.state.p_value, conclusion.state.gain, conclusion.state.share],
         },
         "dropped": {d.trial.name: d.why for d in found.dropped},

@@ -95,17 +95,62 @@ def test_p_values_know_bounds():
     assert mixed == pytest.approx((stats.chi2.sf(4, 1) + stats.chi2.sf(4, 2)) / 2)
 
 
-def test_what_differs_between_runs_is_told_from_chance():
-    from ground.analysis import remains
+@pytest.mark.parametrize(
+    "kind, seed, expected",
+    [
+        ("trim", 1, ["yaw moment"]),
+        ("trim", 5, ["side force"]),  # the disturbance of some runs is slow
+        ("trim", 6, ["thrust"]),
+        ("disturbed_null", 1, []),  # slow in all runs
+        ("disturbed_null", 6, []),
+    ],
+)
+def test_what_differs_between_runs_is_told_from_a_slow_disturbance(kind, seed, expected):
+    import hidden_cases
+    from ground.analysis import study, varying
+    from ground.analysis.likelihood import Likelihood
 
-    random = np.random.default_rng(3)
-    alike = [
-        remains._varies("side force", "N", random.normal(0, 1, 6), np.ones(6), 100.0)["p_value"]
-        for _ in range(200)
-    ]
-    assert 0.02 < np.mean(np.array(alike) < 0.05) < 0.09
-    apart = remains._varies("side force", "N", 6 * random.normal(0, 1, 6), np.ones(6), 100.0)
-    assert apart["p_value"] < 1e-6
+    case = hidden_cases.make(kind, seed)
+    fitted, _ = hidden_cases.record(case)
+    model = hidden_cases.given_model(case)
+    likelihood = Likelihood(fitted, model)
+    found = varying.differences(likelihood, likelihood.fit(model, study.free_parameters(model)))
+    assert [d.kind.parameter for d in found] == expected
+
+
+def test_a_force_that_all_runs_have_does_not_differ_between_them():
+    case, found, conclusion = diagnosed("triples", 8)
+    assert "yaw_bias" in case.hidden and "yaw_bias" in names(found)
+    assert not any(v["parameter"] == "yaw moment" for v in conclusion.varies)
+
+
+@pytest.mark.parametrize("seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (10, "warm_up")])
+def test_memory_is_found_with_its_kind_and_no_stand_in(seed, kind):
+    case, found, conclusion = diagnosed("history", seed)
+    assert list(case.effects) == [kind]
+    assert conclusion.verdict == "memory" and conclusion.memory.kind.name == kind
+    assert names(found) == []
+    assert conclusion.memory.fit.log_posterior > found.fit.log_posterior + 50
+
+
+def test_thinning_keeps_what_poses_say():
+    from ground import _core
+    from ground.analysis.thinning import thinned
+
+    random = np.random.default_rng(5)
+    times = np.arange(0, 2, 1 / 240)
+    times = times[(times < 1.0) | (times > 1.2)]
+    noise = np.array([1e-4, 1e-4, 1e-3])
+    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(size=(len(times), 3))
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0]])
+    run = _core.RunData("run", times, poses, 0 * poses, inputs, poses, noise)
+    thin = thinned(run)
+    assert len(thin.times) == pytest.approx(len(times) / 4, abs=2)
+    assert max(np.diff(thin.times)) > 0.2  # none is a mean over the gap
+    rest = np.array(thin.poses) - np.column_stack([thin.times, np.sin(thin.times), thin.times])
+    assert rest.std(axis=0) == pytest.approx(np.array(thin.noise), rel=0.2)
+    assert np.array(thin.noise) == pytest.approx(noise / 2)
+    assert thinned(thin) is thin
 
 
 def test_the_budget_of_a_disturbed_crafts_error_adds_up():

@@ -226,6 +226,7 @@ DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
   }
   samples_.resize(count);
   wrench_.resize(static_cast<Eigen::Index>(count), 3);
+  constants_.resize(static_cast<Eigen::Index>(count), 4);
 }
 
 double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap) {
@@ -295,6 +296,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     covariance.correct(s.gain, PH);
     s.filtered = at;
     wrench_.row(static_cast<Eigen::Index>(k)) = push;
+    constants_.row(static_cast<Eigen::Index>(k)) = constant;
 
     s.dt = 0;
     if (k + 1 == samples_.size() || starts_[k + 1]) continue;
@@ -338,7 +340,6 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     if (!std::isfinite(likelihood + at.eta.sum() + at.nu.sum()))
       return std::numeric_limits<double>::quiet_NaN();
   }
-  constants_ = constant;
   for (int i = 0; i < 4; ++i)
     constants_sigma_(i) = std::sqrt(std::max(0.0, covariance.P[9 + i][9 + i]));
   levels_ = levels;

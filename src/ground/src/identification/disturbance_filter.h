@@ -66,10 +66,12 @@ class DisturbanceFilter {
   const std::vector<FilterSample>& samples() const { return samples_; }
   Vector3<double> whitened(std::size_t sample) const;
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
-  const Eigen::Vector4d& constants() const { return constants_; }
+  Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }
   const Eigen::Vector4d& constantsSigma() const { return constants_sigma_; }
   /// The Ornstein-Uhlenbeck wrench as filtered, one row a sample.
   const Eigen::MatrixX3d& wrench() const { return wrench_; }
+  /// The constant states as filtered, one row a sample.
+  const Eigen::MatrixX4d& constantsSoFar() const { return constants_; }
 
  private:
   int blockCount(double block) const;
@@ -80,7 +82,8 @@ class DisturbanceFilter {
   std::vector<bool> starts_;
   std::vector<FilterSample> samples_;
   Eigen::MatrixX3d wrench_;
-  Eigen::Vector4d constants_, constants_sigma_;
+  Eigen::MatrixX4d constants_;
+  Eigen::Vector4d constants_sigma_;
   DisturbanceLevels levels_;  ///< of the last run()
 };
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <set>
 #include <stdexcept>
 
 #include "descent.h"
@@ -167,15 +168,22 @@ class Ascent {
     for (std::size_t i = 0; i < free_.index.size(); ++i)
       scaled_.push_back(free_.base[free_.index[i]] / free_.scale[i]);
     if (point_.loudness.empty()) point_.loudness.assign(search.filters().size(), 0.0);
+    const auto& names = DisturbanceLevels::names();
+    for (const std::string& name : options.held) {
+      const auto at = std::find(names.begin(), names.end(), name);
+      if (at == names.end()) throw std::invalid_argument("there is no level '" + name + "'");
+      held_.insert(static_cast<int>(at - names.begin()));
+    }
   }
 
   GreyBoxFit run() {
     if (options_.far) {
       // Were what differs between runs free from the start, it would take the parameters' place.
-      hold_trims_ = true;
+      const std::set<int> held = held_;
+      for (int i = kFirstTrim; i < kLevels; ++i) held_.insert(i);
       climb(std::numeric_limits<double>::infinity());
       climb(200);
-      hold_trims_ = false;
+      held_ = held;
     }
     climb(options_.cap);
     if (centreThrust()) climb(options_.cap);  // or back
@@ -222,8 +230,7 @@ class Ascent {
       level_information_.block(0, kLevels + i, kLevels, 1) = across;
       level_information_.block(kLevels + i, 0, 1, kLevels) = across.transpose();
     }
-    if (!hold_trims_) return;
-    for (int i = kFirstTrim; i < kLevels; ++i) {
+    for (const int i : held_) {
       level_score_(i) = 0;
       level_information_.row(i).setZero();
       level_information_.col(i).setZero();
@@ -235,7 +242,7 @@ class Ascent {
   /// the likelihood is nearly flat, and steps are small.
   bool centreThrust() {
     const auto k = std::find(options_.free.begin(), options_.free.end(), "k");
-    if (k == options_.free.end() || !options_.levels) return false;
+    if (k == options_.free.end() || !options_.levels || held_.count(kLevels - 1)) return false;
     double mean = 0, square = 0;
     const double count = static_cast<double>(search_.filters().size());
     for (const DisturbanceFilter& filter : search_.filters()) {
@@ -315,7 +322,7 @@ class Ascent {
     fit.log_likelihood = std::accumulate(fit.by_run.begin(), fit.by_run.end(), 0.0);
     fit.log_posterior = best_;
     for (const DisturbanceFilter& filter : search_.filters()) {
-      const Eigen::Vector4d &mean = filter.constants(), &sigma = filter.constantsSigma();
+      const Eigen::Vector4d mean = filter.constants(), &sigma = filter.constantsSigma();
       fit.trims.push_back({mean.head<3>(), sigma.head<3>(), mean(3), sigma(3)});
     }
     fit.information = information_;
@@ -380,7 +387,7 @@ class Ascent {
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
   double best_ = 0;
-  bool hold_trims_ = false;
+  std::set<int> held_;  // levels
   int iterations_ = 0;
   bool converged_ = false;
 };
@@ -463,6 +470,7 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
     result.scored.push_back(!filter.samples()[k].starts);
   }
   result.wrench = filter.wrench();
+  result.constants = filter.constantsSoFar();
   if (acting.cols() > 0) result.responses = filter.responses(acting, channels);
   return result;
 }

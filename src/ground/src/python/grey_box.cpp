@@ -73,8 +73,9 @@ void bindGreyBox(py::module_& module) {
       .def(
           "fit",
           [](const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
-             bool levels, double cap, bool far, int max_iterations, int threads) {
-            GreyBoxOptions options{free, levels, cap, far, max_iterations, threads};
+             bool levels, std::vector<std::string> held, double cap, bool far, int max_iterations,
+             int threads) {
+            GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
             GreyBoxFit fit;
             {
               const py::gil_scoped_release release;
@@ -82,7 +83,8 @@ void bindGreyBox(py::module_& module) {
             }
             return toDict(fit);
           },
-          py::arg("start"), py::arg("free"), py::arg("levels") = true, py::arg("cap") = 25.0,
+          py::arg("start"), py::arg("free"), py::arg("levels") = true,
+          py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
           py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
       .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1,
@@ -118,6 +120,7 @@ void bindGreyBox(py::module_& module) {
             d["whitened"] = found.whitened;
             d["scored"] = found.scored;
             d["wrench"] = found.wrench;
+            d["constants"] = found.constants;
             d["responses"] = found.responses;
             return d;
           },

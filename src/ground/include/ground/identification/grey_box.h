@@ -20,7 +20,8 @@ struct GreyBoxPoint {
 
 struct GreyBoxOptions {
   std::vector<std::string> free;  ///< parameters; none: only the levels
-  bool levels = true;             ///< fitted as well
+  bool levels = true;             ///< fitted as well ...
+  std::vector<std::string> held;  ///< ... but for these (DisturbanceLevels::names)
   /// Squared Mahalanobis distance of a pose (3 degrees of freedom) from which on it counts as
   /// noisier, so that it has this distance. Infinite: Gaussian.
   double cap = 25;
@@ -63,6 +64,8 @@ struct GreyBoxResiduals {
   Eigen::MatrixX3d whitened;  ///< innovations, independent and of variance one if all is true
   std::vector<bool> scored;   ///< false at the first pose of a stretch
   Eigen::MatrixX3d wrench;    ///< the disturbance (without trim) as filtered [N], [N m]
+  Eigen::MatrixX4d constants; ///< what is constant in the run, from the poses so far: X, Y [N],
+                              ///< N [N m], relative change of thrust
   Eigen::MatrixXd responses;  ///< of 3 n whitened innovations (sample by sample) to given wrenches
 };
 
@@ -89,7 +92,7 @@ class GreyBox {
   /// that start low make the filter sure of itself, and it loses the craft.
   GreyBoxPoint start(const Model& model) const;
 
-  /// Throws std::invalid_argument on unknown parameters, std::runtime_error when the model's motion
+  /// Throws std::invalid_argument on unknown parameters or levels, std::runtime_error when the model's motion
   /// is not finite at the start.
   GreyBoxFit fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const;
 

@@ -7,13 +7,13 @@ the grown model leaves is looked at last (ground.analysis.remains).
 """
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, List
 
 import numpy as np
 from scipy import stats
 
-from ground.analysis import budget, candidates as effects, held_out, remains, study
+from ground.analysis import budget, candidates as effects, held_out, memory, remains, study, varying
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Criteria, Search
@@ -31,6 +31,8 @@ MIN_NOISE_POWER = 0.08
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
 SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
 MOVED = 0.05  # of its value: a parameter that takes over what an effect does
+REFUSED = "it raises the error on the runs held out"
+ROUNDS = 3  # of looking for effects and for what differs between runs in turn
 FLOORS = 5  # simulations that the noise floor is the mean of
 
 
@@ -72,7 +74,8 @@ class Conclusion:
     heldout: List[float]  # error on held-out runs: nominal, then after each step
     heldout_floor: float  # noise floor of the runs that those are of
     varies: List[dict] = field(default_factory=list)  # what differs between runs
-    memory: Any = None  # remains.Remains
+    memory: Any = None  # memory.Memory
+    history: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
     budget: Any = None  # budget.Budget
 
@@ -106,28 +109,38 @@ class Diagnosis:
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
-        self.likelihood = Likelihood(runs, model)
-        self.folds = held_out.Folds(runs, model, self.cut, self.pool.map)
-        self.search = Search(
-            self.likelihood,
-            model,
-            study.free_parameters,
-            candidates,
-            Criteria() if budget is None else Criteria(refitted=budget),
-            self.pool.map,
-            self.say,
-            self.kept,
-        )
-        self.judged = {}  # by set of effects
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []
         self.dropped = []
         self.slight = None  # Trial that the poses prefer and that is too small to matter
         self.slight_sets = None  # of effects, with it and without
-        self.say("fitting %s as it is" % model.name)
-        self.search.nominal()
-        self.nominal = self.judge(frozenset())
         self.tried = []
+        self.memory = None  # memory.Memory beside the grown model
+        self.say("fitting %s as it is" % model.name)
+        self.varied = Likelihood(runs, model)  # with all that may differ between runs
+        fit = self.varied.fit(model, study.free_parameters(model))
+        self._begin(varying.differences(self.varied, fit), fit)
+
+    def _begin(self, differences, near):
+        """Starts a search that has what differs between runs as random effects."""
+        self.differences = differences
+        levels = [d.kind.level for d in differences]
+        self.likelihood = Likelihood(self.runs, self.given, levels)
+        self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.pool.map)
+        self.search = Search(
+            self.likelihood,
+            self.given,
+            study.free_parameters,
+            self.candidates,
+            Criteria() if self.budget is None else Criteria(refitted=self.budget),
+            self.pool.map,
+            self.say,
+            self.kept,
+            lambda better, current: self._refuted(better, current) is None,
+        )
+        self.judged = {}  # by set of effects
+        self.search.nominal(near)
+        self.nominal = self.judge(frozenset())
 
     @property
     def names(self):
@@ -158,11 +171,29 @@ class Diagnosis:
 
     def grow(self):
         """Adds the effects that earn their place."""
-        found = self.search.run()
+        found = self._found()
         self.tried = [self._trials()]
         found = self._deserving(found)
+        found = self._remembering(found)
         self._order(found)
         self._mark_equals()
+
+    def _found(self):
+        """The likeliest set of effects. What differs between runs is tested again beside it: a missing
+        effect may have looked like it, or hidden it."""
+        found = self.search.run()
+        for _ in range(ROUNDS):
+            fit = self.search.fits[found]
+            differences = varying.differences(self.varied, fit)
+            same = {d.kind for d in differences} == {d.kind for d in self.differences}
+            if same:
+                self.differences = differences
+                return found
+            names = [d.kind.parameter for d in differences]
+            self.say("between runs differs: %s" % (", ".join(names) or "nothing"))
+            self._begin(differences, self.search.nominal())
+            found = self.search.run(near=fit)
+        return found
 
     # --- Which of the effects found earn their place
 
@@ -185,14 +216,17 @@ class Diagnosis:
     def _objection(self, found, name):
         """What speaks against an effect of a set; None if nothing does."""
         rest = self.search.without(found, name)
+        why = self._refuted(found, rest)
+        return why if why or self._matters(found, rest) else "slight"
+
+    def _refuted(self, found, rest):
+        """What runs that they were not fitted to say against a set in the place of a smaller one."""
         with_it, without = self.judge(found), self.judge(rest)
         gain, error = held_out.gain(with_it, without)
         if not gain > error:
             return "it does not make runs that it was not fitted to likelier"
         if with_it.heldout.sum() > without.heldout.sum():
             return "it raises the error on runs that it was not fitted to"
-        if not self._matters(found, rest):
-            return "slight"
         return None
 
     def _matters(self, found, rest):
@@ -215,6 +249,32 @@ class Diagnosis:
         else:
             self.dropped.append(Dropped(trial, why))
         self.say("%s is left out: %s" % (name, "it is too small to matter" if why == "slight" else why))
+
+    def _remembering(self, found):
+        """The set without effects that only stood for what depends on the past, which is sought here."""
+        self.say("does the past matter?")
+        fit = self.search.fits[found]
+        remembered = memory.find(self.likelihood, fit)
+        if remembered is None:
+            return found
+        rest, stand_ins = found, []
+        for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
+            with_it = remembered.fit
+            model = with_it.model.copy()
+            model.remove_effect(name)
+            free = tuple(p for p in with_it.free if p.split(".")[0] != name)
+            without = self.likelihood.fit(model, free, near=with_it)
+            if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
+                why = "it stands for what depends on the past (%s)" % remembered.kind.name
+                stand_ins.append(Dropped(self._trial_in(rest, name), why))
+                remembered = replace(remembered, fit=without)
+                rest = self.search.without(rest, name)
+        gain, error = held_out.gain(self.folds.judge(remembered.fit), self.judge(rest))
+        if not gain > error:
+            return found
+        self.say("%s: %s" % (remembered.kind.name, remembered.means))
+        self.memory, self.dropped = remembered, self.dropped + stand_ins
+        return rest
 
     def _order(self, found):
         """The steps by which the error falls: the likeliest effect first."""
@@ -336,33 +396,50 @@ class Diagnosis:
         told. Without any, each run is tested by a fit to the others, or each quarter of a single one.
         Returns a Conclusion.
         """
+        self.say("what is left")
+        history = remains.of_history(self.likelihood, self.fit)
+        state = remains.of_state(self.likelihood, self.fit)
         if heldout:
             self._obey(heldout)
         floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
         floor = float(np.mean([f.sum() for f in floors]))
         reached = float(study.noise_floor(heldout, self.best.model).sum()) if heldout else floor
-        self.say("what is left")
-        varies = remains.varying(self.likelihood, self.fit)
-        memory = remains.of_history(self.likelihood, self.fit)
-        state = remains.of_state(self.likelihood, self.fit)
+        varies = self._varies()
         explained = self.best.error.sum() < EXPLAINED * floor
         return Conclusion(
-            self._verdict(explained, varies, memory, state),
+            self._verdict(explained, varies, history, state),
             self.model,
             list(self.fit.parameters),
             floor,
             self._held_out(heldout),
             reached,
             varies,
-            memory,
+            self.memory,
+            history,
             state,
             budget.budget(self.runs, self.cut, self.fit),
         )
 
-    def _verdict(self, explained, varies, memory, state):
-        if not explained and memory.found and memory.gain > state.gain:
+    def _varies(self):
+        """What differs between runs, as the grown model has it: a list of dictionaries."""
+        sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in self.fit.trims])
+        return [
+            {
+                "parameter": d.kind.parameter,
+                "unit": d.kind.unit,
+                "deviation": float(np.std(sizes[:, i], ddof=1)),
+                "p_value": d.p_value,
+                "by_run": sizes[:, i].tolist(),
+            }
+            for d in self.differences
+            for i in [varying.KINDS.index(d.kind)]
+        ]
+
+    def _verdict(self, explained, varies, history, state):
+        if self.memory or (history.found and history.gain > state.gain):
             return "memory"
-        if not explained and state.found:
+        refused = any(d.why == REFUSED for d in self.dropped)
+        if not explained and (state.found or refused):
             return "unexplained"
         if self.chosen:
             return "missing"
@@ -376,8 +453,7 @@ class Diagnosis:
                 return
             last = self.chosen.pop()
             found = self.names | {last.name}
-            why = "it raises the error on the runs held out"
-            self.dropped.append(Dropped(self._trial_in(found, last.name), why))
+            self.dropped.append(Dropped(self._trial_in(found, last.name), REFUSED))
             self.steps.pop()
 
     def _held_out(self, heldout):

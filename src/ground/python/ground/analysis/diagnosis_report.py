@@ -52,7 +52,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
             for d in diagnosis.dropped
         ],
         "varies": conclusion.varies,
-        "memory": _remains(conclusion.memory),
+        "memory": _memory(conclusion),
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
         "budget": _budget(conclusion.budget),
@@ -85,6 +85,16 @@ def _parameters(parameters, prefix=""):
 
 def _remains(found):
     return {"found": found.found, "p_value": found.p_value, "gain": found.gain, "share": found.share}
+
+
+def _memory(conclusion):
+    """What a flexible function of the past explains, and the kind of memory that was found."""
+    found, kind = conclusion.memory, None
+    if found:
+        kind = {"name": found.kind.name, "means": found.means, "time": found.time,
+                "p_value": found.p_value}  # fmt: skip
+    told = _remains(conclusion.history)
+    return dict(told, found=bool(found) or told["found"], kind=kind)
 
 
 def _budget(found):
@@ -187,6 +197,9 @@ def where_of(diagnosis):
 def _unexplained(diagnosis, conclusion):
     """How much of the error is above the noise, where it is, and a term that would lower it."""
     error = float(diagnosis.best.error.sum())
+    if conclusion.memory:
+        entry = dict(conclusion.memory.entry, error=_errors(diagnosis.folds.judge(conclusion.memory.fit)))
+        return {"fraction": 0.0, "where": [], "proposal": entry}
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:
         candidate = candidates.from_entry(effect_entry(proposal), "the proposal")
@@ -204,4 +217,5 @@ def _unexplained(diagnosis, conclusion):
 
 def effect_entry(proposal):
     """A proposal as model files list effects."""
-    return {key: proposal[key] for key in ("name", "expression", "parameters")}
+    keys = ("name", "states", "expression", "parameters")
+    return {key: proposal[key] for key in keys if key in proposal}

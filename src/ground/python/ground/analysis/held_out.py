@@ -22,7 +22,8 @@ class Judged:
     model: Any  # _core.Model
     parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows of all runs
-    heldout: np.ndarray  # (3,) the same, each window by a fit to the other parts
+    heldout: np.ndarray  # (3,) the same, each window by a fit to the other parts that is told what
+    # differs from run to run by the run's poses before the window (study.calibrated_errors)
     by_window: np.ndarray  # (windows,) their sum in each window, held out
     likelihood: Tuple[np.ndarray, ...]  # log-likelihood of blocks of time, held out, of each part
 
@@ -30,20 +31,20 @@ class Judged:
 class Folds:
     """Runs (_core.RunData) parted, by run or, where there is one run only, by quarters of its time.
 
-    craft: as for Likelihood; cut: the windows that errors are taken over; each: maps a function over
-    items, side by side if it can.
+    whole: their Likelihood; craft: as for it; cut: the windows that errors are taken over;
+    each: maps a function over items, side by side if it can.
     """
 
-    def __init__(self, runs, craft, cut, each=map):
-        self.runs, self.cut, self.each = runs, cut, each
+    def __init__(self, runs, whole, craft, cut, each=map):
+        self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
         self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
         self.count = min(FOLDS, len(self.parts))
         self.fitted, self.tested = [], []
         for fold in range(self.count):
             inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
             outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
-            self.fitted.append(Likelihood([run for part in outside for run in part], craft))
-            self.tested.append(Likelihood([run for part in inside for run in part], craft))
+            self.fitted.append(Likelihood([r for part in outside for r in part], craft, whole.varying))
+            self.tested.append(Likelihood([r for part in inside for r in part], craft, whole.varying))
         self.fold_of = np.array([self._fold_of(w) for w in cut])
 
     def _fold_of(self, window):
@@ -69,7 +70,7 @@ class Folds:
             inside = np.flatnonzero(self.fold_of == fold)
             if len(inside):
                 chosen = [self.cut[i] for i in inside]
-                heldout[inside] = study.window_errors(self.runs, chosen, other.model)
+                heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, other)
         samples = [w.last - w.first + 1 for w in self.cut]
         return Judged(
             fit.model,

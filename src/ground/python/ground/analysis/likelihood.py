@@ -10,11 +10,14 @@ from typing import Any, Dict, Tuple
 import numpy as np
 
 from ground import _core
+from ground.analysis.thinning import thinned
 from ground.analysis.unfinished import can_be_kept
 from ground.errors import IdentifyError
 
 CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
 BLOCK = 1.0  # of time, for standard errors [s]
+ABSENT = 1e-3  # of a usual level: does nothing
+VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of what differs between runs
 
 
 @can_be_kept
@@ -41,30 +44,52 @@ class Fit:
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
 
 
-class Likelihood:
-    """Runs (_core.RunData) under models with a disturbance. craft: _core.Model whose full thrust the
-    priors of the levels are in parts of; threads: of one fit."""
+    def ratio_without(self, effect):
+        """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information (Wald)."""
+        at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect]
+        described = {p["name"]: p for p in self.model.parameters()}
+        away = np.array([_from_neutral(described[self.free[i]], self.model) for i in at])
+        covariance = np.linalg.pinv(self.information, rcond=1e-10, hermitian=True)[np.ix_(at, at)]
+        away = away / self.scale[at]
+        return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
-    def __init__(self, runs, craft, threads=1):
-        self.runs = list(runs)
+
+def _from_neutral(parameter, model):
+    """Distance of a parameter's coordinate from where it does nothing."""
+    value, neutral = model.value(parameter["name"]), parameter["neutral"]
+    # the coordinate of what is neutral at infinity is its reciprocal
+    return 1 / value if np.isinf(neutral) else value - neutral
+
+
+class Likelihood:
+    """Runs (_core.RunData), thinned, under models with a disturbance. craft: _core.Model whose full thrust the
+    priors of the levels are in parts of; varying: levels of what may differ between runs; threads: of
+    one fit."""
+
+    def __init__(self, runs, craft, varying=VARYING, threads=1):
+        self.runs = [thinned(run) for run in runs]
+        self.varying = frozenset(varying)
         self.threads = threads
         self.box = call(_core.GreyBox, self.runs, craft)
+        usual = self.box.start(craft).levels
+        self.absent = {level: ABSENT * usual[level] for level in VARYING - self.varying}
 
-    def fit(self, model, free, near=None, levels=True):
+    def fit(self, model, free, near=None, levels=True, held=None):
         """The likeliest values of the free parameters, sought from the model's own.
 
         near: a Fit whose levels are near; without it the search begins far away. levels: whether
-        they are fitted, too. Raises IdentifyError when the model cannot be simulated.
+        they are fitted, too; held: values by name of those that are not. Raises IdentifyError when
+        the model cannot be simulated.
         """
-        if near is None:
-            start = self.box.start(model)
-        else:
-            start = _core.GreyBoxPoint(model, near.levels, list(near.loudness))
+        held = {**self.absent, **(held or {})}
+        start = self.box.start(model) if near is None else near
+        start = _core.GreyBoxPoint(model, {**start.levels, **held}, list(start.loudness))
         found = call(
             self.box.fit,
             start,
             list(free),
             levels=levels,
+            held=list(held),
             far=near is None,
             cap=CAP,
             threads=self.threads,
@@ -88,6 +113,13 @@ class Likelihood:
         """Log-likelihood of blocks of time under another fit, one array a run."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
         return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
+
+    def constants(self, fit, run):
+        """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as its
+        poses up to each time tell them under another fit: times [s], (times, 4)."""
+        point = _core.GreyBoxPoint(fit.model, fit.levels, [])
+        found = self.box.residuals(point, run, cap=CAP)["constants"]
+        return np.array(self.runs[run].times), np.array(found)
 
     def scores(self, fit, model, names):
         """Derivatives of the log-likelihood at a fit by parameters of a model that extends the fit's

@@ -1,4 +1,4 @@
-"""What the grown model leaves: differences between runs, dependence on state and on history.
+"""What the grown model leaves: dependence on state and on history.
 
 Whatever acts on the craft beside the model shows in the innovations of the filter. Functions of the
 *simulated* state and of the commands are held against them, each seen through the filter (a wrench that
@@ -45,36 +45,6 @@ def of_state(likelihood, fit):
 def of_history(likelihood, fit):
     """What the past of commands and speeds would explain beyond the present."""
     return _explained(likelihood, fit, _history_features)
-
-
-def varying(likelihood, fit):
-    """What differs between runs, with its spread and the evidence: a list of dictionaries `parameter`,
-    `deviation`, `unit`, `p_value`, `by_run`."""
-    found = []
-    sizes = np.array([trim["wrench"] for trim in fit.trims])
-    doubts = np.array([trim["wrench_sigma"] for trim in fit.trims])
-    kinds = [("surge force", "N"), ("side force", "N"), ("yaw moment", "N m")]
-    for i, (name, unit) in enumerate(kinds):
-        found.append(_varies(name, unit, sizes[:, i], doubts[:, i], fit.levels["trim_" + "XYN"[i]]))
-    thrust = np.array([trim["thrust"] for trim in fit.trims])
-    doubt = np.array([trim["thrust_sigma"] for trim in fit.trims])
-    found.append(_varies("thrust", "-", thrust, doubt, fit.levels["thrust"]))
-    return [f for f in found if f["p_value"] < LEVEL]
-
-
-def _varies(name, unit, estimates, doubts, spread):
-    """Of one kind: chi squared of the runs' values as the data alone tell them, without the prior."""
-    gone = np.maximum(1 - (doubts / spread) ** 2, 1e-9)  # part of its prior that a run's data replace
-    alone, variance = estimates / gone, doubts**2 / gone
-    mean = np.average(alone, weights=1 / variance)
-    square = float((((alone - mean) ** 2) / variance).sum())
-    return {
-        "parameter": name,
-        "unit": unit,
-        "deviation": float(np.std(estimates, ddof=1)) if len(estimates) > 1 else 0.0,
-        "p_value": float(stats.chi2.sf(square, max(1, len(estimates) - 1))),
-        "by_run": [float(e) for e in estimates],
-    }
 
 
 def _explained(likelihood, fit, features):

@@ -14,6 +14,7 @@ from ground.analysis import candidates as effects
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
+from ground.recordings import windows
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,10 @@ class Criteria:
     worth: float = 3.0  # expected gain for each parameter from which on a refit is worth while
     steps: tuple = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
     sizes: tuple = (0.5, 0.2, -0.2)  # of an effect that score tests cannot see, in typical ones
+    windows: int = 40  # that far starts are tried on by simulation error
+    farther: float = 0.98  # of the simulation error from the neutral start: worth a fit
+    doubtful: float = 10.0  # of what an effect has to reach: below such a ratio by its information
+    # alone, which is too large by far where levels would follow, it is tried to do without it
     rivals: int = 3  # effects that are tried in the place of one that was chosen
     apart: float = 7.0  # log-likelihood ratio from which on a rival is excluded: were it the truth,
     # the ratio would come out so high with a chance of at most 0.4% (the root of it is the least
@@ -34,8 +39,9 @@ class Criteria:
 
 class Search:
     """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over items,
-    side by side if it can; say: called with a
-    sentence now and then; kept: Unfinished, of this very work."""
+    side by side if it can; say: called with a sentence now and then; kept: Unfinished, of this very
+    work; holds(better, current): whether a set that was grown does better on what it was not fitted
+    to, too."""
 
     def __init__(
         self,
@@ -47,6 +53,7 @@ class Search:
         each=map,
         say=None,
         kept=None,
+        holds=lambda better, current: True,
     ):
         self.likelihood = likelihood
         self.given = model
@@ -56,6 +63,7 @@ class Search:
         self.each = each
         self.say = say or (lambda text: None)
         self.kept = kept or Unfinished()
+        self.holds = holds
         self.fits = {}  # by set of effects
         self.tests = {}
 
@@ -67,14 +75,21 @@ class Search:
             )
         return self.fits[frozenset()]
 
-    def run(self, start=frozenset()):
-        """The set of effects by which the likelihood rises beyond chance."""
-        current = frozenset(start)
+    def run(self, near=None):
+        """The set of effects by which the likelihood rises beyond chance. near: a Fit whose effects the
+        search begins with."""
         self.nominal()
+        current = frozenset()
+        if near is not None:
+            current = frozenset(near.model.effects) & set(self.candidates)
+            self.fits[current] = self.likelihood.fit(near.model, near.free, near)
+            current = self._prune(current)
         while True:
             better = self._grow(current)
             if better is None:
-                return current
+                better = self._swap(current)
+                if better == current:
+                    return current
             current = self._prune(better)
             self.say("with %s" % (", ".join(sorted(current)) or "no effect"))
 
@@ -110,8 +125,11 @@ class Search:
         proposals = self._proposals(current)
         self._fit_all(current, proposals)
         fitted = [current | set(p) for p in proposals if current | set(p) in self.fits]
-        best = max(fitted, key=self.value, default=current)
-        return best if self.value(best) > self.value(current) else None
+        better = [s for s in fitted if self.value(s) > self.value(current)]
+        for best in sorted(better, key=self.value, reverse=True):
+            if self.holds(best, current):
+                return best
+        return None
 
     def _proposals(self, current):
         tests, criteria = self.test_beside(current), self.criteria
@@ -147,10 +165,10 @@ class Search:
         wanted = [p for p in proposals if current | set(p) not in self.fits]
         if wanted:
             self.say("refitting with each of %d sets of effects" % len(wanted))
-        base = self.fits[current].model.format()
+        base, varying = self.fits[current].model.format(), sorted(self.likelihood.varying)
 
         def refit(added):
-            return self.kept.result(("fit", base, added), lambda: self._refit(current, added))
+            return self.kept.result(("fit", varying, base, added), lambda: self._refit(current, added))
 
         self.test_beside(current)  # before threads ask for it
         for proposal, fit in zip(wanted, self.each(refit, wanted)):
@@ -186,11 +204,28 @@ class Search:
             if tests.hidden(name):
                 for part in self.criteria.sizes:
                     yield stepped(extended, tests.in_place(name, part)), base
-        if current or len(added) > 1:
-            return
-        # What was fitted without may be far from what is right with it.
-        for other in list(self.candidates[added[0]].starts(self.given))[1:]:
-            yield other, None
+        if not current and len(added) == 1:
+            for other in self._far_starts(added[0]):
+                yield other, None
+
+    def _far_starts(self, name):
+        """Models with an effect far from neutral that are worth a fit. What was fitted without may be
+        far from what is right with it; the simulation error, whose fit is quick, tells where."""
+        neutral, *others = self.candidates[name].starts(self.given)
+        if not others:
+            return []
+        runs = self.likelihood.runs
+        problem = windows.problem(runs, windows.spread(windows.cut(runs), self.criteria.windows))
+
+        def objective(model):
+            try:
+                return problem.fit(model, self.free_of(model), threads=1)
+            except (RuntimeError, ValueError):
+                return {"objective": np.inf}
+
+        least = objective(neutral)["objective"]
+        found = [objective(other) for other in others]
+        return [f["model"] for f in found if f["objective"] < self.criteria.farther * least]
 
     def fitted(self, current, name):
         """A set with an effect more, fitted; None where that cannot be."""
@@ -207,19 +242,27 @@ class Search:
         return rest
 
     def _prune(self, current):
-        """Takes out and swaps effects while that is better."""
-        while current:
-            others = []
-            for name in sorted(current):
-                rest = self.without(current, name)
-                others.append(rest)
-                if len(current) > 1:
-                    others += self.swaps(current, name)
-            best = max(others, key=self.value)
+        """Takes out effects while that is better."""
+        while True:
+            doubtful = [n for n in sorted(current) if self._may_go(current, n)]
+            others = [self.without(current, name) for name in doubtful]
+            best = max(others, key=self.value, default=current)
             if self.value(best) <= self.value(current):
                 return current
             current = best
-        return current
+
+    def _may_go(self, current, name):
+        """Whether a set may do without an effect, by the information of its fit (Wald): a refit tells."""
+        ratio = self.fits[current].ratio_without(name)
+        return ratio < self.criteria.doubtful * self.threshold(name)
+
+    def _swap(self, current):
+        """A better set with other effects in the place of some of its own; the same without one."""
+        if len(current) < 2:
+            return current
+        others = [s for name in sorted(current) for s in self.swaps(current, name)]
+        best = max(others, key=self.value, default=current)
+        return best if self.value(best) > self.value(current) else current
 
     def swaps(self, current, name):
         """Fitted sets with another effect in the place of one of a set."""

@@ -180,6 +180,36 @@ def window_errors(runs, chosen, model, truth=None):
     return np.array(errors)
 
 
+def calibrated_errors(runs, chosen, likelihood, fit):
+    """window_errors of a Fit by which runs are predicted as in use: what differs from run to run
+    (wrench and thrust) is known as far as a run's poses before each window tell it. likelihood: a
+    Likelihood of the runs."""
+    if not likelihood.varying:
+        return window_errors(runs, chosen, fit.model)
+    errors, known = np.empty((len(chosen), 3)), {}
+    for i, window in enumerate(chosen):
+        if window.run not in known:
+            known[window.run] = likelihood.constants(fit, window.run)
+        times, constants = known[window.run]
+        last = np.searchsorted(times, runs[window.run].times[window.first], side="right") - 1
+        model = trimmed(fit.model, constants[max(0, last)])
+        errors[i] = window_errors(runs, [window], model)[0]
+    return errors
+
+
+def trimmed(model, constant):
+    """A model on which a wrench X, Y [N], N [N m] acts besides, and whose thrust is changed in part."""
+    changed = model.copy()
+    changed.set_value("k", (1 + constant[3]) * model.value("k"))
+    wrench = (("body_force_bias", "x0"), ("body_force_bias", "y0"), ("yaw_bias", "n0"))
+    for (effect, parameter), value in zip(wrench, constant):
+        if effect not in changed.effects:
+            changed = candidates.of_library(effect).neutral(changed)
+        name = "%s.%s" % (effect, parameter)
+        changed.set_value(name, changed.value(name) + value)
+    return changed
+
+
 def change(runs, chosen, model, other):
     """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs, each
     from the initial velocities that suit it best: how much is wrong with one if the other is true."""

@@ -173,7 +173,8 @@ def verdict(report):
         return "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
     rest = "missing that no effect tried explains"
     if report["verdict"] == "memory":
-        rest = "missing that depends on the past of the commands"
+        kind = report["memory"]["kind"]
+        rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
     if not effects:
         return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
     improves = chosen + (" improves" if one else " improve")

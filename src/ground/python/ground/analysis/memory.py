@@ -1,0 +1,129 @@
+"""Whether the motion depends on the past: effects with states of their own, tried beside a grown model.
+
+Each kind of memory is an effect as model files list it, with a state that forgets with a time constant.
+Score tests of all kinds and times say which is worth a refit; it has to raise the likelihood by more than
+chance would with the best of so many, and that of what it was not fitted to.
+"""
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+from scipy import stats
+
+from ground.analysis import candidates
+from ground.analysis.score_tests import ScoreTests, stepped
+from ground.analysis.unfinished import can_be_kept
+from ground.errors import IdentifyError
+
+LEVEL = 0.001  # chance of finding memory where there is none
+NEEDED = 20.0  # least log-likelihood ratio: models are never quite true
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Kind:
+    """A way in which the past may act. `c` is its size, `tau` the time after which it is forgotten."""
+
+    name: str
+    means: str  # what is so, with %s for the time
+    unit: str  # of c
+    scale: float  # of c
+    times: Tuple[float, ...]  # tried [s]
+    states: dict
+    expression: dict
+
+    def entry(self, time, size=0.0):
+        """The effect as model files list it, its tau at a time [s]; neutral at c = 0."""
+        return {
+            "name": self.name,
+            "states": dict(self.states),
+            "expression": dict(self.expression),
+            "parameters": {
+                "c": dict(self._size(), value=size),
+                "tau": {"value": time, "unit": "s", "neutral": time, "lower": 0.02, "upper": 100.0},
+            },
+        }
+
+    def at(self, time):
+        """The Candidate whose time is no parameter: for score tests of several times."""
+        states = {s: f.replace("tau", repr(time)) for s, f in self.states.items()}
+        entry = dict(self.entry(time), states=states, parameters={"c": self._size()})
+        entry["name"] += "_%d" % round(1e3 * time)
+        return candidates.from_entry(entry, self.name)
+
+    def _size(self):
+        size = {"value": 0.0, "unit": self.unit, "neutral": 0.0, "scale": self.scale}
+        return dict(size, lower=-1e3, upper=1e3)
+
+
+BRIEF, LONG = (0.05, 0.15), (0.2, 0.6, 2.0)
+OWN_PAST = {"a": "(u_L - a)/tau", "b": "(u_R - b)/tau"}
+KINDS = (
+    Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
+         LONG, OWN_PAST, {"thrust_L": "-c*a*u_L", "thrust_R": "-c*b*u_R"}),
+    Kind("battery_droop", "thrust depends on what both thrusters drew in the last %s", "N", 0.01,
+         LONG, {"a": "(u_L + u_R - a)/tau"}, {"thrust_L": "-c*a*u_L", "thrust_R": "-c*a*u_R"}),
+    Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
+         "of full thrust", "N", 0.01, (2.0, 6.0), {"p": "(u_L + u_R)/tau"},
+         {"thrust_L": "-c*exp(-p)*u_L", "thrust_R": "-c*exp(-p)*u_R"}),
+    Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
+         BRIEF, OWN_PAST, {"thrust_L": "-c*abs(u_L - a)", "thrust_R": "-c*abs(u_R - b)"}),
+    Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
+         LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
+    Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,
+         LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
+    Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
+         LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
+)  # fmt: skip
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Memory:
+    """The likeliest kind of memory that holds."""
+
+    kind: Kind
+    p_value: float  # of the best of all kinds and times
+    fit: Any  # likelihood.Fit with it
+
+    @property
+    def time(self):
+        """After which it is forgotten [s]."""
+        return self.fit.model.value(self.kind.name + ".tau")
+
+    @property
+    def means(self):
+        return self.kind.means % ("%.2g s" % self.time)
+
+    @property
+    def entry(self):
+        """The effect as model files list it, its parameters fitted."""
+        return self.kind.entry(self.time, self.fit.model.value(self.kind.name + ".c"))
+
+
+def find(likelihood, fit):
+    """The likeliest Memory beside a likelihood.Fit; None where it does no more than chance would."""
+    kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
+    tried = {c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]}
+    tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
+    gains = {name: tests.test((name,))[0] for name in tried}
+    best = max(gains, key=gains.get)
+    chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
+    if chance > LEVEL or gains[best] < NEEDED:
+        return None
+    kind, time, _ = tried[best]
+    _, step = tests.test((best,))
+    timed = _fitted(likelihood, fit, kind, time, step[best + ".c"])
+    if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < NEEDED:
+        return None
+    return Memory(kind, chance, timed)
+
+
+def _fitted(likelihood, fit, kind, time, size):
+    """The Fit with a kind of memory, first its size and then its time as well; None where that fails."""
+    start = candidates.from_entry(kind.entry(time), kind.name).neutral(fit.model)
+    start.set_value(kind.name + ".c", size)
+    try:
+        sized = likelihood.fit(start, fit.free + (kind.name + ".c",), near=fit)
+        return likelihood.fit(sized.model, sized.free + (kind.name + ".tau",), near=sized)
+    except IdentifyError:
+        return None

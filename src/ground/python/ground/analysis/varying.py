@@ -1,0 +1,94 @@
+"""What differs from run to run: a constant wrench on a channel, or the thrust.
+
+Each is a random effect, normal over the runs; a likelihood has it or does without (Likelihood.varying).
+Whether it is needed is tested beside forces that are the same in all runs, for what all runs have in
+common does not differ.
+"""
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from ground.analysis import candidates
+from ground.analysis.likelihood import ABSENT
+from ground.analysis.unfinished import can_be_kept
+
+LEVEL = 1e-4  # chance of finding what is not there: disturbances that change their pace look like it
+SLOWEST = 0.3  # of a run: a random wrench that takes longer to change differs between runs
+SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all runs
+
+
+@dataclass(frozen=True)
+class Kind:
+    parameter: str
+    unit: str
+    level: str  # of DisturbanceLevels
+    time: str  # level of the time in which a random wrench on the same channel changes, or none
+
+
+KINDS = (
+    Kind("surge force", "N", "trim_X", "time_X"),
+    Kind("side force", "N", "trim_Y", "time_Y"),
+    Kind("yaw moment", "N m", "trim_N", "time_N"),
+    Kind("thrust", "-", "thrust", ""),
+)
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Difference:
+    """Something that differs between runs."""
+
+    kind: Kind
+    p_value: float
+
+
+def differences(likelihood, fit):
+    """The Differences that the runs show beside a Fit. likelihood: one that has all random effects."""
+    if len(likelihood.runs) < 2:
+        return ()
+    model = fit.model
+    for effect in SHARED:
+        if effect not in model.effects:
+            model = candidates.of_library(effect).neutral(model)
+    shared = [p["name"] for p in model.parameters() if p["name"].split(".")[0] in SHARED]
+    free = tuple(fit.free) + tuple(name for name in shared if name not in fit.free)
+    full = likelihood.fit(model, free, near=with_all(likelihood, fit))
+    slowest = SLOWEST * float(np.median([run.times[-1] - run.times[0] for run in likelihood.runs]))
+    slow = {k.time: slowest for k in KINDS if k.time and full.levels[k.time] > slowest}
+    if slow:
+        full = likelihood.fit(model, free, near=with_all(likelihood, full), held=slow)
+    sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in full.trims])
+    doubts = np.array([[*trim["wrench_sigma"], trim["thrust_sigma"]] for trim in full.trims])
+    found = []
+    for i, kind in enumerate(KINDS):
+        if not (np.abs(sizes[:, i]) > doubts[:, i]).any():
+            continue  # no run shows any
+        chance = min(1.0, len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest))
+        if chance < LEVEL:
+            found.append(Difference(kind, chance))
+    return tuple(found)
+
+
+def with_all(likelihood, fit):
+    """A Fit whose levels of what differs are where a search may start from."""
+    usual = likelihood.box.start(fit.model).levels
+    levels = {k.level: max(usual[k.level], fit.levels[k.level]) for k in KINDS}
+    return replace(fit, levels={**fit.levels, **levels})
+
+
+def _chance_without(likelihood, fit, kind, slow, slowest):
+    """Chance of the likelihood ratio between a fit and one in which a kind does not differ between
+    runs, all other levels refitted: half of the time zero, else chi squared of one degree of freedom
+    (Self and Liang 1987). A random wrench that is slower than `slowest` would take the place of a
+    constant one, and is not let; `slow`: levels that are held for that already."""
+
+    def ratio(held):
+        other = likelihood.fit(fit.model, fit.free, near=fit, held={**slow, **held})
+        return 2 * float(np.sum(fit.by_run) - np.sum(other.by_run)), other
+
+    held = {kind.level: ABSENT * fit.levels[kind.level]}
+    gain, other = ratio(held)
+    if kind.time and other.levels[kind.time] > slowest:
+        gain, _ = ratio({**held, kind.time: slowest})
+    return float(0.5 * stats.chi2.sf(gain, 1)) if gain > 0 else 1.0
