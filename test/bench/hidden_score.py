@@ -74,12 +74,12 @@ def false_memory(result):
 
 
 def made_worse(result):
-    """Whether an effect was added that raises the error on the runs held out, the whole answer
-    included; None where nothing was added."""
+    """Whether the error on the runs held out is above that of a part of the answer, or of none of
+    it; None where nothing was added. Two effects may lower it only together."""
     errors = result["found"]["errors"]["steps"]
     if not chosen(result):
         return None
-    return errors[-1] > errors[0] or any(b > a for a, b in zip(errors, errors[1:]))
+    return errors[-1] > min(errors)
 
 
 def intervals(result, effects=True):

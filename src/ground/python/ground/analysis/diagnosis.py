@@ -173,6 +173,9 @@ class Diagnosis:
         """Adds the effects that earn their place."""
         found = self._found()
         self.tried = [self._trials()]
+        for better in self.search.refused(found):
+            for name in sorted(better - found):
+                self._drop(better, name, self._refuted(better, found))
         found = self._deserving(found)
         found = self._remembering(found)
         self._order(found)
@@ -225,7 +228,8 @@ class Diagnosis:
         gain, error = held_out.gain(with_it, without)
         if not gain > error:
             return "it does not make runs that it was not fitted to likelier"
-        if with_it.heldout.sum() > without.heldout.sum():
+        rise, doubt = held_out.rise(with_it, without)
+        if rise > doubt:
             return "it raises the error on runs that it was not fitted to"
         return None
 
@@ -242,6 +246,7 @@ class Diagnosis:
         return float(change / study.noise_floor(self.runs, b).sum())
 
     def _drop(self, found, name, why):
+        self.search.without(found, name)
         trial = self._trial_in(found, name)
         if why == "slight":
             trial.influence = self._influence(found, found - {name})

@@ -64,6 +64,7 @@ class Search:
         self.say = say or (lambda text: None)
         self.kept = kept or Unfinished()
         self.holds = holds
+        self._refused = {}  # sets that do not hold, by the set that they were to grow from
         self.fits = {}  # by set of effects
         self.tests = {}
 
@@ -129,7 +130,12 @@ class Search:
         for best in sorted(better, key=self.value, reverse=True):
             if self.holds(best, current):
                 return best
+            self._refused.setdefault(current, []).append(best)
         return None
+
+    def refused(self, current):
+        """Larger sets that are likelier than one and do not hold."""
+        return self._refused.get(current, [])
 
     def _proposals(self, current):
         tests, criteria = self.test_beside(current), self.criteria
