@@ -15,7 +15,6 @@
 #include "ground/estimation/smoother.h"
 #include "ground/identification/inferred_wrench.h"
 #include "ground/identification/prediction.h"
-#include "ground/identification/score.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
@@ -640,46 +639,7 @@ PYBIND11_MODULE(_core, module) {
           py::arg("model"), py::arg("free"),
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
           py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
-          py::arg("initial") = std::vector<Eigen::VectorXd>())
-      .def(
-          "scores",
-          [](const SimulationError& problem, const Model& model,
-             const std::vector<std::string>& parameters, double width, double block, int threads,
-             const std::vector<Eigen::VectorXd>& initial) {
-            Scores found;
-            {
-              const py::gil_scoped_release release;
-              found = scores(problem, model, parameters, width, block, threads, initial);
-            }
-            py::dict d;
-            d["scale"] = found.scale;
-            d["cost"] = py::array(py::cast(found.cost));
-            d["window"] = py::array(py::cast(found.window));
-            d["score"] = found.score;
-            d["information"] = found.information;
-            d["initial"] = found.initial;
-            return d;
-          },
-          py::arg("model"), py::arg("parameters"), py::arg("width"), py::arg("block") = 0.5,
-          py::arg("threads") = 0, py::arg("initial") = std::vector<Eigen::VectorXd>(),
-          "Robust cost of each window, score of each block and information of the whole by "
-          "coordinate / scale, initial states projected out.")
-      .def(
-          "likeliest_disturbance",
-          [](const SimulationError& problem, const Model& model, double width, int threads) {
-            std::vector<NoiseLevels> found;
-            {
-              const py::gil_scoped_release release;
-              found = likeliestDisturbance(problem, model, width, threads);
-            }
-            py::list all;
-            for (const NoiseLevels& d : found)
-              all.append(py::make_tuple(d.noise, d.disturbance, d.gain[0] + d.gain[1]));
-            return all;
-          },
-          py::arg("model"), py::arg("width"), py::arg("threads") = 0,
-          "Of each run: noise of the poses (3,), disturbance (3,), what the log-likelihood ratio "
-          "2 (L1 - L0) gains by it.");
+          py::arg("initial") = std::vector<Eigen::VectorXd>());
 
   module.def(
       "predict",
