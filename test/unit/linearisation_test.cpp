@@ -14,8 +14,7 @@ namespace ground {
 namespace {
 
 /// Windows of several lengths, more than fit into the lanes of two groups, of two runs of which one
-/// has an unmodelled acceleration and two samples of one instant; a model with a delay, actuators
-/// and a marker off the centre.
+/// has two samples of one instant; a model with a delay, actuators and a marker off the centre.
 struct Everything {
   Model model = truth();
   std::vector<RunData> runs;
@@ -28,7 +27,6 @@ struct Everything {
     model.setValue("input_delay.delay", 0.013);
     model.setValue("motor_lag.tau", 0.04);
     runs = {record(model, 5, 0.1, 1), record(model, 7, 0.1, 2)};
-    runs[1].disturbance = {0.02, 0.03, 0.5};
     runs[1].times[50] = runs[1].times[49];
     windows = cutWindows(runs[0], 0, 0, 1e9, 0.7);
     for (const Window& w : cutWindows(runs[1], 1, 0.3, 1e9, 0.6)) windows.push_back(w);

@@ -9,7 +9,6 @@
 #include "descent.h"
 #include "linearisation.h"
 #include "parallel.h"
-#include "whitening.h"
 #include "window_plans.h"
 
 namespace ground {
@@ -146,10 +145,9 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
       throw std::invalid_argument(run.name + ": the craft does not move");
     data->sigma.push_back(sigma);
     data->measured.push_back(target == Target::kPoses ? run.poses : run.nu);
+    data->weight.push_back((target == Target::kPoses ? run.noise : sigma).cwiseInverse());
     if (!(run.noise.minCoeff() > 0))
       throw std::invalid_argument(run.name + ": the noise of poses must be positive");
-    if (!(run.disturbance.minCoeff() >= 0))
-      throw std::invalid_argument(run.name + ": a disturbance must not be negative");
   }
   data->runs = std::move(runs);
   return data;
@@ -172,13 +170,6 @@ SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<W
         w.last >= static_cast<int>(runs()[w.run].times.size()))
       throw std::invalid_argument("a window lies outside its run");
   }
-  for (const Window& w : windows_) {
-    const RunData& run = runs()[w.run];
-    whitening_.push_back(
-        target_ == Target::kPoses
-            ? driftingErrors(run.times, w.first, w.last, run.noise, run.disturbance)
-            : independentErrors(static_cast<std::size_t>(w.last - w.first + 1), sigma(w.run)));
-  }
 }
 
 SimulationError::~SimulationError() = default;
@@ -193,15 +184,6 @@ WindowSimulation SimulationError::simulate(const Model& model,
       solveInitial(*this, model, coordinates, {delta}, static_cast<int>(w), initial[w]);
   });
   return simulateFrom(model, initial);
-}
-
-double SimulationError::logDeviations() const {
-  double sum = 0;
-  if (target_ == Target::kPoses)
-    for (const Whitening<double>& whitening : whitening_)
-      for (const std::array<double, 3>& over : whitening.over_deviation)
-        for (const double x : over) sum -= std::log(x);
-  return sum;
 }
 
 double SimulationError::objective(const WindowSimulation& simulation) const {

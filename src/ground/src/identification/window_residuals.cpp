@@ -86,7 +86,7 @@ WindowPlans::Groups Evaluation::groups() const {
   const Dynamics<Jet> dynamics(model_, point.coordinates);
   const Jet& delay = dynamics.inputDelay();
   return error_.plans_->get(error_.runs(), error_.windows_, error_.data_->measured,
-                            error_.whitening_, delay.a, !delay.isConstant(),
+                            error_.data_->weight, delay.a, !delay.isConstant(),
                             dynamics.settling());
 }
 
@@ -111,7 +111,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
   const Window& span = error_.windows_[window];
   const RunData& run = error_.runs()[span.run];
   const Rows3& measured = error_.data_->measured[span.run];
-  const Whitening<double>& whitening = error_.whitening_[window];
+  const Vector3<double>& weight = error_.data_->weight[span.run];
   const bool poses = error_.target_ == Target::kPoses;
   const int samples = span.last - span.first + 1, size = error_.initialSize();
   result.window = window;
@@ -125,19 +125,15 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
                              stateAtStart(dynamics, start, point.initial, size),
                              run.times[span.first]);
     if (!poses && !dynamics.usesPose()) simulation.forgetPose();
-    Innovations<double, double> residuals(whitening);
-    Innovations<double, Lanes> derivatives(whitening);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[span.first + i]);
       const Measurement<T> now = simulation.measure();
       const Vector3<T>& seen = poses ? now.eta : now.nu;
       for (int c = 0; c < 3; ++c) {
-        double error = valueOf(seen(c)) - measured(span.first + i, c);
-        residuals.apply(i, c, error);
-        result.residuals(3 * i + c) = error;
+        result.residuals(3 * i + c) =
+            (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
         if constexpr (!std::is_same_v<T, double>) {
-          Lanes row = Lanes::of(seen(c).v.x);
-          derivatives.apply(i, c, row);
+          const Lanes row = Lanes::of(seen(c).v.x) * Lanes(weight(c));
           std::memcpy(&result.derivatives(3 * i + c, begin), &row.x, sizeof row.x);
         }
       }
@@ -163,22 +159,19 @@ void Evaluation::together(const WindowPlans::Group& group,
     }
     dynamics.useDirections(end - begin);
     const int directions = end - begin;
-    std::vector<Innovations<Lanes, Lanes>> whiten(1 + directions,
-                                                  Innovations<Lanes, Lanes>(group.whitening));
     group.plan.run<T>(dynamics, stateAtStart(dynamics, start, point.initial, size),
                       poses || dynamics.usesPose(),
                       [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
                         const Vector3<T>& seen = poses ? eta : nu;
                         for (int c = 0; c < 3; ++c) {
                           const int row = 3 * visit + c;
-                          result.residuals[row] = valueOf(seen(c)) - group.measured[visit][c];
-                          whiten[directions].apply(visit, c, result.residuals[row]);
+                          const Lanes& weight = group.weight[visit][c];
+                          result.residuals[row] =
+                              (valueOf(seen(c)) - group.measured[visit][c]) * weight;
                           if constexpr (!std::is_same_v<T, Lanes>) {
                             Lanes* derivatives = &result.derivatives[row * result.stride + begin];
-                            for (int d = 0; d < directions; ++d) {
-                              derivatives[d] = seen(c).v[d];
-                              whiten[d].apply(visit, c, derivatives[d]);
-                            }
+                            for (int d = 0; d < directions; ++d)
+                              derivatives[d] = seen(c).v[d] * weight;
                           }
                         }
                       });

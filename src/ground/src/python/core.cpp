@@ -539,16 +539,6 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("nu", &RunData::nu)
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
-      .def_readonly("disturbance", &RunData::disturbance)
-      .def(
-          "disturbed",
-          [](const RunData& run, const Vector3<double>& noise, const Vector3<double>& disturbance) {
-            RunData other = run;
-            other.noise = noise;
-            other.disturbance = disturbance;
-            return other;
-          },
-          py::arg("noise"), py::arg("disturbance"), "The same with other levels.")
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
@@ -565,16 +555,13 @@ PYBIND11_MODULE(_core, module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.disturbance, r.inputs.drive.starts());
+                                  r.inputs.drive.starts());
           },
           [](const py::tuple& t) {
-            RunData run = makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
-                                  t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
-                                  t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                                  t[6].cast<Vector3<double>>(),
-                                  t[8].cast<std::vector<double>>());
-            run.disturbance = t[7].cast<Vector3<double>>();
-            return run;
+            return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
+                           t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
+                           t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) { return Window{run, first, last}; }),
@@ -599,7 +586,6 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
            py::arg("windows"), py::arg("target") = Target::kVelocities)
       .def("sigma", &SimulationError::sigma, py::arg("run"))
-      .def("log_deviations", &SimulationError::logDeviations)
       .def(
           "simulate",
           [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {

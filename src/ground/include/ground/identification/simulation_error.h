@@ -19,9 +19,6 @@ struct RunData {
   InputSequence inputs;       ///< in the model's units; its drive clock gives the model's t
   Eigen::MatrixX3d poses;     ///< the same as measured; as many as eta, or none: eta then
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
-  /// White acceleration that no model explains, of x, y [m/s^1.5] and psi [rad/s^1.5]: what drives
-  /// simulation and measurement apart besides the noise when poses are the target.
-  Vector3<double> disturbance = Vector3<double>::Zero();
 };
 
 /// A stretch of a run that is simulated from an initial velocity of its own; the initial pose is
@@ -88,8 +85,7 @@ struct FitResult {
 /// What a simulation is held against.
 enum class Target {
   kVelocities,  ///< measured velocities, each divided by its standard deviation in the run
-  kPoses        ///< measured poses: nothing is differenced. Errors are whitened by the run's noise
-                ///< and disturbance, independent and of variance one when the model is true
+  kPoses        ///< measured poses, each divided by the run's noise: nothing is differenced
 };
 
 /// Derivatives of a window's residuals, a row each; the columns are the free parameters, then the
@@ -107,8 +103,6 @@ struct WindowResiduals {
 };
 
 class Evaluation;
-template <typename V>
-struct Whitening;
 class WindowPlans;
 
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
@@ -154,8 +148,6 @@ class SimulationError {
                             const std::vector<int>& free, int window,
                             const Eigen::VectorXd& initial, bool derivatives) const;
 
-  /// Sum of the logarithms of what the pose errors are divided by; 0 for other targets.
-  double logDeviations() const;
   /// Simulates every window from the given initial states.
   WindowSimulation simulateFrom(const Model& model,
                                 const std::vector<Eigen::VectorXd>& initial) const;
@@ -167,7 +159,8 @@ class SimulationError {
   struct Data {
     std::vector<RunData> runs;
     std::vector<Vector3<double>> sigma;
-    std::vector<Rows3> measured;  ///< what each run's simulations are held against
+    std::vector<Rows3> measured;          ///< what each run's simulations are compared with
+    std::vector<Vector3<double>> weight;  ///< of their errors: one over the standard deviations
   };
   SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target);
   static std::shared_ptr<const Data> prepare(std::vector<RunData> runs, Target target);
@@ -175,7 +168,6 @@ class SimulationError {
   std::shared_ptr<const Data> data_;
   std::vector<Window> windows_;
   Target target_;
-  std::vector<Whitening<double>> whitening_;  // of each window
   std::unique_ptr<WindowPlans> plans_;
 };
 
