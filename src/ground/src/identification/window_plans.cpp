@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 /// Sets measurements and weights of a group that has its windows and plan.
@@ -58,4 +58,4 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
   return groups_;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

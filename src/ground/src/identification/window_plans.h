@@ -1,15 +1,19 @@
 // Windows that are simulated side by side.
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <memory>
 #include <mutex>
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/run_data.h"
 #include "ground/model/lane_simulation.h"
 
-namespace ground {
+namespace ground::detail {
+
+/// Measurements, a row each.
+using Rows3 = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 /// Groups of windows, of about the same length each, and the steps of their simulations. They stay
 /// the same from one evaluation to the next unless the delay of the inputs changes.
@@ -44,4 +48,4 @@ class WindowPlans {
   bool varies_ = false;
 };
 
-}  // namespace ground
+}  // namespace ground::detail

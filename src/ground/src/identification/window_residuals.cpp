@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <sstream>
 #include <stdexcept>
 
-#include "descent.h"
+#include "simulation_error_data.h"
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 constexpr int kPass = Jet::kDirections;  // derivatives that are taken at once
@@ -130,8 +131,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
       const Measurement<T> now = simulation.measure();
       const Vector3<T>& seen = poses ? now.eta : now.nu;
       for (int c = 0; c < 3; ++c) {
-        result.residuals(3 * i + c) =
-            (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
+        result.residuals(3 * i + c) = (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
         if constexpr (!std::is_same_v<T, double>) {
           const Lanes row = Lanes::of(seen(c).v.x) * Lanes(weight(c));
           std::memcpy(&result.derivatives(3 * i + c, begin), &row.x, sizeof row.x);
@@ -159,48 +159,54 @@ void Evaluation::together(const WindowPlans::Group& group,
     }
     dynamics.useDirections(end - begin);
     const int directions = end - begin;
-    group.plan.run<T>(dynamics, stateAtStart(dynamics, start, point.initial, size),
-                      poses || dynamics.usesPose(),
-                      [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
-                        const Vector3<T>& seen = poses ? eta : nu;
-                        for (int c = 0; c < 3; ++c) {
-                          const int row = 3 * visit + c;
-                          const Lanes& weight = group.weight[visit][c];
-                          result.residuals[row] =
-                              (valueOf(seen(c)) - group.measured[visit][c]) * weight;
-                          if constexpr (!std::is_same_v<T, Lanes>) {
-                            Lanes* derivatives = &result.derivatives[row * result.stride + begin];
-                            for (int d = 0; d < directions; ++d)
-                              derivatives[d] = seen(c).v[d] * weight;
-                          }
-                        }
-                      });
+    group.plan.run<T>(
+        dynamics, stateAtStart(dynamics, start, point.initial, size), poses || dynamics.usesPose(),
+        [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
+          const Vector3<T>& seen = poses ? eta : nu;
+          for (int c = 0; c < 3; ++c) {
+            const int row = 3 * visit + c;
+            const Lanes& weight = group.weight[visit][c];
+            result.residuals[row] = (valueOf(seen(c)) - group.measured[visit][c]) * weight;
+            if constexpr (!std::is_same_v<T, Lanes>) {
+              Lanes* derivatives = &result.derivatives[row * result.stride + begin];
+              for (int d = 0; d < directions; ++d) derivatives[d] = seen(c).v[d] * weight;
+            }
+          }
+        });
   });
 }
 
-WindowResiduals SimulationError::residuals(const Model& model,
-                                           const std::vector<double>& coordinates,
-                                           const std::vector<int>& free, int window,
-                                           const Eigen::VectorXd& initial, bool derivatives) const {
+std::string notFinite(const SimulationError& problem, int window) {
+  const Window& w = problem.windows()[window];
+  const RunData& run = problem.runs()[w.run];
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from " << run.times[w.first]
+      << " to " << run.times[w.last] << " s";
+  return out.str();
+}
+
+WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
+                            const std::vector<double>& coordinates, const std::vector<int>& free,
+                            int window, const Eigen::VectorXd& initial, bool derivatives) {
   WindowResiduals result;
-  Evaluation(*this, model, coordinates, free, derivatives).one(window, initial, result);
+  Evaluation(problem, model, coordinates, free, derivatives).one(window, initial, result);
   return result;
 }
 
-WindowSimulation SimulationError::simulateFrom(const Model& model,
-                                               const std::vector<Eigen::VectorXd>& initial) const {
+WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
+                              const Initials& initial) {
   WindowSimulation result;
   const Dynamics<double> dynamics(model);
-  for (std::size_t w = 0; w < windows_.size(); ++w) {
-    const Window& window = windows_[w];
-    const RunData& run = runs()[window.run];
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    const Window& window = problem.windows()[w];
+    const RunData& run = problem.runs()[window.run];
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
     std::array<double, kMostInitial> from{};
     std::copy(initial[w].begin(), initial[w].end(), from.begin());
     const Vector3<double> start = run.eta.row(window.first);
     Simulation<double> simulation(dynamics, run.inputs,
-                                  stateAtStart(dynamics, start, from, initialSize()),
+                                  stateAtStart(dynamics, start, from, problem.initialSize()),
                                   run.times[window.first]);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[window.first + i]);
@@ -209,11 +215,11 @@ WindowSimulation SimulationError::simulateFrom(const Model& model,
       nu.row(i) = seen.nu;
     }
     if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+      throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }
   return result;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

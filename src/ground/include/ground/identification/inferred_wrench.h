@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/run_data.h"
 
 namespace ground {
 
