@@ -45,20 +45,20 @@ struct LaneRows {
   std::vector<Lanes> derivatives;  ///< `stride` of each residual: the columns, then zeros
   int stride = 0;
 
-  /// Made for so many rows; derivatives beyond the columns are zero.
+  /// Makes room for so many rows; derivatives beyond the columns are zero.
   void prepare(int rows, int columns);
 };
 
-/// Of the rows [first, last) and the first `columns` columns of J.
+/// Normal equations of the rows [first, last) and the first `columns` columns of J.
 NormalEquations normalEquations(const WindowResiduals& rows, int columns, int first, int last,
                                 const Weigh& weigh);
 
-/// Of rows of several windows, added up.
+/// Sums of the normal equations of several windows side by side.
 class LaneSums {
  public:
   explicit LaneSums(int columns);
   void add(const LaneRows& rows, int first, int last, const Weigh& weigh);
-  /// Takes the sums of one lane out, which are zero then.
+  /// Moves the sums of one lane out and sets them to zero.
   void take(int lane, NormalEquations& result);
 
  private:
@@ -68,7 +68,7 @@ class LaneSums {
   Lanes loss_ = 0.0;
 };
 
-/// Losses of the lanes.
+/// Sums of the losses of each lane.
 Lanes losses(const std::vector<Lanes>& residuals, const Weigh& weigh);
 
 }  // namespace ground::detail

@@ -34,8 +34,8 @@ class WindowPlans {
   };
   using Groups = std::shared_ptr<const std::vector<Group>>;
 
-  /// Of windows of `runs`; `measured` is what each run is compared with, `weight` that of its
-  /// errors. Delay, whether it `varies` and settling as in LanePlan.
+  /// Groups of windows of `runs`; `measured` is what each run is compared with, `weight` that of
+  /// its errors. Delay, whether it `varies` and settling as in LanePlan.
   Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
              const std::vector<Rows3>& measured, const std::vector<Vector3<double>>& weight,
              double delay, bool varies, const Settling& settling);

@@ -12,7 +12,7 @@ namespace ground::detail {
 namespace {
 
 constexpr int kPass = Jet::kDirections;  // derivatives that are taken at once
-constexpr int kMostInitial = 6;
+constexpr int kMaxInitial = 6;           // numbers of an initial state
 
 /// True state whose measured pose is the given one; nu is the true velocity. A fixed point, reached
 /// in two rounds: offsets of heading and position do not feed back on each other.
@@ -31,7 +31,7 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& mea
 /// pose and velocity.
 template <typename T>
 RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measured,
-                           const std::array<T, kMostInitial>& initial, int size) {
+                           const std::array<T, kMaxInitial>& initial, int size) {
   if (size == 3)
     return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
   return {{initial[0], initial[1], initial[2]}, {initial[3], initial[4], initial[5]}};
@@ -41,7 +41,7 @@ RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measur
 template <typename T>
 struct Variables {
   std::vector<T> coordinates;
-  std::array<T, kMostInitial> initial;
+  std::array<T, kMaxInitial> initial;
 
   explicit Variables(const std::vector<double>& values)
       : coordinates(values.begin(), values.end()) {
@@ -56,7 +56,7 @@ struct Variables {
   }
 };
 
-/// Eigen's own looks at one number at a time.
+/// Eigen's allFinite() looks at one number at a time.
 bool allFinite(const Derivatives& rows) {
   Vec8 sum = {};
   for (Eigen::Index i = 0; i < rows.size(); i += 8) {
@@ -202,7 +202,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
     const RunData& run = problem.runs()[window.run];
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
-    std::array<double, kMostInitial> from{};
+    std::array<double, kMaxInitial> from{};
     std::copy(initial[w].begin(), initial[w].end(), from.begin());
     const Vector3<double> start = run.eta.row(window.first);
     Simulation<double> simulation(dynamics, run.inputs,

@@ -26,17 +26,19 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
 WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
                               const Initials& initial);
 
-/// All windows at one point: coordinates of the model and, window by window, initial states. With
-/// `derivatives` those by the parameters of the indices `free` and by the initial state are taken.
-/// All has to outlive it.
+/// Simulations of windows at coordinates of a model. With `derivatives` it takes those by the
+/// parameters of the indices `free` and by the initial state. All arguments have to outlive it.
 class Evaluation {
  public:
   Evaluation(const SimulationError& error, const Model& model,
              const std::vector<double>& coordinates, const std::vector<int>& free,
              bool derivatives);
 
+  /// Groups of windows to simulate side by side.
   WindowPlans::Groups groups() const;
+  /// One window from its initial state.
   void one(int window, const Eigen::VectorXd& initial, WindowResiduals& result) const;
+  /// A group of windows, `initial` being the states of all windows.
   void together(const WindowPlans::Group& group, const std::vector<Eigen::VectorXd>& initial,
                 LaneRows& result) const;
 
