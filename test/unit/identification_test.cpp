@@ -1,11 +1,12 @@
 // Fitting by simulation error on artificial data (thesis 3.3.2).
+#include "ground/identification/identification.h"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
 #include "artificial_run.h"
-#include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 
 namespace ground {
@@ -173,32 +174,6 @@ TEST(Fit, FitsEffectsToo) {
   EXPECT_LT(result.objective, 0.06);
 }
 
-TEST(Fit, DerivativesAgreeWithFiniteDifferences) {
-  const RunData run = record(truth(), 2, 0.1, 4);
-  const SimulationError p = problem(run, 2);
-  const Model model = with({8e-4, 4e-2, 6e-2, 8e-4, 0.12});
-  const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
-  const Vector3<double> nu(0.1, -0.05, 0.3);
-  const WindowResiduals exact = p.residuals(model, model.coordinates(), free, 0, nu, true);
-  ASSERT_TRUE(exact.finite);
-  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, made a multiple of eight
-  EXPECT_TRUE(exact.derivatives.rightCols(6).isZero(0.0));
-  for (int j = 0; j < 10; ++j) {
-    std::vector<double> up = model.coordinates(), down = up;
-    Vector3<double> nu_up = nu, nu_down = nu;
-    double& a = j < 7 ? up[free[j]] : nu_up(j - 7);
-    double& b = j < 7 ? down[free[j]] : nu_down(j - 7);
-    const double h = 1e-5 * std::max(std::abs(a), 1e-3);
-    a += h;
-    b -= h;
-    const WindowResiduals plus = p.residuals(model, up, {}, 0, nu_up, false);
-    const WindowResiduals minus = p.residuals(model, down, {}, 0, nu_down, false);
-    ASSERT_TRUE(plus.finite && minus.finite);
-    const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
-    EXPECT_LT((exact.derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
-  }
-}
-
 TEST(Fit, RefusesWhatCannotBeToldApart) {
   const SimulationError p = problem(record(truth(), 4, 0, 1));
   FitOptions o = options();
@@ -210,6 +185,21 @@ TEST(Fit, RefusesWhatCannotBeToldApart) {
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
   o.free = {"motor_lag.tau"};
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
+}
+
+TEST(Identification, HeaderAloneServesItsExample) {
+  RunData run = record(truth(), 6, 0.02, 1);
+  const SimulationError problem({run}, cutWindows(run, 0, 0, run.times.back(), 1.5));
+  FitOptions options;
+  options.free = {"k", "I_z"};
+  const FitResult fit = problem.fit(with({2e-3, 5e-2, 5e-2, 1e-3, 0.2}), options);
+  ASSERT_EQ(fit.parameters.size(), 2u);
+  EXPECT_NEAR(fit.parameters[0].value, 0.1, 0.005);
+  EXPECT_NEAR(fit.parameters[1].value, 1e-3, 5e-5);
+  // The run has no noise in its poses, and nothing is missing.
+  const WrenchFilter filter(fit.model, run);
+  const InferredWrench missing = filter.smooth(filter.likeliestNoise(WrenchNature::kRandomWalk));
+  EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().mean(), 0.05 * fit.parameters[0].value);
 }
 
 TEST(Windows, CoverTheRunAndSpareItsGaps) {

@@ -7,15 +7,15 @@
 #include <mutex>
 #include <numeric>
 
+#include "../../src/ground/src/identification/window_residuals.h"
 #include "artificial_run.h"
 #include "ground/model/effect_registry.h"
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 /// Windows of several lengths, more than fit into the lanes of two groups, of two runs of which one
-/// has an unmodelled acceleration and two samples of one instant; a model with a delay, actuators
-/// and a marker off the centre.
+/// has two samples of one instant; a model with a delay, actuators and a marker off the centre.
 struct Everything {
   Model model = truth();
   std::vector<RunData> runs;
@@ -28,7 +28,6 @@ struct Everything {
     model.setValue("input_delay.delay", 0.013);
     model.setValue("motor_lag.tau", 0.04);
     runs = {record(model, 5, 0.1, 1), record(model, 7, 0.1, 2)};
-    runs[1].disturbance = {0.02, 0.03, 0.5};
     runs[1].times[50] = runs[1].times[49];
     windows = cutWindows(runs[0], 0, 0, 1e9, 0.7);
     for (const Window& w : cutWindows(runs[1], 1, 0.3, 1e9, 0.6)) windows.push_back(w);
@@ -43,7 +42,7 @@ struct Everything {
 
 /// What a window's rows say, summed up plainly.
 NormalEquations plainly(const WindowResiduals& rows, int columns, int first, int last,
-                        const Robust& robust) {
+                        const RobustLoss& robust) {
   NormalEquations sum{Eigen::MatrixXd::Zero(columns, columns), Eigen::VectorXd::Zero(columns)};
   for (int i = first; i < last; ++i) {
     const double r = rows.residuals(i), slope = robust.derivative(r);
@@ -61,6 +60,32 @@ void expectSame(const NormalEquations& found, const NormalEquations& expected) {
   EXPECT_NEAR(found.loss, expected.loss, 1e-12 * expected.loss);
 }
 
+TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
+  const RunData run = record(truth(), 2, 0.1, 4);
+  const SimulationError p = problem(run, 2);
+  const Model model = with({8e-4, 4e-2, 6e-2, 8e-4, 0.12});
+  const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
+  const Vector3<double> nu(0.1, -0.05, 0.3);
+  const WindowResiduals exact = residualsOf(p, model, model.coordinates(), free, 0, nu, true);
+  ASSERT_TRUE(exact.finite);
+  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, made a multiple of eight
+  EXPECT_TRUE(exact.derivatives.rightCols(6).isZero(0.0));
+  for (int j = 0; j < 10; ++j) {
+    std::vector<double> up = model.coordinates(), down = up;
+    Vector3<double> nu_up = nu, nu_down = nu;
+    double& a = j < 7 ? up[free[j]] : nu_up(j - 7);
+    double& b = j < 7 ? down[free[j]] : nu_down(j - 7);
+    const double h = 1e-5 * std::max(std::abs(a), 1e-3);
+    a += h;
+    b -= h;
+    const WindowResiduals plus = residualsOf(p, model, up, {}, 0, nu_up, false);
+    const WindowResiduals minus = residualsOf(p, model, down, {}, 0, nu_down, false);
+    ASSERT_TRUE(plus.finite && minus.finite);
+    const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
+    EXPECT_LT((exact.derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
+  }
+}
+
 TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
   const Everything all;
   ASSERT_GT(all.windows.size(), 16u);
@@ -76,18 +101,18 @@ TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
         std::mutex mutex;
         std::map<std::pair<int, int>, NormalEquations> found;
         windows.normalEquations(
-            {at, all.free, initial}, Robust{delta}.weighing(),
+            {at, all.free, initial}, RobustLoss{delta}.weighing(),
             [&](int window) { return window == 2 ? 1 : parts; },
             [&](int window, int part, const NormalEquations& equations) {
               const std::lock_guard<std::mutex> lock(mutex);
               EXPECT_TRUE(found.emplace(std::make_pair(window, part), equations).second);
             });
         const std::vector<double> losses =
-            windows.losses({at, all.free, initial}, Robust{delta}.weighing());
+            windows.losses({at, all.free, initial}, RobustLoss{delta}.weighing());
         std::size_t count = 0;
         for (int w = 0; w < static_cast<int>(all.windows.size()); ++w) {
           const WindowResiduals alone =
-              problem.residuals(all.model, at, all.free, w, initial[w], true);
+              residualsOf(problem, all.model, at, all.free, w, initial[w], true);
           ASSERT_TRUE(alone.finite);
           const int samples = static_cast<int>(alone.residuals.size()) / 3, in = w == 2 ? 1 : parts;
           double loss = 0;
@@ -117,7 +142,7 @@ TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
                          const std::vector<int>& free) {
     std::vector<NormalEquations> found(all.windows.size());
     of.normalEquations(
-        {at, free, initial}, Robust{0.5}.weighing(), [](int) { return 1; },
+        {at, free, initial}, RobustLoss{0.5}.weighing(), [](int) { return 1; },
         [&](int w, int, const NormalEquations& equations) { found[w] = equations; });
     NormalEquations sum = found[0];
     for (std::size_t w = 1; w < found.size(); ++w) {
@@ -133,7 +158,8 @@ TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
   };
   const auto lossesAt = [&](const std::vector<double>& at) {
     double sum = 0;
-    for (const double x : windows.losses({at, all.free, initial}, Robust{0.5}.weighing())) sum += x;
+    for (const double x : windows.losses({at, all.free, initial}, RobustLoss{0.5}.weighing()))
+      sum += x;
     return sum;
   };
   const NormalEquations first = sumAt(windows, here, all.free);
@@ -159,7 +185,7 @@ TEST(Linearisation, SaysWhichWindowsAreNotFinite) {
   const std::vector<double> at = all.model.coordinates();
   initial[5](1) = 1e300;
   Linearisation windows(problem, all.model, 1);
-  const auto weigh = Robust{0.5}.weighing();
+  const auto weigh = RobustLoss{0.5}.weighing();
   const std::vector<double> losses = windows.losses({at, all.free, initial}, weigh);
   std::vector<bool> finite(losses.size());
   windows.normalEquations(
@@ -175,7 +201,7 @@ TEST(Linearisation, SaysWhichWindowsAreNotFinite) {
 }
 
 }  // namespace
-}  // namespace ground
+}  // namespace ground::detail
 
 int main(int argc, char** argv) {
   testing::InitGoogleTest(&argc, argv);

@@ -5,7 +5,7 @@
 #include <limits>
 #include <stdexcept>
 
-namespace ground {
+namespace ground::detail {
 
 Free makeFree(const Model& model, const std::vector<std::string>& names) {
   Free free;
@@ -38,4 +38,4 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
   return free;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -6,7 +6,7 @@
 
 #include "ground/model/model.h"
 
-namespace ground {
+namespace ground::detail {
 
 /// Scaling between solver variables of order one and coordinates of the model.
 struct Free {
@@ -36,4 +36,10 @@ struct Free {
 /// repeated name and on masses, levers and thrusts that motion cannot tell apart.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
 
+}  // namespace ground::detail
+
+namespace ground {
+// grey_box.cpp and disturbance_filter.h are not in detail.
+using detail::Free;
+using detail::makeFree;
 }  // namespace ground

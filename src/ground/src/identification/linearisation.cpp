@@ -6,7 +6,7 @@
 #include "parallel.h"
 #include "window_residuals.h"
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 constexpr double kMostKept = 64e6;  // bytes of derivatives
@@ -33,7 +33,7 @@ Linearisation::~Linearisation() = default;
 
 /// Calls use(group, rows) for each group of windows.
 template <class Use>
-void Linearisation::evaluate(const Point& point, bool derivatives, const Use& use) {
+void Linearisation::evaluate(const ParameterPoint& point, bool derivatives, const Use& use) {
   const Evaluation evaluation(problem_, model_, point.coordinates, point.free, derivatives);
   const WindowPlans::Groups groups = evaluation.groups();
   const bool same = !kept_.empty() && coordinates_ == point.coordinates && free_ == point.free &&
@@ -84,12 +84,12 @@ void Linearisation::evaluate(const Point& point, bool derivatives, const Use& us
       taken.count() * std::min<double>(threads, static_cast<double>(groups->size()));
 }
 
-std::vector<double> Linearisation::losses(const Point& point, const Weigh& weigh,
+std::vector<double> Linearisation::losses(const ParameterPoint& point, const Weigh& weigh,
                                           bool derivatives) {
   std::vector<double> result(problem_.windows().size());
   evaluate(point, derivatives, [&](const WindowPlans::Group& group, const Rows& rows) {
     if (group.together()) {
-      const Lanes sums = ground::losses(rows.lanes.residuals, weigh);
+      const Lanes sums = detail::losses(rows.lanes.residuals, weigh);
       for (std::size_t i = 0; i < group.windows.size(); ++i) result[group.windows[i]] = sums[i];
       return;
     }
@@ -102,7 +102,7 @@ std::vector<double> Linearisation::losses(const Point& point, const Weigh& weigh
   return result;
 }
 
-std::vector<double> Linearisation::residuals(const Point& point) {
+std::vector<double> Linearisation::residuals(const ParameterPoint& point) {
   std::vector<std::vector<double>> windows(problem_.windows().size());
   evaluate(point, false, [&](const WindowPlans::Group& group, const Rows& rows) {
     for (const int window : group.windows) {
@@ -130,7 +130,7 @@ std::vector<double> Linearisation::residuals(const Point& point) {
 }
 
 void Linearisation::normalEquations(
-    const Point& point, const Weigh& weigh, const std::function<int(int)>& parts,
+    const ParameterPoint& point, const Weigh& weigh, const std::function<int(int)>& parts,
     const std::function<void(int, int, const NormalEquations&)>& take) {
   const int columns = static_cast<int>(point.free.size()) + problem_.initialSize();
   evaluate(point, true, [&](const WindowPlans::Group& group, const Rows& rows) {
@@ -140,7 +140,7 @@ void Linearisation::normalEquations(
         const int samples = static_cast<int>(found.residuals.size()) / 3;
         for (int part = 0; part < count; ++part)
           take(found.window, part,
-               ground::normalEquations(found, columns, firstRow(samples, part, count),
+               detail::normalEquations(found, columns, firstRow(samples, part, count),
                                        firstRow(samples, part + 1, count), weigh));
       }
       return;
@@ -169,4 +169,4 @@ void Linearisation::normalEquations(
   });
 }
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -1,55 +1,56 @@
-// Residuals of all windows, simulated once for all that is asked of them at a point.
+// Residuals of all windows at a point, simulated once whatever loss they are put under.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <vector>
 
-#include "descent.h"
+#include "initial_states.h"
 #include "normal_equations.h"
 #include "window_plans.h"
 
-namespace ground {
+namespace ground::detail {
 
-/// Residuals of all windows and their derivatives. Those at the last point where derivatives were
-/// asked for are kept, unless they are very many: the loss on them may change, and what an estimate
-/// is worth is asked for where the descent to it ended. One fit at a time.
+/// Where windows are simulated.
+struct ParameterPoint {
+  std::vector<double> coordinates;  ///< of the model
+  const std::vector<int>& free;     ///< parameters to take derivatives by
+  const Initials& initial;          ///< states of the windows
+};
+
+/// Residuals of all windows and their derivatives. It keeps those of the last point at which it
+/// took derivatives, up to 64 MB: the robust loss starts and the uncertainty is found where a
+/// descent ended, without another simulation. For one fit at a time.
 class Linearisation {
  public:
   /// Over so many threads (0: all cores). Problem and model have to outlive it.
   Linearisation(const SimulationError& problem, const Model& model, int threads);
   ~Linearisation();
 
-  struct Point {
-    std::vector<double> coordinates;  ///< of the model
-    const std::vector<int>& free;     ///< parameters to take derivatives by
-    const Initials& initial;          ///< states of the windows
-  };
-
-  /// Loss of each window; not finite where a simulation is not. With `derivatives` these are taken
-  /// and kept, for they will be asked for next.
-  std::vector<double> losses(const Point& point, const Weigh& weigh, bool derivatives = false);
+  /// Loss of each window; not finite where a simulation is not. With `derivatives` it takes and
+  /// keeps these as well, for normalEquations at the same point.
+  std::vector<double> losses(const ParameterPoint& point, const Weigh& weigh,
+                             bool derivatives = false);
 
   /// Residuals of all windows that can be simulated.
-  std::vector<double> residuals(const Point& point);
+  std::vector<double> residuals(const ParameterPoint& point);
 
   /// Calls take(window, part, equations) for each window and part, in any order, from any of the
-  /// threads. Columns are the free parameters, then the window's initial state. A window is parted
-  /// into as many stretches of time as parts(window) says. Equations are not finite where the
-  /// simulation is not.
-  void normalEquations(const Point& point, const Weigh& weigh,
+  /// threads. A window is divided into parts(window) stretches of time. Equations are not finite
+  /// where the simulation is not.
+  void normalEquations(const ParameterPoint& point, const Weigh& weigh,
                        const std::function<int(int window)>& parts,
                        const std::function<void(int, int, const NormalEquations&)>& take);
 
   const SimulationError& problem() const { return problem_; }
   const Model& model() const { return model_; }
-  int threads() const { return threads_; }
 
  private:
   struct Rows;
 
   template <class Use>
-  void evaluate(const Point& point, bool derivatives, const Use& use);
+  void evaluate(const ParameterPoint& point, bool derivatives, const Use& use);
 
   const SimulationError& problem_;
   const Model& model_;
@@ -64,4 +65,4 @@ class Linearisation {
   double work_[2] = {kInfinity, kInfinity};
 };
 
-}  // namespace ground
+}  // namespace ground::detail

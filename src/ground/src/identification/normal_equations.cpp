@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 // Columns that are multiplied with as many others at once: their products fill the registers.
@@ -17,6 +17,20 @@ const double* flat(const Lanes* x) { return reinterpret_cast<const double*>(x); 
 double* flat(Lanes* x) { return reinterpret_cast<double*>(x); }
 
 }  // namespace
+
+NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
+  A += other.A;
+  b += other.b;
+  loss += other.loss;
+  return *this;
+}
+
+NormalEquations& NormalEquations::operator-=(const NormalEquations& other) {
+  A -= other.A;
+  b -= other.b;
+  loss -= other.loss;
+  return *this;
+}
 
 void LaneRows::prepare(int rows, int columns) {
   const int padded = (columns + kBlock - 1) / kBlock * kBlock;
@@ -124,4 +138,4 @@ Lanes losses(const std::vector<Lanes>& residuals, const Weigh& weigh) {
   return sum;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

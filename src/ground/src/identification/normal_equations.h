@@ -1,25 +1,42 @@
-// Normal equations of windows' residuals under a loss.
+// Residuals of windows, and their normal equations under a loss.
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
+#include <utility>
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
 #include "ground/model/lanes.h"
+#include "robust_loss.h"
 
-namespace ground {
+namespace ground::detail {
 
-/// What a loss makes of each of `count` residuals: weight W and product s of J'WJ and J's, and the
-/// loss itself, twice what the cost grows by. Without `weight` only the loss is asked for.
-using Weigh = std::function<void(const double* residuals, int count, double* weight,
-                                 double* product, double* loss)>;
-
-/// J'WJ, J's and the loss.
+/// J'WJ, J's and the loss. Columns of J are the free parameters, then a window's initial state.
 struct NormalEquations {
   Eigen::MatrixXd A;
   Eigen::VectorXd b;
   double loss = 0;
+
+  NormalEquations() = default;
+  NormalEquations(Eigen::MatrixXd A, Eigen::VectorXd b, double loss = 0)
+      : A(std::move(A)), b(std::move(b)), loss(loss) {}
+  static NormalEquations zero(Eigen::Index columns) {
+    return {Eigen::MatrixXd::Zero(columns, columns), Eigen::VectorXd::Zero(columns)};
+  }
+
+  NormalEquations& operator+=(const NormalEquations& other);
+  NormalEquations& operator-=(const NormalEquations& other);
+};
+
+/// Derivatives of a window's residuals, a row each; the columns are the free parameters, then the
+/// numbers of the initial state, then as many zeros as make them a multiple of eight.
+using Derivatives = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Residuals of a window at some parameters and initial state.
+struct WindowResiduals {
+  int window;
+  bool finite;                ///< else the simulation was not
+  Eigen::VectorXd residuals;  ///< u, v, r (x, y, psi) after each other for every sample
+  Derivatives derivatives;    ///< empty where not asked for
 };
 
 /// Residuals and derivatives of windows side by side: three rows a visit.
@@ -28,20 +45,20 @@ struct LaneRows {
   std::vector<Lanes> derivatives;  ///< `stride` of each residual: the columns, then zeros
   int stride = 0;
 
-  /// Made for so many rows; derivatives beyond the columns are zero.
+  /// Makes room for so many rows; derivatives beyond the columns are zero.
   void prepare(int rows, int columns);
 };
 
-/// Of the rows [first, last) and the first `columns` columns of J.
+/// Normal equations of the rows [first, last) and the first `columns` columns of J.
 NormalEquations normalEquations(const WindowResiduals& rows, int columns, int first, int last,
                                 const Weigh& weigh);
 
-/// Of rows of several windows, added up.
+/// Sums of the normal equations of several windows side by side.
 class LaneSums {
  public:
   explicit LaneSums(int columns);
   void add(const LaneRows& rows, int first, int last, const Weigh& weigh);
-  /// Takes the sums of one lane out, which are zero then.
+  /// Moves the sums of one lane out and sets them to zero.
   void take(int lane, NormalEquations& result);
 
  private:
@@ -51,7 +68,7 @@ class LaneSums {
   Lanes loss_ = 0.0;
 };
 
-/// Losses of the lanes.
+/// Sums of the losses of each lane.
 Lanes losses(const std::vector<Lanes>& residuals, const Weigh& weigh);
 
-}  // namespace ground
+}  // namespace ground::detail

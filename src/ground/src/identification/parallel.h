@@ -8,7 +8,7 @@
 #include <thread>
 #include <vector>
 
-namespace ground {
+namespace ground::detail {
 
 /// Number of threads: for 0 as many as the process may use cores.
 inline int threadCount(int wanted) {
@@ -32,4 +32,8 @@ void inParallel(std::size_t count, int threads, const Work& work) {
   for (std::thread& thread : others) thread.join();
 }
 
+}  // namespace ground::detail
+
+namespace ground {
+using detail::inParallel;  // of grey_box.cpp, which is not in detail
 }  // namespace ground

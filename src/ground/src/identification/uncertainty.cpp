@@ -5,36 +5,69 @@
 #include <algorithm>
 #include <cmath>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
-/// Normal equations of the free parameters and one window's initial state.
-struct Normal {
-  Eigen::MatrixXd A;
-  Eigen::VectorXd b;
+double durationOf(const SimulationError& problem, const Window& window) {
+  const std::vector<double>& times = problem.runs()[window.run].times;
+  return times[window.last] - times[window.first];
+}
 
-  explicit Normal(int n) : A(Eigen::MatrixXd::Zero(n, n)), b(Eigen::VectorXd::Zero(n)) {}
-  Normal& operator+=(const Normal& other) {
-    A += other.A;
-    b += other.b;
-    return *this;
-  }
-  Normal& operator-=(const Normal& other) {
-    A -= other.A;
-    b -= other.b;
-    return *this;
-  }
-  /// Without the initial state, the last `k` unknowns: whatever it is, it follows along.
-  Normal reduced(Eigen::Index k) const {
-    const Eigen::Index n = b.size() - k;
-    const auto state = A.bottomRightCorner(k, k).completeOrthogonalDecomposition();
-    Normal result(static_cast<int>(n));
-    result.A =
-        A.topLeftCorner(n, n) - A.topRightCorner(n, k) * state.solve(A.bottomLeftCorner(k, n));
-    result.b = b.head(n) - A.topRightCorner(n, k) * state.solve(b.tail(k));
-    return result;
-  }
-};
+/// Normal equations without the last `k` columns, the initial state: whatever it is, it follows
+/// along. The loss is left out.
+NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
+  const Eigen::MatrixXd& A = whole.A;
+  const Eigen::VectorXd& b = whole.b;
+  const Eigen::Index n = b.size() - k;
+  const auto state = A.bottomRightCorner(k, k).completeOrthogonalDecomposition();
+  NormalEquations result = NormalEquations::zero(n);
+  result.A = A.topLeftCorner(n, n) - A.topRightCorner(n, k) * state.solve(A.bottomLeftCorner(k, n));
+  result.b = b.head(n) - A.topRightCorner(n, k) * state.solve(b.tail(k));
+  return result;
+}
+
+/// Normal equations of the scaled free parameters and a window's initial state, of each window's
+/// blocks of about `block` seconds.
+std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windows,
+                                                            const Free& free,
+                                                            const ParameterPoint& point,
+                                                            const RobustLoss& robust,
+                                                            double block) {
+  const SimulationError& problem = windows.problem();
+  const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
+  const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
+  const double width = std::max(robust.delta, 0.3 * deviationOf(windows.residuals(point)));
+  const auto parts = [&](int window) {
+    const Window& span = problem.windows()[window];
+    const auto count = static_cast<int>(std::lround(durationOf(problem, span) / block));
+    return std::min(span.last - span.first + 1, std::max(1, count));
+  };
+  std::vector<std::vector<NormalEquations>> blocks(problem.windows().size());
+  for (std::size_t w = 0; w < blocks.size(); ++w)
+    blocks[w].assign(parts(static_cast<int>(w)), NormalEquations::zero(n + k));
+  const auto weigh = [robust, width](const double* residuals, int count, double* weight,
+                                     double* product, double* loss) {
+    const RobustLoss by = robust;  // nothing that is written to
+    const double over = width;
+    for (int i = 0; i < count; ++i) {
+      weight[i] = by.curvature(residuals[i], over);
+      product[i] = by.score(residuals[i]);
+      loss[i] = 0;
+    }
+  };
+  windows.normalEquations(point, weigh, parts,
+                          [&](int window, int number, const NormalEquations& equations) {
+                            NormalEquations& part = blocks[window][number];
+                            part.A = equations.A;
+                            part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
+                            part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
+                            part.b = equations.b;
+                            part.b.head(n) = scale.cwiseProduct(part.b.head(n));
+                            if (!std::isfinite(part.A.sum() + part.b.sum()))
+                              part = NormalEquations::zero(n + k);
+                          });
+  return blocks;
+}
 
 }  // namespace
 
@@ -46,64 +79,29 @@ double deviationOf(std::vector<double> residuals) {
   return 1.4826 * *middle;
 }
 
-Uncertainty uncertainty(Linearisation& windows, const Free& free,
-                        const std::vector<double>& coordinates, const Initials& initial,
-                        const Robust& robust, double block) {
+Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at,
+                        double block) {
   const SimulationError& problem = windows.problem();
-  const int n = static_cast<int>(free.index.size());
-  const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
-  const auto durationOf = [&problem](const Window& w) {
-    const std::vector<double>& times = problem.runs()[w.run].times;
-    return times[w.last] - times[w.first];
-  };
-  const Linearisation::Point point{coordinates, free.index, initial};
-  const double width = std::max(robust.delta, 0.3 * deviationOf(windows.residuals(point)));
+  const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   double total = 0;
-  for (const Window& window : problem.windows()) total += durationOf(window);
+  for (const Window& window : problem.windows()) total += durationOf(problem, window);
   // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
   block = std::min(block, total / (4 * n));
-
-  const int k = problem.initialSize();
-  const auto parts = [&](int window) {
-    const Window& span = problem.windows()[window];
-    const auto count = static_cast<int>(std::lround(durationOf(span) / block));
-    return std::min(span.last - span.first + 1, std::max(1, count));
-  };
-  std::vector<std::vector<Normal>> blocks(problem.windows().size());
-  for (std::size_t w = 0; w < blocks.size(); ++w)
-    blocks[w].assign(parts(static_cast<int>(w)), Normal(n + k));
-  const auto weigh = [robust, width](const double* residuals, int count, double* weight,
-                                     double* product, double* loss) {
-    const Robust by = robust;  // nothing that is written to
-    const double over = width;
-    for (int i = 0; i < count; ++i) {
-      weight[i] = by.curvature(residuals[i], over);
-      product[i] = by.score(residuals[i]);
-      loss[i] = 0;
-    }
-  };
-  windows.normalEquations(point, weigh, parts,
-                          [&](int window, int number, const NormalEquations& equations) {
-                            Normal& part = blocks[window][number];
-                            part.A = equations.A;
-                            part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
-                            part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
-                            part.b = equations.b;
-                            part.b.head(n) = scale.cwiseProduct(part.b.head(n));
-                            if (!std::isfinite(part.A.sum() + part.b.sum())) part = Normal(n + k);
-                          });
-  Normal whole(n);
-  std::vector<Normal> changes;  // of the whole when a block is left out
-  for (const std::vector<Normal>& parts : blocks) {
-    Normal window(n + k);
-    for (const Normal& part : parts) window += part;
-    const Normal reduced = window.reduced(k);
-    whole += reduced;
-    for (const Normal& part : parts) {
-      Normal rest = window;
+  const std::vector<std::vector<NormalEquations>> blocks =
+      equationsOfBlocks(windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial},
+                        {at.delta}, block);
+  NormalEquations whole = NormalEquations::zero(n);
+  std::vector<NormalEquations> changes;  // of the whole when a block is left out
+  for (const std::vector<NormalEquations>& parts : blocks) {
+    NormalEquations window = NormalEquations::zero(n + k);
+    for (const NormalEquations& part : parts) window += part;
+    const NormalEquations complete = reduced(window, k);
+    whole += complete;
+    for (const NormalEquations& part : parts) {
+      NormalEquations rest = window;
       rest -= part;
-      changes.push_back(parts.size() > 1 ? rest.reduced(k) : Normal(n));
-      changes.back() -= reduced;
+      changes.push_back(parts.size() > 1 ? reduced(rest, k) : NormalEquations::zero(n));
+      changes.back() -= complete;
     }
   }
 
@@ -143,4 +141,4 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free,
   return result;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

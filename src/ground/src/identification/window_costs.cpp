@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 using RowMajor = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
@@ -74,7 +74,7 @@ class WindowCosts::SharedCost : public ceres::CostFunction {
   const WindowCosts& all_;
 };
 
-WindowCosts::WindowCosts(Linearisation& windows, const Free& free, const Robust& robust,
+WindowCosts::WindowCosts(Linearisation& windows, const Free& free, const RobustLoss& robust,
                          std::vector<double>& scaled, Initials& initial)
     : all_(windows),
       free_(free),
@@ -96,7 +96,7 @@ void WindowCosts::addTo(ceres::Problem& solver) {
 void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
   if (!moved && (has_derivatives_ || !derivatives)) return;
   has_derivatives_ = derivatives;
-  const Linearisation::Point point{free_.coordinates(scaled_.data()), free_.index, initial_};
+  const ParameterPoint point{free_.coordinates(scaled_.data()), free_.index, initial_};
   const Weigh weigh = robust_.weighing();
   if (!derivatives) {
     losses_ = all_.losses(point, weigh);
@@ -146,4 +146,4 @@ void WindowCosts::eliminate(const NormalEquations& equations, Share& share) cons
   share.shared.triangularView<Eigen::StrictlyLower>() = share.shared.transpose();
 }
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -5,10 +5,10 @@
 
 #include <vector>
 
-#include "descent.h"
+#include "free_parameters.h"
 #include "linearisation.h"
 
-namespace ground {
+namespace ground::detail {
 
 /// The costs of all windows at one point, evaluated together whenever the solver moves. A window's
 /// residuals r (after the loss) and derivatives J, hundreds of rows, are passed on as a few rows of
@@ -19,7 +19,7 @@ class WindowCosts : public ceres::EvaluationCallback {
  public:
   /// Variables are `scaled` (unless there are none) and the windows' initial states; all has to
   /// outlive it.
-  WindowCosts(Linearisation& windows, const Free& free, const Robust& robust,
+  WindowCosts(Linearisation& windows, const Free& free, const RobustLoss& robust,
               std::vector<double>& scaled, Initials& initial);
 
   void addTo(ceres::Problem& solver);
@@ -39,7 +39,7 @@ class WindowCosts : public ceres::EvaluationCallback {
 
   Linearisation& all_;
   const Free& free_;
-  const Robust robust_;
+  const RobustLoss robust_;
   std::vector<double>& scaled_;
   Initials& initial_;
   std::vector<double> losses_;  ///< without derivatives there is no more
@@ -48,4 +48,4 @@ class WindowCosts : public ceres::EvaluationCallback {
   bool has_derivatives_ = false;
 };
 
-}  // namespace ground
+}  // namespace ground::detail

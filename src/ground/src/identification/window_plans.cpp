@@ -3,44 +3,24 @@
 #include <algorithm>
 #include <numeric>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
-std::vector<std::array<Lanes, 3>> gather(const LanePlan& plan, const std::vector<Window>& windows,
-                                         const std::vector<Rows3>& measured,
-                                         const std::vector<int>& lanes) {
-  std::vector<std::array<Lanes, 3>> result(plan.visits());
+/// Sets measurements and weights of a group that has its windows and plan.
+void gather(const std::vector<Window>& windows, const std::vector<Rows3>& measured,
+            const std::vector<Vector3<double>>& weight, WindowPlans::Group& group) {
+  const LanePlan& plan = group.plan;
+  group.measured.resize(plan.visits());
+  group.weight.resize(plan.visits());
   for (int visit = 0; visit < plan.visits(); ++visit)
     for (auto sample = plan.begin(visit); sample != plan.end(visit); ++sample) {
-      const Window& window = windows[lanes[sample->lane]];
-      for (int c = 0; c < 3; ++c)
-        result[visit][c][sample->lane] = measured[window.run](window.first + sample->index, c);
-    }
-  return result;
-}
-
-Whitening<Lanes> gather(const LanePlan& plan, const std::vector<Whitening<double>>& whitening,
-                        const std::vector<int>& lanes) {
-  Whitening<Lanes> result;
-  result.over_deviation.resize(plan.visits());
-  for (const int window : lanes)
-    if (!whitening[window].foresight.empty()) result.foresight.resize(plan.visits());
-  for (int visit = 0; visit < plan.visits(); ++visit)
-    for (auto sample = plan.begin(visit); sample != plan.end(visit); ++sample) {
-      const int lane = sample->lane;
-      const Whitening<double>& of = whitening[lanes[lane]];
-      for (int c = 0; c < 3; ++c)
-        result.over_deviation[visit][c][lane] = of.over_deviation[sample->index][c];
-      if (of.foresight.empty()) continue;
-      const Whitening<double>::Foresight& from = of.foresight[sample->index];
-      Whitening<Lanes>::Foresight& to = result.foresight[visit];
+      const Window& window = windows[group.windows[sample->lane]];
       for (int c = 0; c < 3; ++c) {
-        to.gain_position[c][lane] = from.gain_position[c];
-        to.gain_rate[c][lane] = from.gain_rate[c];
+        group.measured[visit][c][sample->lane] =
+            measured[window.run](window.first + sample->index, c);
+        group.weight[visit][c][sample->lane] = weight[window.run](c);
       }
-      to.step[lane] = from.step;
     }
-  return result;
 }
 
 }  // namespace
@@ -48,7 +28,7 @@ Whitening<Lanes> gather(const LanePlan& plan, const std::vector<Whitening<double
 WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
                                      const std::vector<Window>& windows,
                                      const std::vector<Rows3>& measured,
-                                     const std::vector<Whitening<double>>& whitening, double delay,
+                                     const std::vector<Vector3<double>>& weight, double delay,
                                      bool varies, const Settling& settling) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (groups_ && delay_ == delay && varies_ == varies && settling_ == settling) return groups_;
@@ -68,10 +48,8 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
           {&run.inputs, &run.times[windows[w].first], windows[w].last - windows[w].first + 1});
     }
     LanePlan plan(lanes, delay, varies, settling);
-    auto targets = gather(plan, windows, measured, members);
-    auto whitenings = gather(plan, whitening, members);
-    groups->push_back(
-        {std::move(members), std::move(plan), std::move(targets), std::move(whitenings)});
+    groups->push_back({std::move(members), std::move(plan), {}, {}});
+    gather(windows, measured, weight, groups->back());
   }
   groups_ = groups;
   delay_ = delay;
@@ -80,4 +58,4 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
   return groups_;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -1,15 +1,19 @@
 // Windows that are simulated side by side.
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <mutex>
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/run_data.h"
 #include "ground/model/lane_simulation.h"
-#include "whitening.h"
 
-namespace ground {
+namespace ground::detail {
+
+/// Measurements, a row each.
+using Rows3 = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 /// Groups of windows, of about the same length each, and the steps of their simulations. They stay
 /// the same from one evaluation to the next unless the delay of the inputs changes.
@@ -18,10 +22,9 @@ class WindowPlans {
   struct Group {
     std::vector<int> windows;  ///< one a lane
     LanePlan plan;
-    /// Of each visit of the plan; nothing, to be divided by infinity, in lanes that are not
+    /// Of each visit of the plan: measurement and weight of its error, both 0 in lanes that are not
     /// measured then.
-    std::vector<std::array<Lanes, 3>> measured;
-    Whitening<Lanes> whitening;
+    std::vector<std::array<Lanes, 3>> measured, weight;
 
     /// Whether the lanes are filled enough to be faster than one simulation after the other.
     bool together() const { return windows.size() >= kFewestLanes; }
@@ -31,10 +34,10 @@ class WindowPlans {
   };
   using Groups = std::shared_ptr<const std::vector<Group>>;
 
-  /// Of windows of `runs`, `measured` being what each run is held against, and the whitening that
-  /// of each window. Delay, whether it `varies` and settling as in LanePlan.
+  /// Groups of windows of `runs`; `measured` is what each run is compared with, `weight` that of
+  /// its errors. Delay, whether it `varies` and settling as in LanePlan.
   Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
-             const std::vector<Rows3>& measured, const std::vector<Whitening<double>>& whitening,
+             const std::vector<Rows3>& measured, const std::vector<Vector3<double>>& weight,
              double delay, bool varies, const Settling& settling);
 
  private:
@@ -45,4 +48,4 @@ class WindowPlans {
   bool varies_ = false;
 };
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <sstream>
 #include <stdexcept>
 
-#include "descent.h"
+#include "simulation_error_data.h"
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 constexpr int kPass = Jet::kDirections;  // derivatives that are taken at once
-constexpr int kMostInitial = 6;
+constexpr int kMaxInitial = 6;           // numbers of an initial state
 
 /// True state whose measured pose is the given one; nu is the true velocity. A fixed point, reached
 /// in two rounds: offsets of heading and position do not feed back on each other.
@@ -30,7 +31,7 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& mea
 /// pose and velocity.
 template <typename T>
 RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measured,
-                           const std::array<T, kMostInitial>& initial, int size) {
+                           const std::array<T, kMaxInitial>& initial, int size) {
   if (size == 3)
     return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
   return {{initial[0], initial[1], initial[2]}, {initial[3], initial[4], initial[5]}};
@@ -40,7 +41,7 @@ RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measur
 template <typename T>
 struct Variables {
   std::vector<T> coordinates;
-  std::array<T, kMostInitial> initial;
+  std::array<T, kMaxInitial> initial;
 
   explicit Variables(const std::vector<double>& values)
       : coordinates(values.begin(), values.end()) {
@@ -55,7 +56,7 @@ struct Variables {
   }
 };
 
-/// Eigen's own looks at one number at a time.
+/// Eigen's allFinite() looks at one number at a time.
 bool allFinite(const Derivatives& rows) {
   Vec8 sum = {};
   for (Eigen::Index i = 0; i < rows.size(); i += 8) {
@@ -86,7 +87,7 @@ WindowPlans::Groups Evaluation::groups() const {
   const Dynamics<Jet> dynamics(model_, point.coordinates);
   const Jet& delay = dynamics.inputDelay();
   return error_.plans_->get(error_.runs(), error_.windows_, error_.data_->measured,
-                            error_.whitening_, delay.a, !delay.isConstant(),
+                            error_.data_->weight, delay.a, !delay.isConstant(),
                             dynamics.settling());
 }
 
@@ -111,7 +112,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
   const Window& span = error_.windows_[window];
   const RunData& run = error_.runs()[span.run];
   const Rows3& measured = error_.data_->measured[span.run];
-  const Whitening<double>& whitening = error_.whitening_[window];
+  const Vector3<double>& weight = error_.data_->weight[span.run];
   const bool poses = error_.target_ == Target::kPoses;
   const int samples = span.last - span.first + 1, size = error_.initialSize();
   result.window = window;
@@ -125,19 +126,14 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
                              stateAtStart(dynamics, start, point.initial, size),
                              run.times[span.first]);
     if (!poses && !dynamics.usesPose()) simulation.forgetPose();
-    Innovations<double, double> residuals(whitening);
-    Innovations<double, Lanes> derivatives(whitening);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[span.first + i]);
       const Measurement<T> now = simulation.measure();
       const Vector3<T>& seen = poses ? now.eta : now.nu;
       for (int c = 0; c < 3; ++c) {
-        double error = valueOf(seen(c)) - measured(span.first + i, c);
-        residuals.apply(i, c, error);
-        result.residuals(3 * i + c) = error;
+        result.residuals(3 * i + c) = (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
         if constexpr (!std::is_same_v<T, double>) {
-          Lanes row = Lanes::of(seen(c).v.x);
-          derivatives.apply(i, c, row);
+          const Lanes row = Lanes::of(seen(c).v.x) * Lanes(weight(c));
           std::memcpy(&result.derivatives(3 * i + c, begin), &row.x, sizeof row.x);
         }
       }
@@ -163,51 +159,54 @@ void Evaluation::together(const WindowPlans::Group& group,
     }
     dynamics.useDirections(end - begin);
     const int directions = end - begin;
-    std::vector<Innovations<Lanes, Lanes>> whiten(1 + directions,
-                                                  Innovations<Lanes, Lanes>(group.whitening));
-    group.plan.run<T>(dynamics, stateAtStart(dynamics, start, point.initial, size),
-                      poses || dynamics.usesPose(),
-                      [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
-                        const Vector3<T>& seen = poses ? eta : nu;
-                        for (int c = 0; c < 3; ++c) {
-                          const int row = 3 * visit + c;
-                          result.residuals[row] = valueOf(seen(c)) - group.measured[visit][c];
-                          whiten[directions].apply(visit, c, result.residuals[row]);
-                          if constexpr (!std::is_same_v<T, Lanes>) {
-                            Lanes* derivatives = &result.derivatives[row * result.stride + begin];
-                            for (int d = 0; d < directions; ++d) {
-                              derivatives[d] = seen(c).v[d];
-                              whiten[d].apply(visit, c, derivatives[d]);
-                            }
-                          }
-                        }
-                      });
+    group.plan.run<T>(
+        dynamics, stateAtStart(dynamics, start, point.initial, size), poses || dynamics.usesPose(),
+        [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
+          const Vector3<T>& seen = poses ? eta : nu;
+          for (int c = 0; c < 3; ++c) {
+            const int row = 3 * visit + c;
+            const Lanes& weight = group.weight[visit][c];
+            result.residuals[row] = (valueOf(seen(c)) - group.measured[visit][c]) * weight;
+            if constexpr (!std::is_same_v<T, Lanes>) {
+              Lanes* derivatives = &result.derivatives[row * result.stride + begin];
+              for (int d = 0; d < directions; ++d) derivatives[d] = seen(c).v[d] * weight;
+            }
+          }
+        });
   });
 }
 
-WindowResiduals SimulationError::residuals(const Model& model,
-                                           const std::vector<double>& coordinates,
-                                           const std::vector<int>& free, int window,
-                                           const Eigen::VectorXd& initial, bool derivatives) const {
+std::string notFinite(const SimulationError& problem, int window) {
+  const Window& w = problem.windows()[window];
+  const RunData& run = problem.runs()[w.run];
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from " << run.times[w.first]
+      << " to " << run.times[w.last] << " s";
+  return out.str();
+}
+
+WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
+                            const std::vector<double>& coordinates, const std::vector<int>& free,
+                            int window, const Eigen::VectorXd& initial, bool derivatives) {
   WindowResiduals result;
-  Evaluation(*this, model, coordinates, free, derivatives).one(window, initial, result);
+  Evaluation(problem, model, coordinates, free, derivatives).one(window, initial, result);
   return result;
 }
 
-WindowSimulation SimulationError::simulateFrom(const Model& model,
-                                               const std::vector<Eigen::VectorXd>& initial) const {
+WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
+                              const Initials& initial) {
   WindowSimulation result;
   const Dynamics<double> dynamics(model);
-  for (std::size_t w = 0; w < windows_.size(); ++w) {
-    const Window& window = windows_[w];
-    const RunData& run = runs()[window.run];
+  for (std::size_t w = 0; w < problem.windows().size(); ++w) {
+    const Window& window = problem.windows()[w];
+    const RunData& run = problem.runs()[window.run];
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
-    std::array<double, kMostInitial> from{};
+    std::array<double, kMaxInitial> from{};
     std::copy(initial[w].begin(), initial[w].end(), from.begin());
     const Vector3<double> start = run.eta.row(window.first);
     Simulation<double> simulation(dynamics, run.inputs,
-                                  stateAtStart(dynamics, start, from, initialSize()),
+                                  stateAtStart(dynamics, start, from, problem.initialSize()),
                                   run.times[window.first]);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[window.first + i]);
@@ -216,11 +215,11 @@ WindowSimulation SimulationError::simulateFrom(const Model& model,
       nu.row(i) = seen.nu;
     }
     if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(notFinite(*this, static_cast<int>(w)));
+      throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }
   return result;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

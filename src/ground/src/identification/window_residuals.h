@@ -2,25 +2,43 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
+#include "initial_states.h"
 #include "normal_equations.h"
 #include "window_plans.h"
 
-namespace ground {
+namespace ground::detail {
 
-/// All windows at one point: coordinates of the model and, window by window, initial states. With
-/// `derivatives` those by the parameters of the indices `free` and by the initial state are taken.
-/// All has to outlive it.
+/// "The model's motion is not finite in …".
+std::string notFinite(const SimulationError& problem, int window);
+
+/// Weighted residuals of one window at coordinates of the model and an initial state; with
+/// `derivatives` also those by the parameters of the indices `free` and by the initial state.
+WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
+                            const std::vector<double>& coordinates, const std::vector<int>& free,
+                            int window, const Eigen::VectorXd& initial, bool derivatives);
+
+/// Simulates every window from the given initial states. Throws std::runtime_error when a motion is
+/// not finite.
+WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
+                              const Initials& initial);
+
+/// Simulations of windows at coordinates of a model. With `derivatives` it takes those by the
+/// parameters of the indices `free` and by the initial state. All arguments have to outlive it.
 class Evaluation {
  public:
   Evaluation(const SimulationError& error, const Model& model,
              const std::vector<double>& coordinates, const std::vector<int>& free,
              bool derivatives);
 
+  /// Groups of windows to simulate side by side.
   WindowPlans::Groups groups() const;
+  /// One window from its initial state.
   void one(int window, const Eigen::VectorXd& initial, WindowResiduals& result) const;
+  /// A group of windows, `initial` being the states of all windows.
   void together(const WindowPlans::Group& group, const std::vector<Eigen::VectorXd>& initial,
                 LaneRows& result) const;
 
@@ -35,4 +53,4 @@ class Evaluation {
   int columns_;
 };
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -1,16 +1,38 @@
-// Parts of the Python module, a function each.
+// What the files of the Python module share.
 #pragma once
 
 #include <pybind11/pybind11.h>
 
+#include <Eigen/Core>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
 
 namespace ground {
 
+/// Each adds the classes and functions of a library to the module, those of the libraries that it
+/// builds on before it.
+void bindModel(pybind11::module_& module);
+void bindEstimation(pybind11::module_& module);
+void bindControl(pybind11::module_& module);
+void bindSimulation(pybind11::module_& module);
+void bindIdentification(pybind11::module_& module);
+void bindGreyBox(pybind11::module_& module);
+
+/// Inputs from rows of time [s], left, right, lift, ascending in time. Throws std::invalid_argument
+/// on other columns and on values that are not finite.
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows);
+
 /// Dictionaries: name, unit, start, value, ci95, deviation, at_bound, identified.
 pybind11::list toList(const std::vector<FittedParameter>& parameters);
-void bindGreyBox(pybind11::module_& module);
+
+/// One row for each entry: fill(entry).
+template <typename Entry, typename Fill>
+Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill) {
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(entries.size()), columns);
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    rows.row(i) = fill(entries[static_cast<std::size_t>(i)]);
+  return rows;
+}
 
 }  // namespace ground

@@ -3,11 +3,11 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/run_data.h"
 
 namespace ground {
 
-/// How the wrench that the model lacks is taken to vary.
+/// How the missing wrench of a model is taken to vary.
 enum class WrenchNature {
   kRandomWalk,  ///< a state that drifts: what is inferred over time
   kWhite        ///< without memory: whatever has memory stays in the innovations
@@ -21,7 +21,7 @@ struct WrenchNoise {
   double heading = 0;   ///< of the measured psi [rad]
 };
 
-/// What a pose says beyond what the model, following the poses before it, has foretold.
+/// Measured poses minus their predictions by the model from the poses before.
 struct Innovations {
   /// Ahead, to starboard and in heading, each divided by its standard deviation: white and of
   /// variance one when the model is true. Outliers are as large as the limit beyond which their
@@ -31,12 +31,12 @@ struct Innovations {
   double log_likelihood = 0;
 };
 
-/// Wrench X, Y [N], N [N m] in the model's body frame that acts beside what the model knows.
+/// Missing wrench X, Y [N], N [N m] of a model, in its body frame.
 struct InferredWrench {
   Eigen::MatrixX3d wrench;  ///< one row a sample
   Eigen::MatrixX3d sigma;   ///< its standard deviations
-  /// Smoothed wrenches of the same poses had a given one acted in truth, a column each: the
-  /// response of this estimator to it.
+  /// Response of this estimator to given wrenches, a column each: what it would infer of them from
+  /// the same poses.
   Eigen::MatrixXd responses;
 };
 
@@ -56,11 +56,13 @@ class WrenchFilter {
   /// within a factor of about 1.3. Outliers count as if their pose had been as noisy as it takes.
   WrenchNoise likeliestNoise(WrenchNature nature) const;
 
+  /// Innovations of the filter at given noise levels.
   Innovations innovations(WrenchNature nature, const WrenchNoise& noise) const;
 
   /// The random-walk wrench from all poses. `acting`: a column for each wrench whose response is
   /// wanted, its size at each sample, held until the next; `channels` says on which of X, Y, N
-  /// (0, 1, 2) each acts, and is told of in the answer.
+  /// (0, 1, 2) each acts; a column of the responses is on the same channel. Throws
+  /// std::invalid_argument when their sizes differ or a channel is none of these.
   InferredWrench smooth(const WrenchNoise& noise, const Eigen::MatrixXd& acting = {},
                         const std::vector<int>& channels = {}) const;
 

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/run_data.h"
 
 namespace ground {
 

@@ -66,28 +66,22 @@ class Study:
         """Fits the free parameters, and once more without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
-        best: what was fitted without an effect may be far from what is right with it.
+        best: what was fitted without an effect may be far from what is right with it. It chooses the
+        length of windows whose fits predict best what they were not fitted to; `refit` takes that
+        length, and the same residuals as outliers.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
-        return self.adapt(self._best(starts, free, threads=self.threads)["model"], free)
-
-    def adapt(self, model, free):
-        """The fit near a model. From now on refits take as outliers what is one to it, and fit to
-        windows as long as predict best what they were not fitted to."""
+        near = self._best(starts, free, threads=self.threads)["model"]
         best = None
         for length in sorted(LENGTHS, key=lambda length: length != self.length):
             self.length, self.width = length, 0.0
-            result = self._fit(self.windows, model, free, near=True, threads=self.threads)
+            result = self._fit(self.windows, near, free, near=True, threads=self.threads)
             self.width = result["width"] if np.isfinite(result["width"]) else 0.0
             found = self._judged(result, free, self.threads)
             if best is None or found.heldout.sum() < BETTER * best[0].heldout.sum():
                 best = found, self.length, self.width
         fit, self.length, self.width = best
         return fit
-
-    def search(self, starts, free):
-        """The model that fits all windows best, sought from several. One thread."""
-        return self._best(starts, free, threads=1)["model"]
 
     def _best(self, starts, free, **options):
         """The best fit from any start; IdentifyError when none can be simulated."""
@@ -101,13 +95,11 @@ class Study:
             raise failure
         return min(found, key=lambda result: result["objective"])
 
-    def refit(self, starts, free, below=np.inf):
-        """The same from models near the best: no other start is tried. One thread. None when the
-        error of what was fitted to is not below a bound."""
-        result = self._best(starts, free, near=True, threads=1, width=self.width)
-        if not windows.error(self.runs, result["model"], self.windows) < below:
-            return None
-        return self._judged(result, free, 1)
+    def refit(self, starts, free):
+        """The same from models near the best: no other start is tried. One thread."""
+        return self._judged(
+            self._best(starts, free, near=True, threads=1, width=self.width), free, 1
+        )
 
     def _judged(self, result, free, threads):
         fitted = result["model"]

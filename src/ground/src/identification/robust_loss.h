@@ -1,0 +1,83 @@
+// The loss that residuals are put under: Pseudo-Huber.
+#pragma once
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+namespace ground::detail {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// What a loss makes of each of `count` residuals: weight W and product s of J'WJ and J's, and the
+/// loss itself, twice what the cost grows by. Without `weight` only the loss is asked for.
+using Weigh = std::function<void(const double* residuals, int count, double* weight,
+                                 double* product, double* loss)>;
+
+/// Pseudo-Huber loss rho(r) = 2 delta^2 (sqrt(1 + (r/delta)^2) - 1): r^2 for residuals below delta,
+/// 2 delta |r| above. Infinite delta: least squares. Least-squares solvers are given its signed
+/// root f(r) as residual, rho = f^2.
+struct RobustLoss {
+  double delta = kInfinity;
+
+  /// f(r).
+  double operator()(double r) const { return r * factor(r); }
+  /// f'(r).
+  double derivative(double r) const {
+    if (std::isinf(delta)) return 1;
+    const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
+    return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
+  }
+  /// As Weigh: f'^2, f f', f^2. Loops without branches are made of vectors.
+  void weigh(const double* residuals, int count, double* weight, double* product,
+             double* loss) const {
+    const double over = 1 / (delta * delta);
+    if (!weight) {
+      for (int i = 0; i < count; ++i) {
+        const double square = residuals[i] * residuals[i];
+        loss[i] = 2 * square / (1 + std::sqrt(1 + square * over));
+      }
+      return;
+    }
+    if (std::isinf(delta)) {
+      for (int i = 0; i < count; ++i) {
+        weight[i] = 1;
+        product[i] = residuals[i];
+        loss[i] = residuals[i] * residuals[i];
+      }
+      return;
+    }
+    for (int i = 0; i < count; ++i) {
+      const double r = residuals[i], root = std::sqrt(1 + r * r * over), inverse = 1 / root;
+      weight[i] = 0.5 * (1 + root) * inverse * inverse;
+      product[i] = r * inverse;
+      loss[i] = 2 * r * r / (1 + root);
+    }
+  }
+  Weigh weighing() const {
+    return
+        [robust = *this](const double* residuals, int count, double* weight, double* product,
+                         double* loss) { robust.weigh(residuals, count, weight, product, loss); };
+  }
+  /// Half the derivative of the loss by the residual.
+  double score(double r) const {
+    return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
+  }
+  /// Half the second derivative of the loss, averaged over about `width` (no less than delta):
+  /// absolute values have all their curvature at zero, where few residuals are.
+  double curvature(double r, double width) const {
+    const double square = 1 + r * r / (width * width);
+    return std::isinf(delta) ? 1 : delta / width / (square * std::sqrt(square));
+  }
+
+ private:
+  double factor(double r) const {
+    return std::isinf(delta) ? 1 : std::sqrt(2 / (1 + std::sqrt(1 + r * r / (delta * delta))));
+  }
+};
+
+}  // namespace ground::detail
+
+namespace ground {
+using detail::kInfinity;  // of grey_box.cpp, which is not in detail
+}  // namespace ground

@@ -1,0 +1,70 @@
+// Bindings of estimation.
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "ground/estimation/axis_mapping.h"
+#include "ground/estimation/disturbance_observer.h"
+#include "ground/estimation/smoother.h"
+
+namespace py = pybind11;
+
+namespace ground {
+
+void bindEstimation(py::module_& module) {
+  py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
+      .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
+           py::arg("heading_offset") = 0.0)
+      .def(
+          "to_mocap",
+          [](const AxisMapping& mapping, const Vector3<double>& eta, double height) {
+            Eigen::Vector3d p;
+            Eigen::Quaterniond q;
+            mapping.toMocap(eta, height, p, q);
+            return py::make_tuple(p, Eigen::Vector4d(q.x(), q.y(), q.z(), q.w()));
+          },
+          py::arg("eta"), py::arg("height"),
+          "Position and quaternion x, y, z, w in the mocap's frame.")
+      .def(
+          "to_planar",
+          [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
+            return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
+          },
+          py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.");
+
+  py::class_<EstimatorParams>(module, "EstimatorParams")
+      .def(py::init<>())
+      .def_readwrite("position_noise", &EstimatorParams::position_noise)
+      .def_readwrite("heading_noise", &EstimatorParams::heading_noise)
+      .def_readwrite("linear_jerk", &EstimatorParams::linear_jerk)
+      .def_readwrite("angular_jerk", &EstimatorParams::angular_jerk)
+      .def_readwrite("gate", &EstimatorParams::gate)
+      .def_readwrite("max_gap", &EstimatorParams::max_gap);
+  module.def(
+      "smooth",
+      [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
+         const EstimatorParams& params) {
+        const SmoothedMotion motion = smooth(stamps, eta, params);
+        py::dict d;
+        d["eta"] = motion.eta;
+        d["nu"] = motion.nu;
+        d["nu_dot"] = motion.nu_dot;
+        d["used"] = motion.used;
+        d["starts"] = motion.starts;
+        return d;
+      },
+      py::arg("stamps"), py::arg("eta"), py::arg("params"),
+      "Velocities without delay from the poses of a whole recording.");
+
+  py::class_<ObserverParams>(module, "ObserverParams", "Noise that the observer reckons with.")
+      .def(py::init<>())
+      .def_readwrite("position_noise", &ObserverParams::position_noise)
+      .def_readwrite("heading_noise", &ObserverParams::heading_noise)
+      .def_readwrite("push", &ObserverParams::push)
+      .def_readwrite("twist", &ObserverParams::twist)
+      .def_readwrite("push_drift", &ObserverParams::push_drift)
+      .def_readwrite("twist_drift", &ObserverParams::twist_drift);
+}
+
+}  // namespace ground

@@ -1,0 +1,247 @@
+// Bindings of identification.
+#include "ground/identification/identification.h"
+
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+
+namespace py = pybind11;
+
+namespace ground {
+namespace {
+
+Eigen::MatrixXd fromInputs(const RunData& run) {
+  const InputSequence& inputs = run.inputs;
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 4);
+  for (std::size_t i = 0; i < inputs.size(); ++i)
+    rows.row(static_cast<Eigen::Index>(i)) << inputs.times[i], inputs.thrusters[i](0),
+        inputs.thrusters[i](1), inputs.lift[i];
+  return rows;
+}
+
+RunData makeRun(const std::string& name, const std::vector<double>& times,
+                const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
+                const Eigen::Ref<const Eigen::MatrixXd>& inputs, const Eigen::MatrixX3d& poses,
+                const Vector3<double>& noise, const std::vector<double>& drives) {
+  RunData run{name, times, eta, nu, toInputs(inputs), poses, noise};
+  if (!drives.empty()) run.inputs.drive = DriveClock(drives);
+  return run;
+}
+
+/// The times as an array that shares the run's memory.
+py::array timesOf(const py::object& self) {
+  const auto& run = self.cast<const RunData&>();
+  py::array_t<double> times(static_cast<py::ssize_t>(run.times.size()), run.times.data(), self);
+  times.attr("setflags")(py::arg("write") = false);
+  return std::move(times);
+}
+
+py::dict toDict(const FitResult& result) {
+  py::dict d;
+  d["model"] = result.model;
+  d["parameters"] = toList(result.parameters);
+  d["correlation"] = result.correlation;
+  d["condition"] = result.condition;
+  d["objective"] = result.objective;
+  d["initial"] = result.initial;
+  d["width"] = result.width;
+  d["starts"] = result.starts;
+  d["starts_at_best"] = result.starts_at_best;
+  d["iterations"] = result.iterations;
+  d["converged"] = result.converged;
+  d["message"] = result.message;
+  return d;
+}
+
+}  // namespace
+
+py::list toList(const std::vector<FittedParameter>& parameters) {
+  py::list list;
+  for (const FittedParameter& p : parameters) {
+    py::dict d;
+    d["name"] = p.name;
+    d["unit"] = p.unit;
+    d["start"] = p.start;
+    d["value"] = p.value;
+    d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["deviation"] = p.deviation;
+    d["at_bound"] = p.at_bound;
+    d["identified"] = p.identified;
+    list.append(d);
+  }
+  return list;
+}
+
+void bindIdentification(py::module_& module) {
+  py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
+      .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
+           py::arg("inputs"), py::arg("poses") = RunData().poses,
+           py::arg("noise") = RunData().noise, py::arg("drives") = std::vector<double>())
+      .def_readonly("name", &RunData::name)
+      .def_property_readonly("times", &timesOf, "Read-only view [s].")
+      .def_readonly("eta", &RunData::eta)
+      .def_readonly("nu", &RunData::nu)
+      .def_readonly("poses", &RunData::poses)
+      .def_readonly("noise", &RunData::noise)
+      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
+      .def_property_readonly(
+          "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
+          "When drives began [s], on the run's clock.")
+      .def_property_readonly(
+          "t",
+          [](const RunData& run) {
+            Eigen::VectorXd t(static_cast<Eigen::Index>(run.times.size()));
+            for (std::size_t i = 0; i < run.times.size(); ++i)
+              t(static_cast<Eigen::Index>(i)) = run.inputs.drive.since(run.times[i]);
+            return t;
+          },
+          "Time since the drive began at each sample [s]: the model's t.")
+      .def(py::pickle(
+          [](const RunData& r) {
+            return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
+                                  r.inputs.drive.starts());
+          },
+          [](const py::tuple& t) {
+            return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
+                           t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
+                           t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>());
+          }));
+  py::class_<Window>(module, "Window")
+      .def(py::init([](int run, int first, int last) {
+             return Window{run, first, last};
+           }),
+           py::arg("run"), py::arg("first"), py::arg("last"))
+      .def_readonly("run", &Window::run)
+      .def_readonly("first", &Window::first)
+      .def_readonly("last", &Window::last)
+      .def(py::pickle([](const Window& w) { return py::make_tuple(w.run, w.first, w.last); },
+                      [](const py::tuple& t) {
+                        return Window{t[0].cast<int>(), t[1].cast<int>(), t[2].cast<int>()};
+                      }));
+  module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
+             py::arg("end"), py::arg("length"), py::arg("max_gap") = 0.1);
+
+  py::enum_<FitOptions::Objective>(module, "Objective")
+      .value("least_squares", FitOptions::Objective::kLeastSquares)
+      .value("thesis", FitOptions::Objective::kThesis);
+  py::enum_<Target>(module, "Target")
+      .value("velocities", Target::kVelocities)
+      .value("poses", Target::kPoses);
+  py::class_<SimulationError>(module, "SimulationError", "Simulation minus measurement.")
+      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
+           py::arg("windows"), py::arg("target") = Target::kVelocities)
+      .def("sigma", &SimulationError::sigma, py::arg("run"))
+      .def(
+          "simulate",
+          [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {
+            WindowSimulation simulation;
+            {
+              const py::gil_scoped_release release;
+              simulation = problem.simulate(model, objective);
+            }
+            py::dict d;
+            d["objective"] = problem.objective(simulation);
+            d["eta"] = simulation.eta;
+            d["nu"] = simulation.nu;
+            return d;
+          },
+          py::arg("model"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
+          "Every window with the initial velocities that suit the model best by the objective.")
+      .def(
+          "fit",
+          [](const SimulationError& problem, const Model& model,
+             const std::vector<std::string>& free, FitOptions::Objective objective, int starts,
+             int threads, double width, bool near, const std::vector<Eigen::VectorXd>& initial) {
+            FitOptions options;
+            options.free = free;
+            options.width = width;
+            options.near = near;
+            options.initial = initial;
+            options.starts = starts;
+            options.threads = threads;
+            options.objective = objective;
+            FitResult result;
+            {
+              const py::gil_scoped_release release;
+              result = problem.fit(model, options);
+            }
+            return toDict(result);
+          },
+          py::arg("model"), py::arg("free"),
+          py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
+          py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
+          py::arg("initial") = std::vector<Eigen::VectorXd>());
+
+  module.def(
+      "predict",
+      [](const Model& model, const RunData& run, const std::vector<Window>& windows,
+         const Eigen::MatrixX3d& nu) {
+        WindowSimulation simulation;
+        {
+          const py::gil_scoped_release release;
+          simulation = predict(model, run, windows, nu);
+        }
+        py::dict d;
+        d["eta"] = simulation.eta;
+        d["nu"] = simulation.nu;
+        return d;
+      },
+      py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
+      "Windows from the measured pose and the given measured velocity, a row each, uncorrected.");
+
+  py::enum_<WrenchNature>(module, "WrenchNature")
+      .value("random_walk", WrenchNature::kRandomWalk)
+      .value("white", WrenchNature::kWhite);
+  py::class_<WrenchNoise>(module, "WrenchNoise", "Noise levels of the filter.")
+      .def(py::init<>())
+      .def_readwrite("force", &WrenchNoise::force)
+      .def_readwrite("moment", &WrenchNoise::moment)
+      .def_readwrite("position", &WrenchNoise::position)
+      .def_readwrite("heading", &WrenchNoise::heading);
+  py::class_<WrenchFilter>(module, "WrenchFilter", "The missing wrench of a model along a run.")
+      .def(py::init<const Model&, const RunData&, double>(), py::arg("model"), py::arg("run"),
+           py::arg("max_gap") = 0.1, py::call_guard<py::gil_scoped_release>())
+      .def("likeliest_noise", &WrenchFilter::likeliestNoise, py::arg("nature"),
+           py::call_guard<py::gil_scoped_release>())
+      .def(
+          "innovations",
+          [](const WrenchFilter& filter, WrenchNature nature, const WrenchNoise& noise) {
+            Innovations innovations;
+            {
+              const py::gil_scoped_release release;
+              innovations = filter.innovations(nature, noise);
+            }
+            py::dict d;
+            d["normalised"] = innovations.normalised;
+            d["valid"] = innovations.valid;
+            d["log_likelihood"] = innovations.log_likelihood;
+            return d;
+          },
+          py::arg("nature"), py::arg("noise"), "Ahead, to starboard, in heading; one row a sample.")
+      .def(
+          "smooth",
+          [](const WrenchFilter& filter, const WrenchNoise& noise, const Eigen::MatrixXd& acting,
+             const std::vector<int>& channels) {
+            InferredWrench inferred;
+            {
+              const py::gil_scoped_release release;
+              inferred = filter.smooth(noise, acting, channels);
+            }
+            py::dict d;
+            d["wrench"] = inferred.wrench;
+            d["sigma"] = inferred.sigma;
+            d["responses"] = inferred.responses;
+            return d;
+          },
+          py::arg("noise"), py::arg("acting") = Eigen::MatrixXd(),
+          py::arg("channels") = std::vector<int>(),
+          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
+      .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
+      .def_property_readonly("stretches", &WrenchFilter::stretches);
+}
+
+}  // namespace ground

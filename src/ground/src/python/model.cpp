@@ -1,0 +1,201 @@
+// Bindings of the model.
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <Eigen/LU>
+
+#include "bindings.h"
+#include "ground/model/drive_clock.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+
+namespace py = pybind11;
+
+namespace ground {
+namespace {
+
+py::dict describe(const ParameterInfo& info) {
+  py::dict d;
+  d["name"] = info.name;
+  d["unit"] = info.unit;
+  d["doc"] = info.doc;
+  d["neutral"] = info.neutral;
+  d["lower"] = info.lower;
+  d["upper"] = info.upper;
+  return d;
+}
+
+py::list describe(const std::vector<ParameterInfo>& infos) {
+  py::list list;
+  for (const ParameterInfo& info : infos) list.append(describe(info));
+  return list;
+}
+
+/// When drives began, by the commands and by rows began, as_of of the records.
+std::vector<double> driveStarts(const std::vector<double>& times, const std::vector<double>& lift,
+                                const Eigen::Ref<const Eigen::MatrixX2d>& records) {
+  if (times.size() != lift.size()) throw std::invalid_argument("times and lift differ in length");
+  DriveClock clock;
+  for (std::size_t i = 0; i < times.size(); ++i) clock.command(times[i], lift[i]);
+  for (Eigen::Index i = 0; i < records.rows(); ++i) clock.record(records(i, 0), records(i, 1));
+  return clock.starts();
+}
+
+py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
+                     const std::vector<double>& times, const Vector3<double>& eta,
+                     const Vector3<double>& nu, const std::vector<double>& drives,
+                     const Eigen::MatrixX3d& wrench) {
+  InputSequence inputs = toInputs(rows);
+  if (!drives.empty()) inputs.drive = DriveClock(drives);
+  if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
+  const auto count = static_cast<Eigen::Index>(times.size());
+  if (wrench.rows() != 0 && wrench.rows() != count)
+    throw std::invalid_argument("the wrench needs a row for each time");
+  Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
+  {
+    const py::gil_scoped_release release;
+    const Dynamics<double> dynamics(model);
+    Simulation<double> simulation(dynamics, inputs, {eta, nu}, times.front());
+    const Matrix3<double> mobility = dynamics.mass().inverse();
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const double time = times[static_cast<std::size_t>(i)];
+      Vector3<double> push = Vector3<double>::Zero();
+      if (i > 0 && wrench.rows() > 0)
+        push = 0.5 * (time - simulation.time()) * mobility * wrench.row(i - 1).transpose();
+      simulation.state().nu += push;  // half of it before the step, half after
+      simulation.advance(time);
+      simulation.state().nu += push;
+      eta_out.row(i) = simulation.measure().eta;
+      nu_out.row(i) = simulation.measure().nu;
+    }
+  }
+  py::dict d;
+  d["eta"] = eta_out;
+  d["nu"] = nu_out;
+  return d;
+}
+
+}  // namespace
+
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
+  if (rows.cols() != 4) throw std::invalid_argument("inputs need columns time, left, right, lift");
+  if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
+  InputSequence inputs;
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
+  return inputs;
+}
+
+void bindModel(py::module_& module) {
+  py::class_<Provenance>(module, "Provenance")
+      .def(py::init<>())
+      .def_readwrite("date", &Provenance::date)
+      .def_readwrite("command", &Provenance::command)
+      .def_readwrite("bags", &Provenance::bags)
+      .def_readwrite("error_before", &Provenance::error_before)
+      .def_readwrite("error_after", &Provenance::error_after)
+      .def_readwrite("confidence_95", &Provenance::confidence_95)
+      .def_readwrite("not_identified", &Provenance::not_identified);
+
+  py::class_<Disturbance>(module, "Disturbance",
+                          "A random wrench beside the model: X, Y [N], N [N m], body.")
+      .def(py::init<>())
+      .def_readwrite("sigma", &Disturbance::sigma,
+                     "Stationary standard deviation of an Ornstein-Uhlenbeck process (3,).")
+      .def_readwrite("time", &Disturbance::time, "Its correlation time (3,) [s].")
+      .def_readwrite("white", &Disturbance::white,
+                     "Root of the two-sided spectral density of white noise (3,) [N sqrt(s), ..].")
+      .def_readwrite("trim", &Disturbance::trim,
+                     "Standard deviation, from run to run, of a constant wrench (3,).")
+      .def_readwrite("trim_thrust", &Disturbance::trim_thrust,
+                     "Standard deviation, from run to run, of a factor on the thrust.")
+      .def("empty", &Disturbance::empty)
+      .def("validate", &Disturbance::validate, "What is wrong; empty when nothing is.");
+  py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
+      .def(py::init<>())
+      .def_readwrite("name", &Model::name)
+      .def_readwrite("disturbance", &Model::disturbance)
+      .def_readwrite("provenance", &Model::provenance)
+      .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
+      .def_property_readonly("effects",
+                             [](const Model& m) {
+                               std::vector<std::string> names;
+                               for (const auto& e : m.effects)
+                                 names.push_back(e.effect->info().name);
+                               return names;
+                             })
+      .def("copy", [](const Model& m) { return Model(m); })
+      .def(
+          "parameters",
+          [](const Model& m) {
+            py::list list;
+            for (const ParameterInfo& info : m.parameters()) {
+              py::dict described = describe(info);
+              described["scale"] = info.scale(m.body);
+              list.append(described);
+            }
+            return list;
+          },
+          "Name, unit, doc, neutral value and bounds of every parameter.")
+      .def("value", &Model::value, py::arg("parameter"))
+      .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
+      .def("penalty", &Model::penalty, py::arg("parameters"),
+           "Prior on the named parameters: W (n, n), by which the log-likelihood loses "
+           "(x - x0)' W (x - x0)/2 at coordinates x, x0 the neutral ones.")
+      .def(
+          "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
+          py::arg("name"), "Adds an effect of the library at its neutral values.")
+      .def("remove_effect", &Model::removeEffect, py::arg("name"))
+      .def("format", &formatModel, "The model file's text.")
+      .def(py::pickle([](const Model& m) { return formatModel(m); },
+                      [](const std::string& text) { return parseModel(text, "a pickle"); }));
+
+  module.def(
+      "load_model", [](const std::string& path) { return loadModel(path); }, py::arg("path"));
+  module.def(
+      "load_model_with_warnings",
+      [](const std::string& path) {
+        std::vector<std::string> warnings;
+        Model model = loadModel(path, &warnings);
+        return std::make_pair(std::move(model), warnings);
+      },
+      py::arg("path"), "The model, and a line for each value that is hardly meant as it stands.");
+  module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
+  module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
+             "A copy of the model with the effect of this text.");
+  module.def("read_effect_file", &readEffectFile, py::arg("path"));
+  module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
+             py::arg("overwrite") = false);
+  module.def(
+      "effects",
+      [] {
+        py::dict all;
+        for (const std::string& name : effectNames()) {
+          const EffectPtr effect = makeEffect(name);
+          const EffectInfo& info = effect->info();
+          py::dict d;
+          d["summary"] = info.summary;
+          d["parameters"] = describe(info.parameters);
+          d["opt_in"] = info.opt_in;
+          all[py::str(name)] = d;
+        }
+        return all;
+      },
+      "The effects of the library by name. A diagnosis tries those with `opt_in` only when it is "
+      "asked to.");
+  module.def(
+      "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
+      py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
+      py::arg("wrench") = Eigen::MatrixX3d(0, 3),
+      "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
+      "of time, left, right, lift; `drives` says when drives began [s], the lift if empty; "
+      "`wrench` X, Y [N], N [N m] acts besides, each row until the next time (none if empty).");
+  module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
+             py::arg("records") = Eigen::MatrixX2d(0, 2),
+             "When drives began [s], the origins of the model's t: by commands in order of time "
+             "and by records (k, 2), began and as of when, in order. Empty without any lift.");
+}
+
+}  // namespace ground

@@ -1,0 +1,113 @@
+// Bindings of simulated experiments.
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "ground/simulation/experiment.h"
+
+namespace py = pybind11;
+
+namespace ground {
+namespace {
+
+py::dict toDict(const ExperimentLog& log) {
+  py::dict d;
+  d["frames"] = toRows(log.frames, 5, [](const MocapFrame& f) {
+    return (Eigen::RowVectorXd(5) << f.captured, f.delivered, f.eta.transpose()).finished();
+  });
+  d["commands"] = toRows(log.commands, 4, [](const ExperimentLog::Command& c) {
+    return Eigen::RowVector4d(c.time, c.left, c.right, c.lift);
+  });
+  d["truth"] = toRows(log.truth, 13, [](const ExperimentLog::Truth& t) {
+    return (Eigen::RowVectorXd(13) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
+            t.nu_dot.transpose(), t.wrench.transpose())
+        .finished();
+  });
+  d["references"] = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
+    return (Eigen::RowVectorXd(9) << r.time, r.point.p.transpose(), r.point.p_dot.transpose(),
+            r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
+        .finished();
+  });
+  d["decisions"] = toRows(log.decisions, 4, [](const ExperimentLog::Decision& c) {
+    return Eigen::RowVector4d(c.time, c.thrusters.x(), c.thrusters.y(), c.computing);
+  });
+  d["stopped"] = log.stopped;
+  d["stopped_at"] = log.stopped_at;
+  return d;
+}
+
+ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
+                                  const MocapParams& mocap, unsigned long seed,
+                                  const Disturbance& disturbance) {
+  if (!eta.allFinite() || !nu.allFinite())
+    throw std::invalid_argument("the initial state is not finite");
+  ExperimentParams params{{eta, nu}, mocap, seed};
+  params.disturbance = disturbance;
+  return params;
+}
+
+}  // namespace
+
+void bindSimulation(py::module_& module) {
+  py::class_<MocapParams>(module, "MocapParams", "Quality of the simulated motion capture.")
+      .def(py::init<>())
+      .def_readwrite("rate", &MocapParams::rate)
+      .def_readwrite("position_noise", &MocapParams::position_noise)
+      .def_readwrite("heading_noise", &MocapParams::heading_noise)
+      .def_readwrite("latency", &MocapParams::latency)
+      .def_readwrite("loss", &MocapParams::loss)
+      .def_readwrite("gap_rate", &MocapParams::gap_rate)
+      .def_readwrite("gap_length", &MocapParams::gap_length);
+  py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
+      .def(py::init<>())
+      .def_readwrite("reference", &TrackingParams::reference)
+      .def_readwrite("controller", &TrackingParams::controller)
+      .def_readwrite("estimate", &TrackingParams::estimate)
+      .def_readwrite("rate", &TrackingParams::rate)
+      .def_readwrite("start", &TrackingParams::start)
+      .def_readwrite("lift", &TrackingParams::lift)
+      .def_readwrite("lift_time", &TrackingParams::lift_time)
+      .def_readwrite("duration", &TrackingParams::duration)
+      .def_readwrite("max_error", &TrackingParams::max_error)
+      .def_readwrite("tail", &TrackingParams::tail);
+  module.def(
+      "play_schedule",
+      [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+         unsigned long seed, const Disturbance& disturbance) {
+        const InputSequence inputs = toInputs(schedule);
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = playSchedule(model, inputs, duration, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
+      "Craft and mocap under rows of time, left, right, lift (0..1). Gives frames (captured, "
+      "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot, "
+      "wrench of the disturbance).");
+  module.def(
+      "track_reference",
+      [](const Model& model, const Model& believed, const TrackingParams& tracking,
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+         unsigned long seed, const Disturbance& disturbance) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = trackReference(model, believed, tracking, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
+      "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
+      "p_dddot), decisions (time, left, right, processor time), why it stopped early, empty when "
+      "it did not, and when.");
+}
+
+}  // namespace ground
