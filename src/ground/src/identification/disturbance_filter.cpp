@@ -228,7 +228,8 @@ DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
   wrench_.resize(static_cast<Eigen::Index>(count), 3);
 }
 
-double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap) {
+double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap,
+                              std::vector<FilterBelief>* kept) {
   constexpr int kThrust = 6;  // direction of a Jet
   std::vector<Jet> coordinates;
   for (const double value : model.coordinates()) coordinates.emplace_back(value);
@@ -241,6 +242,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
   const Random<double> random = randomOf(levels, run_.noise);
 
   double likelihood = 0;
+  std::size_t next = 0;  // belief to keep
   RigidState<double> at;
   Vector3<double> push = Vector3<double>::Zero();  // the Ornstein-Uhlenbeck wrench
   Eigen::Vector4d constant = Eigen::Vector4d::Zero();
@@ -295,6 +297,13 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     covariance.correct(s.gain, PH);
     s.filtered = at;
     wrench_.row(static_cast<Eigen::Index>(k)) = push;
+    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next) {
+      FilterBelief& belief = (*kept)[next];
+      belief.mean << at.eta, at.nu, push, constant;
+      for (int i = 0; i < kN; ++i)
+        for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance.P[i][j];
+      belief.log_likelihood = likelihood;
+    }
 
     s.dt = 0;
     if (k + 1 == samples_.size() || starts_[k + 1]) continue;
@@ -343,6 +352,12 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     constants_sigma_(i) = std::sqrt(std::max(0.0, covariance.P[9 + i][9 + i]));
   levels_ = levels;
   return likelihood;
+}
+
+std::size_t DisturbanceFilter::lastOfStretch(std::size_t sample) const {
+  const auto next = std::find(starts_.begin() + static_cast<std::ptrdiff_t>(sample) + 1,
+                              starts_.end(), true);
+  return static_cast<std::size_t>(next - starts_.begin()) - 1;
 }
 
 int DisturbanceFilter::blockCount(double block) const {

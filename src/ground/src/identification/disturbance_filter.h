@@ -14,6 +14,7 @@ namespace ground {
 /// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
 constexpr int kFilterStates = 13;
 using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;
+using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
 /// What the filter leaves behind at a sample: all that derivatives of its innovations need.
 struct FilterSample {
@@ -30,6 +31,14 @@ struct FilterSample {
   double log_density;                          ///< of the pose after those before it; 0 at a start
   bool starts;                                 ///< a stretch: nothing is carried over but trims
   bool capped;                                 ///< counts as noisier than its level says
+};
+
+/// What the filter knows at a sample, the pose there included.
+struct FilterBelief {
+  int sample = 0;
+  Vector13 mean = Vector13::Zero();
+  Matrix13 covariance = Matrix13::Zero();
+  double log_likelihood = 0;  ///< of the poses so far
 };
 
 /// Derivatives of the log-likelihood of one run, added up over blocks of time.
@@ -50,8 +59,9 @@ class DisturbanceFilter {
   DisturbanceFilter(const RunData& run, double max_gap);
 
   /// Filters the run; returns the log-likelihood, not finite where the motion is not. Levels are
-  /// those of this run.
-  double run(const Model& model, const DisturbanceLevels& levels, double cap);
+  /// those of this run. Fills in the beliefs that are to be `kept`, in the order of their samples.
+  double run(const Model& model, const DisturbanceLevels& levels, double cap,
+             std::vector<FilterBelief>* kept = nullptr);
 
   /// Derivatives at the last call of run(), by coordinates over scale.
   RunScores scores(const Model& model, const Free& free, double block) const;
@@ -64,6 +74,8 @@ class DisturbanceFilter {
   Eigen::VectorXd densities(double block) const;
 
   const std::vector<FilterSample>& samples() const { return samples_; }
+  /// The last sample before the next gap.
+  std::size_t lastOfStretch(std::size_t sample) const;
   Vector3<double> whitened(std::size_t sample) const;
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   const Eigen::Vector4d& constants() const { return constants_; }

@@ -6,10 +6,12 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <random>
 #include <stdexcept>
 
 #include "descent.h"
 #include "disturbance_filter.h"
+#include "forecast.h"
 #include "free_parameters.h"
 #include "parallel.h"
 
@@ -385,6 +387,34 @@ class Ascent {
   bool converged_ = false;
 };
 
+/// Throws std::invalid_argument.
+void checkForecast(const ForecastOptions& options, std::size_t samples) {
+  for (std::size_t i = 0; i < options.starts.size(); ++i) {
+    const int start = options.starts[i];
+    if (start < 0 || start >= static_cast<int>(samples) || (i > 0 && start < options.starts[i - 1]))
+      throw std::invalid_argument("forecasts start at ascending samples of the run");
+  }
+  if (!(options.spread >= 0)) throw std::invalid_argument("spread is negative");
+  if (!(options.part > 0 && 0.5 * (1 - options.part) * (options.draws + 1) >= 1))
+    throw std::invalid_argument("too few draws for the ends of the band");
+}
+
+/// Values of a run's loudness to weigh, relative to the one expected.
+std::vector<double> loudnessAbout(double spread) {
+  if (spread == 0) return {0};
+  std::vector<double> values;
+  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * spread);
+  return values;
+}
+
+/// From logarithms to weights that sum to 1.
+void normaliseWeights(std::vector<Alternative>& alternatives) {
+  double largest = -kInfinity, sum = 0;
+  for (const Alternative& one : alternatives) largest = std::max(largest, one.weight);
+  for (Alternative& one : alternatives) sum += one.weight = std::exp(one.weight - largest);
+  for (Alternative& one : alternatives) one.weight /= sum;
+}
+
 }  // namespace
 
 GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap)
@@ -445,9 +475,7 @@ GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::
 GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double cap,
                                     const Eigen::MatrixXd& acting,
                                     const std::vector<int>& channels) const {
-  if (run < 0 || run >= static_cast<int>(runs_.size()))
-    throw std::invalid_argument("there is no such run");
-  const auto at = static_cast<std::size_t>(run);
+  const std::size_t at = indexOf(run);
   DisturbanceFilter filter(runs_[at], max_gap_);
   filter.run(point.model, levelsOf(point, at), cap);
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
@@ -465,6 +493,50 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   result.wrench = filter.wrench();
   if (acting.cols() > 0) result.responses = filter.responses(acting, channels);
   return result;
+}
+
+std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
+                                        const ForecastOptions& options) const {
+  const std::size_t at = indexOf(run);
+  const RunData& data = runs_[at];
+  checkForecast(options, data.times.size());
+  DisturbanceFilter filter(data, max_gap_);
+  const std::vector<double> about = loudnessAbout(options.spread);
+  std::vector<std::vector<Alternative>> alternatives(options.starts.size());
+  for (const double more : about) {
+    GreyBoxPoint other = point;
+    other.loudness.resize(runs_.size(), 0.0);
+    other.loudness[at] += more;
+    const DisturbanceLevels levels = levelsOf(other, at);
+    std::vector<FilterBelief> kept(options.starts.size());
+    for (std::size_t i = 0; i < kept.size(); ++i) kept[i].sample = options.starts[i];
+    if (!std::isfinite(filter.run(other.model, levels, options.cap, &kept)))
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+    const double prior = more == 0 ? 0 : -0.5 * std::pow(more / options.spread, 2);
+    for (std::size_t i = 0; i < kept.size(); ++i)
+      alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
+  }
+  std::vector<Forecast> result;
+  std::mt19937_64 random(options.seed);
+  for (auto& possible : alternatives) {
+    normaliseWeights(possible);
+    const auto first = static_cast<std::size_t>(possible.front().belief.sample);
+    const double until = data.times[first] + options.horizon;
+    std::size_t last = first;
+    for (const std::size_t end = filter.lastOfStretch(first);
+         last < end && data.times[last + 1] <= until;)
+      ++last;
+    result.push_back(forecastBy(data, point.model, possible, static_cast<int>(last), options, random));
+    if (!result.back().mean.allFinite())
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+  }
+  return result;
+}
+
+std::size_t GreyBox::indexOf(int run) const {
+  if (run < 0 || run >= static_cast<int>(runs_.size()))
+    throw std::invalid_argument("there is no such run");
+  return static_cast<std::size_t>(run);
 }
 
 }  // namespace ground

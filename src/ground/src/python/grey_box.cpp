@@ -122,7 +122,35 @@ void bindGreyBox(py::module_& module) {
             return d;
           },
           py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>());
+          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>())
+      .def(
+          "forecast",
+          [](const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
+             double horizon, double spread, double part, int draws, double cap, unsigned seed) {
+            const ForecastOptions options{std::move(starts), horizon, spread, part, draws, cap, seed};
+            std::vector<Forecast> found;
+            {
+              const py::gil_scoped_release release;
+              found = box.forecast(point, run, options);
+            }
+            py::list result;
+            for (const Forecast& forecast : found) {
+              py::dict d;
+              d["first"] = forecast.first;
+              d["mean"] = forecast.mean;
+              d["deviation"] = forecast.deviation;
+              d["low"] = forecast.low;
+              d["high"] = forecast.high;
+              result.append(d);
+            }
+            return result;
+          },
+          py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizon") = 4.0,
+          py::arg("spread") = 0.0, py::arg("part") = 0.9, py::arg("draws") = 99,
+          py::arg("cap") = 25.0, py::arg("seed") = 1,
+          "Predictions without poses from samples of a run on: first (sample), and mean, deviation,\n"
+          "low and high (n, 6) of x, y [m], psi [rad], u, v [m/s], r [rad/s] as measured, from the\n"
+          "start on; low and high hold `part` of the draws. `spread`: of the run's loudness.");
 }
 
 }  // namespace ground

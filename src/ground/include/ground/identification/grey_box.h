@@ -66,6 +66,26 @@ struct GreyBoxResiduals {
   Eigen::MatrixXd responses;  ///< of 3 n whitened innovations (sample by sample) to given wrenches
 };
 
+struct ForecastOptions {
+  std::vector<int> starts;  ///< samples of the run, ascending
+  double horizon = 4;       ///< [s]
+  /// Standard deviation of the run's loudness about that of the point; the poses before a start
+  /// weigh its values there. 0: the loudness is known.
+  double spread = 0;
+  double part = 0.9;  ///< of the draws that a band holds
+  int draws = 99;
+  double cap = 25;  ///< as in GreyBoxOptions
+  unsigned seed = 1;
+};
+
+/// Prediction without poses from one sample of a run on. A row each sample, the start's first; the
+/// columns are x, y [m], psi [rad], u, v [m/s], r [rad/s] as measured, the poses with their noise.
+struct Forecast {
+  int first;                        ///< sample of the run
+  Eigen::MatrixXd mean, deviation;  ///< (n, 6)
+  Eigen::MatrixXd low, high;        ///< (n, 6), ends of the band
+};
+
 /// Stochastic grey-box likelihood of recorded poses (Kristensen, Madsen and Jorgensen 2004): the
 /// disturbance is a part of the model.
 ///
@@ -106,9 +126,21 @@ class GreyBox {
   GreyBoxResiduals residuals(const GreyBoxPoint& point, int run, double cap,
                              const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
 
+  /// Predictions of one run that end with the horizon, the next gap or the run. Each starts from
+  /// what the poses up to its start tell of motion, wrench and trims (the filter's Gaussian), and
+  /// draws motions of the whole stochastic model from there: after a second the heading of a light
+  /// craft is uncertain by a radian, which no linearisation bears. The parameters are taken as
+  /// known. Throws std::invalid_argument on bad options, std::runtime_error when the model's motion
+  /// is not finite.
+  std::vector<Forecast> forecast(const GreyBoxPoint& point, int run,
+                                 const ForecastOptions& options) const;
+
   const std::vector<RunData>& runs() const { return runs_; }
 
  private:
+  /// Throws std::invalid_argument when there is no such run.
+  std::size_t indexOf(int run) const;
+
   std::vector<RunData> runs_;
   LevelPrior prior_;
   double max_gap_;
