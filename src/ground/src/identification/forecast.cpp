@@ -9,6 +9,8 @@
 namespace ground {
 namespace {
 
+constexpr double kStep = 0.01;  // longest of a drawn motion, far more exact than its wrench [s]
+
 /// A root of a covariance that may be singular.
 Matrix13 rootOf(const Matrix13& covariance) {
   const Eigen::LDLT<Matrix13> ldlt(covariance);
@@ -34,37 +36,60 @@ class Normal {
   std::normal_distribution<double> normal_;
 };
 
-/// Draws one motion; a row of x, y, psi, u, v, r as measured for each sample from the first on.
-void drawMotion(const RunData& run, Model model, const DisturbanceLevels& levels,
+/// How the random wrench goes over the step to a sample.
+struct WrenchStep {
+  double dt;  ///< [s]
+  /// Of the Ornstein-Uhlenbeck part: what is left of it, deviation of what is new; deviation of the
+  /// white part's mean.
+  Vector3<double> left, fresh, white;
+};
+
+/// The steps to the samples after `first`.
+std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels& levels, int first,
+                                    int last) {
+  std::vector<WrenchStep> steps;
+  for (int k = first; k < last; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    WrenchStep step;
+    step.dt = run.times[at + 1] - run.times[at];
+    const double root = step.dt > 0 ? 1 / std::sqrt(step.dt) : 0;
+    for (int i = 0; i < 3; ++i) {
+      step.left(i) = std::exp(-step.dt / levels.time(i));
+      step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
+      step.white(i) = root * levels.white(i);
+    }
+    steps.push_back(step);
+  }
+  return steps;
+}
+
+/// Draws one motion; a row of x, y, psi, u, v, r for each sample from the first on.
+void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
                 const Vector13& from, int first, Normal& normal,
                 Eigen::Ref<Eigen::MatrixXd> rows) {
   model.body.k *= std::max(0.0, 1 + from(12));
   const Dynamics<double> dynamics(model);
   const Matrix3<double> mobility = dynamics.mass().inverse();
-  const Vector3<double> noise = Vector3<double>(levels.position, levels.position, levels.heading)
-                                    .cwiseProduct(run.noise);
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
-                                run.times[static_cast<std::size_t>(first)]);
+                                run.times[static_cast<std::size_t>(first)], kStep);
   Vector3<double> slow = from.segment<3>(6);  // the Ornstein-Uhlenbeck wrench
-  for (Eigen::Index row = 0; row < rows.rows(); ++row) {
-    const double time = run.times[static_cast<std::size_t>(first + row)];
-    const double dt = time - simulation.time();
-    if (dt > 0) {
-      Vector3<double> wrench = from.segment<3>(9);
-      for (int i = 0; i < 3; ++i) {
-        const double part = dt / levels.time(i), left = std::exp(-part);
-        const double next = left * slow(i) + levels.sigma(i) * std::sqrt(1 - left * left) * normal();
-        wrench(i) += 0.5 * (slow(i) + next) + levels.white(i) / std::sqrt(dt) * normal();
-        slow(i) = next;
-      }
-      const Vector3<double> push = 0.5 * dt * mobility * wrench;
-      simulation.state().nu += push;  // half of it before the step, half after
-      simulation.advance(time);
-      simulation.state().nu += push;
-    }
+  const auto see = [&](Eigen::Index row) {
     const Measurement<double> seen = simulation.measure();
-    rows.row(row).head<3>() = seen.eta + noise.cwiseProduct(normal.vector<3>());
-    rows.row(row).tail<3>() = seen.nu;
+    rows.row(row) << seen.eta.transpose(), seen.nu.transpose();
+  };
+  see(0);
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const WrenchStep& step = steps[k];
+    const Vector3<double> next =
+        step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
+    const Vector3<double> wrench = from.segment<3>(9) + 0.5 * (slow + next) +
+                                   step.white.cwiseProduct(normal.vector<3>());
+    slow = next;
+    const Vector3<double> push = 0.5 * step.dt * (mobility * wrench);
+    simulation.state().nu += push;  // half of it before the step, half after
+    simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
+    simulation.state().nu += push;
+    see(static_cast<Eigen::Index>(k + 1));
   }
 }
 
@@ -76,7 +101,11 @@ Forecast forecastBy(const RunData& run, const Model& model,
   const int first = alternatives.front().belief.sample;
   const Eigen::Index count = last - first + 1, draws = options.draws;
   std::vector<Matrix13> roots;
-  for (const Alternative& one : alternatives) roots.push_back(rootOf(one.belief.covariance));
+  std::vector<std::vector<WrenchStep>> steps;
+  for (const Alternative& one : alternatives) {
+    roots.push_back(rootOf(one.belief.covariance));
+    steps.push_back(wrenchSteps(run, one.levels, first, last));
+  }
   Eigen::MatrixXd drawn(count, 6 * draws);  // channels of a draw beside each other
   Normal normal(random);
   std::size_t at = 0;
@@ -87,7 +116,13 @@ Forecast forecastBy(const RunData& run, const Model& model,
       passed += alternatives[at++].weight;
     const Alternative& one = alternatives[at];
     const Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
-    drawMotion(run, model, one.levels, from, first, normal, drawn.middleCols(6 * i, 6));
+    auto rows = drawn.middleCols(6 * i, 6);
+    drawMotion(run, model, steps[at], from, first, normal, rows);
+    // Bands are of one sample each: one draw of the noise serves them all and keeps them smooth.
+    Eigen::Matrix<double, 6, 1> noise;
+    noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),
+        one.levels.heading * run.noise(2), options.velocity_noise;
+    rows.rowwise() += noise.cwiseProduct(normal.vector<6>()).transpose();
   }
   Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
                   Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6)};

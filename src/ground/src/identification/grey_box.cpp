@@ -394,16 +394,17 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     if (start < 0 || start >= static_cast<int>(samples) || (i > 0 && start < options.starts[i - 1]))
       throw std::invalid_argument("forecasts start at ascending samples of the run");
   }
-  if (!(options.spread >= 0)) throw std::invalid_argument("spread is negative");
+  if (options.horizons.size() != options.starts.size())
+    throw std::invalid_argument("each start of a forecast needs a horizon");
   if (!(options.part > 0 && 0.5 * (1 - options.part) * (options.draws + 1) >= 1))
     throw std::invalid_argument("too few draws for the ends of the band");
 }
 
 /// Values of a run's loudness to weigh, relative to the one expected.
-std::vector<double> loudnessAbout(double spread) {
-  if (spread == 0) return {0};
+std::vector<double> loudnessAbout(bool unknown) {
+  if (!unknown) return {0};
   std::vector<double> values;
-  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * spread);
+  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * kLoudness);
   return values;
 }
 
@@ -501,7 +502,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   const RunData& data = runs_[at];
   checkForecast(options, data.times.size());
   DisturbanceFilter filter(data, max_gap_);
-  const std::vector<double> about = loudnessAbout(options.spread);
+  const std::vector<double> about = loudnessAbout(options.unknown_loudness);
   std::vector<std::vector<Alternative>> alternatives(options.starts.size());
   for (const double more : about) {
     GreyBoxPoint other = point;
@@ -512,7 +513,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
     for (std::size_t i = 0; i < kept.size(); ++i) kept[i].sample = options.starts[i];
     if (!std::isfinite(filter.run(other.model, levels, options.cap, &kept)))
       throw std::runtime_error("the model's motion along the recordings is not finite");
-    const double prior = more == 0 ? 0 : -0.5 * std::pow(more / options.spread, 2);
+    const double prior = -0.5 * std::pow(more / kLoudness, 2);
     for (std::size_t i = 0; i < kept.size(); ++i)
       alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
   }
@@ -521,12 +522,11 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   for (auto& possible : alternatives) {
     normaliseWeights(possible);
     const auto first = static_cast<std::size_t>(possible.front().belief.sample);
-    const double until = data.times[first] + options.horizon;
-    std::size_t last = first;
-    for (const std::size_t end = filter.lastOfStretch(first);
-         last < end && data.times[last + 1] <= until;)
-      ++last;
-    result.push_back(forecastBy(data, point.model, possible, static_cast<int>(last), options, random));
+    const double until = data.times[first] + options.horizons[result.size()];
+    std::size_t last = filter.lastOfStretch(first);
+    while (last > first && data.times[last] > until) --last;
+    result.push_back(
+        forecastBy(data, point.model, possible, static_cast<int>(last), options, random));
     if (!result.back().mean.allFinite())
       throw std::runtime_error("the model's motion along the recordings is not finite");
   }

@@ -126,8 +126,10 @@ void bindGreyBox(py::module_& module) {
       .def(
           "forecast",
           [](const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
-             double horizon, double spread, double part, int draws, double cap, unsigned seed) {
-            const ForecastOptions options{std::move(starts), horizon, spread, part, draws, cap, seed};
+             std::vector<double> horizons, bool unknown_loudness, double part, int draws,
+             const Vector3<double>& velocity_noise, double cap, unsigned seed) {
+            const ForecastOptions options{std::move(starts), std::move(horizons),
+                                          unknown_loudness, part, draws, velocity_noise, cap, seed};
             std::vector<Forecast> found;
             {
               const py::gil_scoped_release release;
@@ -145,12 +147,13 @@ void bindGreyBox(py::module_& module) {
             }
             return result;
           },
-          py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizon") = 4.0,
-          py::arg("spread") = 0.0, py::arg("part") = 0.9, py::arg("draws") = 99,
-          py::arg("cap") = 25.0, py::arg("seed") = 1,
-          "Predictions without poses from samples of a run on: first (sample), and mean, deviation,\n"
-          "low and high (n, 6) of x, y [m], psi [rad], u, v [m/s], r [rad/s] as measured, from the\n"
-          "start on; low and high hold `part` of the draws. `spread`: of the run's loudness.");
+          py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizons"),
+          py::arg("unknown_loudness") = false, py::arg("part") = 0.9, py::arg("draws") = 99,
+          py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
+          py::arg("seed") = 1,
+          "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"
+          "(sample), and mean, deviation, low and high (n, 6) of x, y [m], psi [rad], u, v [m/s],\n"
+          "r [rad/s] as measured, from the start on; low and high hold `part` of the draws.");
 }
 
 }  // namespace ground
