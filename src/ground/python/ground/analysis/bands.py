@@ -56,16 +56,16 @@ class Bands:
     predictions: Tuple[Prediction, ...]  # by their starts
 
     def tiled(self, horizon):
-        """Predictions that follow each other, cut off at a horizon [s]: (n, 6) of low and high and the
-        (n,) times, a list of such triples."""
+        """Predictions that follow each other, each cut off at a horizon [s]: a list of times (n,) [s],
+        low (n, 6) and high (n, 6)."""
         tiles, end = [], -np.inf
-        for prediction in self.predictions:
-            times = prediction.times
-            if times[0] < end - LATE or (horizon > SHORT and times[-1] - times[0] < SHORT + LATE):
+        for one in self.predictions:
+            is_short = one.times[-1] - one.times[0] < SHORT + LATE
+            if one.times[0] < end - LATE or (is_short and horizon > SHORT):
                 continue
-            inside = times <= times[0] + horizon
-            tiles.append((times[inside], prediction.low[inside], prediction.high[inside]))
-            end = times[0] + horizon
+            inside = one.times <= one.times[0] + horizon
+            tiles.append((one.times[inside], one.low[inside], one.high[inside]))
+            end = one.times[inside][-1]
         return tiles
 
     def at(self, horizon):

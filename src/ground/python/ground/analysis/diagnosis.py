@@ -13,7 +13,7 @@ from typing import Any, List
 import numpy as np
 from scipy import stats
 
-from ground.analysis import budget, candidates as effects, held_out, remains, study
+from ground.analysis import bands, budget, candidates as effects, held_out, remains, study
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Criteria, Search
@@ -75,6 +75,7 @@ class Conclusion:
     memory: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
     budget: Any = None  # budget.Budget
+    bands: Any = ()  # bands.Bands of the grown model, one of each run held out
 
 
 class Diagnosis:
@@ -357,7 +358,13 @@ class Diagnosis:
             memory,
             state,
             budget.budget(self.runs, self.cut, self.fit),
+            self._bands(heldout),
         )
+
+    def _bands(self, heldout):
+        if heldout:
+            return bands.of_others(heldout, self.fit, len(self.cut), self.pool.map)
+        return bands.of_folds(self.folds, self.fit)
 
     def _verdict(self, explained, varies, memory, state):
         if not explained and memory.found and memory.gain > state.gain:

@@ -2,6 +2,7 @@
 import math
 
 from ground.analysis import failure
+from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 LEAST_SHARE = 0.05  # of the squared error: a random wrench that is worth a sentence
@@ -272,6 +273,34 @@ def budget(report):
     )
 
 
+def bands(report):
+    """How well the improved model can predict, and whether its bands are right; None without any."""
+    poses = _held_poses(report)
+    if not poses:
+        return None
+    at = max(h for h in poses if h <= WINDOW)
+    sd = {b["channel"]: b["sd"] for b in report["bands"] if b["horizon"] == at}
+    return (
+        "Of the positions and headings measured on held-out runs, the improved model's 90%% prediction "
+        "bands hold %s; one standard deviation after %.1f s is %s and %s."
+        % (
+            _listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
+            at,
+            quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m"),
+            "%.2g deg" % math.degrees(sd["psi"]),
+        )
+    )
+
+
+def _held_poses(report):
+    """Share of x, y and heading that the bands hold, by horizon [s]."""
+    shares = {}
+    for band in report["bands"]:
+        if band["channel"] in ("x", "y", "psi"):
+            shares.setdefault(band["horizon"], []).append(band["coverage"])
+    return {horizon: sum(found) / len(found) for horizon, found in shares.items()}
+
+
 def left(report):
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
@@ -330,6 +359,11 @@ def diagnosis(report):
     """What the terminal says of a diagnosis."""
     yield verdict(report)
     yield budget(report)
+    poses = _held_poses(report)
+    if poses:
+        yield "90%% prediction bands hold on held-out runs, of the poses: %s" % ", ".join(
+            "%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()
+        )
     yield ""
     yield "%4s %-24s %9s %9s %9s  %s" % (
         "rank",
