@@ -14,6 +14,7 @@ from scipy import stats
 
 from ground import _core
 from ground.analysis.likelihood import CAP, call
+from ground.errors import IdentifyError
 from ground.recordings import repair, windows
 
 PART = 0.9  # of the possible motions that a band holds
@@ -125,22 +126,26 @@ def _time(run, window):
 
 
 def _predict(run, fit, cut, loudness):
-    """Bands of a run from the starts that windows of it give."""
+    """Bands of a run from the starts that windows of it give; without predictions where a motion that
+    was drawn is not finite."""
     times = np.array(run.times)
     starts, horizons = _starts(times, cut)
     box = call(_core.GreyBox, [run], fit.model)
-    found = call(
-        box.forecast,
-        _core.GreyBoxPoint(fit.model, fit.levels, [loudness]),
-        0,
-        starts,
-        horizons,
-        unknown_loudness=True,
-        part=PART,
-        draws=DRAWS,
-        velocity_noise=_smoothed_noise(run),
-        cap=CAP,
-    )
+    try:
+        found = call(
+            box.forecast,
+            _core.GreyBoxPoint(fit.model, fit.levels, [loudness]),
+            0,
+            starts,
+            horizons,
+            unknown_loudness=True,
+            part=PART,
+            draws=DRAWS,
+            velocity_noise=_smoothed_noise(run),
+            cap=CAP,
+        )
+    except IdentifyError:
+        return Bands(run, ())
     measured = _measured(run)
     predictions = []
     for one in found:

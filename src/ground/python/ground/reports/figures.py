@@ -129,7 +129,7 @@ def _add_bands(figure, bands, step, shade):
             traces.append(horizon)
     buttons = [
         {
-            "label": "%g s" % horizon,
+            "label": "band %g s" % horizon,
             "method": "restyle",
             "args": [{"visible": [h == horizon for h in traces]}, list(range(len(traces)))],
         }
@@ -137,7 +137,7 @@ def _add_bands(figure, bands, step, shade):
     ]
     menu = {"type": "buttons", "direction": "right", "buttons": buttons, "showactive": True}
     menu.update(active=bands_of.HORIZONS.index(windows.WINDOW))
-    menu.update(x=0.6, xanchor="right", y=1.01, yanchor="bottom", pad={"t": 0, "b": 0})
+    menu.update(x=0.68, xanchor="left", y=1.01, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
         figure.update_layout(updatemenus=[menu])
 

@@ -280,6 +280,7 @@ def bands(report):
         return None
     at = max(h for h in poses if h <= WINDOW)
     sd = {b["channel"]: b["sd"] for b in report["bands"] if b["horizon"] == at}
+    heading = math.degrees(sd["psi"])
     return (
         "Of the positions and headings measured on held-out runs, the improved model's 90%% prediction "
         "bands hold %s; one standard deviation after %.1f s is %s and %s."
@@ -287,7 +288,7 @@ def bands(report):
             _listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
             at,
             quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m"),
-            "%.2g deg" % math.degrees(sd["psi"]),
+            ("%.2g deg" if heading < 10 else "%.0f deg") % heading,
         )
     )
 
