@@ -75,7 +75,8 @@ def test_without_the_disturbance_nothing_is_covered(cases):
 def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     runs, _, fit = cases[0]
     alone = runs[:1]
-    fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=dataclasses.replace(fit, loudness=()))
+    near = dataclasses.replace(fit, loudness=())
+    fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
     (found,) = bands.of_folds(held_out.Folds(alone, fit.model, windows.cut(alone)), fit)
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)
@@ -106,7 +107,7 @@ def test_predictions_follow_each_other_and_end_at_gaps(cases):
         tiles = found.tiled(horizon)
         assert max(t[-1] - t[0] for t, _, _ in tiles) <= horizon
         ends = [t[-1] for t, _, _ in tiles]
-        assert all(t[0] > end - bands.LATE for (t, _, _), end in zip(tiles[1:], ends))
+        assert all(t[0] > end - bands.TOLERANCE for (t, _, _), end in zip(tiles[1:], ends))
 
 
 def test_the_plot_shows_one_horizon_at_a_time(cases):
@@ -120,5 +121,5 @@ def test_the_plot_shows_one_horizon_at_a_time(cases):
     assert [t["visible"] for t in traces] == [False] * 3 + [True] * 3 + [False] * 3
     (menu,) = drawn["layout"]["updatemenus"]
     assert menu["buttons"][menu["active"]]["args"][0]["visible"] == [t["visible"] for t in traces]
-    assert "90% prediction bands hold" in words.bands({"bands": bands.coverage([found])})
+    assert "90% prediction bands of the improved model hold" in words.bands({"bands": bands.coverage([found])})
     assert words.bands({"bands": []}) is None

@@ -33,7 +33,7 @@ struct FilterSample {
   bool capped;                                 ///< counts as noisier than its level says
 };
 
-/// What the filter knows at a sample, the pose there included.
+/// What the filter believes at a sample, having seen its pose.
 struct FilterBelief {
   int sample = 0;
   Vector13 mean = Vector13::Zero();
@@ -59,7 +59,7 @@ class DisturbanceFilter {
   DisturbanceFilter(const RunData& run, double max_gap);
 
   /// Filters the run; returns the log-likelihood, not finite where the motion is not. Levels are
-  /// those of this run. Fills in the beliefs that are to be `kept`, in the order of their samples.
+  /// those of this run. Fills in `kept`, beliefs whose samples are given in ascending order.
   double run(const Model& model, const DisturbanceLevels& levels, double cap,
              std::vector<FilterBelief>* kept = nullptr);
 

@@ -9,7 +9,7 @@
 namespace ground {
 namespace {
 
-constexpr double kStep = 0.01;  // longest of a drawn motion, far more exact than its wrench [s]
+constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
 
 /// A root of a covariance that may be singular.
 Matrix13 rootOf(const Matrix13& covariance) {
@@ -36,12 +36,12 @@ class Normal {
   std::normal_distribution<double> normal_;
 };
 
-/// How the random wrench goes over the step to a sample.
+/// How the random wrench changes over the step to the next sample.
 struct WrenchStep {
-  double dt;  ///< [s]
-  /// Of the Ornstein-Uhlenbeck part: what is left of it, deviation of what is new; deviation of the
-  /// white part's mean.
-  Vector3<double> left, fresh, white;
+  double dt;              ///< [s]
+  Vector3<double> left;   ///< share of the Ornstein-Uhlenbeck wrench that is left
+  Vector3<double> fresh;  ///< standard deviation of what is added to it [N], [N m]
+  Vector3<double> white;  ///< standard deviation of the white wrench's mean [N], [N m]
 };
 
 /// The steps to the samples after `first`.
@@ -118,7 +118,7 @@ Forecast forecastBy(const RunData& run, const Model& model,
     const Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
     auto rows = drawn.middleCols(6 * i, 6);
     drawMotion(run, model, steps[at], from, first, normal, rows);
-    // Bands are of one sample each: one draw of the noise serves them all and keeps them smooth.
+    // Each row has its own band: one draw of the noise for all rows keeps the bands smooth.
     Eigen::Matrix<double, 6, 1> noise;
     noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),
         one.levels.heading * run.noise(2), options.velocity_noise;
@@ -126,7 +126,8 @@ Forecast forecastBy(const RunData& run, const Model& model,
   }
   Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
                   Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6)};
-  // Of `draws` motions and the real one any rank of the real one is equally likely.
+  // The real motion has any rank among the drawn ones with the same probability: ends that are
+  // order statistics hold `part` of the real ones exactly, however few draws there are.
   const auto outside = static_cast<Eigen::Index>(
       std::lround(0.5 * (1 - options.part) * (static_cast<double>(draws) + 1)));
   std::vector<double> values(static_cast<std::size_t>(draws));

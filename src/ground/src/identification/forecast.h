@@ -9,15 +9,15 @@
 
 namespace ground {
 
-/// What the filter knows at a sample if the levels are these, and how likely that is.
+/// What the filter believes at a sample under some levels.
 struct Alternative {
   DisturbanceLevels levels;
   FilterBelief belief;
-  double weight;  ///< at least 0; the weights sum to 1
+  double weight;  ///< probability of these levels
 };
 
-/// Draws motions from belief.sample (the same in all alternatives) to sample `last`. Draws are
-/// shared out over the alternatives by their weights.
+/// Draws motions from belief.sample (the same in all alternatives) to sample `last`. Each
+/// alternative gets its weight's share of the draws.
 Forecast forecastBy(const RunData& run, const Model& model,
                     const std::vector<Alternative>& alternatives, int last,
                     const ForecastOptions& options, std::mt19937_64& random);

@@ -69,19 +69,19 @@ struct GreyBoxResiduals {
 struct ForecastOptions {
   std::vector<int> starts;       ///< samples of the run, ascending
   std::vector<double> horizons;  ///< of each start [s]
-  /// The run's loudness is not that of the point for certain: values about it have the prior's
-  /// weight and that of the poses before a start.
+  /// The point's loudness is only what to expect of the run. Loudness is integrated over: seven
+  /// values about it, weighed by the prior and by the likelihood of the poses up to each start.
   bool unknown_loudness = false;
   double part = 0.9;  ///< of the draws that a band holds
   int draws = 99;
-  /// Standard deviations of what the smoothed u, v [m/s], r [rad/s] have of the poses' noise.
+  /// Standard deviations of the noise that smoothing leaves in u, v [m/s], r [rad/s].
   Vector3<double> velocity_noise = Vector3<double>::Zero();
   double cap = 25;  ///< as in GreyBoxOptions
   unsigned seed = 1;
 };
 
-/// Prediction without poses from one sample of a run on. A row each sample, the start's first; the
-/// columns are x, y [m], psi [rad], u, v [m/s], r [rad/s] as measured, with noise.
+/// Prediction of a run from one sample, without later poses: a row for each sample, the start's
+/// first. Columns: x, y [m], psi [rad], u, v [m/s], r [rad/s] as measured, noise included.
 struct Forecast {
   int first;                        ///< sample of the run
   Eigen::MatrixXd mean, deviation;  ///< (n, 6)
@@ -128,12 +128,12 @@ class GreyBox {
   GreyBoxResiduals residuals(const GreyBoxPoint& point, int run, double cap,
                              const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
 
-  /// Predictions of one run that end at the horizon, the next gap or the end of the run. Each starts
-  /// from what the poses up to its start say about motion, wrench and trims (the filter's Gaussian)
-  /// and draws motions of the stochastic model: once the heading is uncertain by a radian, a
-  /// linearised covariance is several times too large. Parameters count as known: on recordings of
-  /// a minute their uncertainty widens a band by less than 2%. Throws std::invalid_argument on bad options, std::runtime_error when the model's motion
-  /// is not finite.
+  /// Predicts one run from each start to the horizon, the next gap or the end of the run. The
+  /// filter has seen the poses up to the start; its Gaussian gives the motion, the wrench and the
+  /// trims there. Motions of the stochastic model are drawn from it, because a linearised covariance
+  /// is too large once the heading is uncertain by a radian (2.6 times in position 4 s ahead on real
+  /// runs). The parameters count as known. Throws std::invalid_argument on bad options,
+  /// std::runtime_error when a motion is not finite.
   std::vector<Forecast> forecast(const GreyBoxPoint& point, int run,
                                  const ForecastOptions& options) const;
 

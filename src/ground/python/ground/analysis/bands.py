@@ -1,10 +1,13 @@
-"""How well a model can predict at all: bands that hold 90% of what may come, and how many they did hold.
+"""Prediction bands of a model and its random disturbance, and their coverage on held-out runs.
 
-A model and the random disturbance beside it (ground.analysis.likelihood) predict a run from many of its
-samples on, each from what the poses up to there say, without any later pose. The bands are quantiles of
-motions that the core draws (GreyBox::forecast). They are checked on runs that neither the model nor its
-expected loudness was fitted to. Nothing is calibrated on these runs: how strongly a new run is disturbed
-is weighed by the prior and by the run's own poses before each start.
+From many samples of a run on, the stochastic model (ground.analysis.likelihood) predicts what will
+be measured. Each prediction knows the poses up to its start and none after. Bands are quantiles of
+motions that the core draws (GreyBox::forecast).
+
+Nothing is calibrated on the runs that coverage is counted on. How strongly a new run is disturbed
+is not known: it is integrated over by its prior about the other runs' mean, and by the likelihood
+of the run's own poses up to each start. Parameters count as known; on the recordings of 2019 their
+uncertainty widens the bands by 2% at most.
 """
 from dataclasses import dataclass
 from typing import Any, Tuple
@@ -17,52 +20,49 @@ from ground.analysis.likelihood import CAP, call
 from ground.errors import IdentifyError
 from ground.recordings import repair, windows
 
-PART = 0.9  # of the possible motions that a band holds
-HORIZONS = (0.5, windows.WINDOW, 4.0)  # that the bands are checked at [s]
+PART = 0.9  # probability of a band
+HORIZONS = (0.5, windows.WINDOW, 4.0)  # at which coverage is counted [s]
 CHANNELS = ("x", "y", "psi", "u", "v", "r")
 UNITS = ("m", "m", "rad", "m/s", "m/s", "rad/s")
 POSE = CHANNELS[:3]  # measured; the others are smoothed from these
-SHORT = HORIZONS[0]  # between starts; only from the start of a window on the horizon is the longest [s]
-# Of 19, 39, 59 ... draws and the truth, the ranks that end the band are whole numbers.
-DRAWS = 59
-LATE = 0.05  # by which the sample at a horizon may miss it [s]
+SHORT = HORIZONS[0]  # time between starts, and horizon of those inside a window [s]
+DRAWS = 59  # motions; 5% of one more is a whole number, so that order statistics are exact
+TOLERANCE = 0.05  # by which the last sample before a horizon may miss it [s]
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """From one start on, a row a sample; the columns of (n, 6) are CHANNELS, in UNITS, as measured."""
+    """A prediction from one start: a row for each sample, a column for each of CHANNELS (UNITS)."""
 
-    times: np.ndarray  # (n,) on the run's clock, the start's first [s]
+    times: np.ndarray  # (n,) on the run's clock; the first is the start [s]
     mean: np.ndarray  # (n, 6)
     deviation: np.ndarray  # (n, 6) standard deviation
     low: np.ndarray  # (n, 6) ends of the band
     high: np.ndarray  # (n, 6)
-    measured: np.ndarray  # (n, 6) x, y, psi (unwrapped) as measured, u, v, r smoothed
+    measured: np.ndarray  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
 
     def sample(self, horizon):
         """Row at a horizon [s]; None where the prediction ends before."""
         at = int(np.searchsorted(self.times, self.times[0] + horizon, side="right")) - 1
-        return at if self.times[at] - self.times[0] > horizon - LATE else None
+        return at if self.times[at] - self.times[0] > horizon - TOLERANCE else None
 
 
 @dataclass(frozen=True)
 class Bands:
-    """Predictions of one run by a model that was not fitted to it.
-
-    Of a single run each quarter is predicted by a fit to the others; only the end of a long horizon may
-    lie in a quarter that was fitted to.
-    """
+    """Predictions of one run by a model that was not fitted to it."""
 
     run: Any  # _core.RunData
     predictions: Tuple[Prediction, ...]  # by their starts
 
     def tiled(self, horizon):
-        """Predictions that follow each other, each cut off at a horizon [s]: a list of times (n,) [s],
-        low (n, 6) and high (n, 6)."""
+        """Predictions that follow each other, each cut off at a horizon [s].
+
+        Returns a list of times (n,) [s], low (n, 6) and high (n, 6).
+        """
         tiles, end = [], -np.inf
         for one in self.predictions:
-            is_short = one.times[-1] - one.times[0] < SHORT + LATE
-            if one.times[0] < end - LATE or (is_short and horizon > SHORT):
+            is_short = one.times[-1] - one.times[0] < SHORT + TOLERANCE
+            if one.times[0] < end - TOLERANCE or (is_short and horizon > SHORT):
                 continue
             inside = one.times <= one.times[0] + horizon
             tiles.append((one.times[inside], one.low[inside], one.high[inside]))
@@ -70,7 +70,7 @@ class Bands:
         return tiles
 
     def at(self, horizon):
-        """At a horizon [s]: standard deviations (k, 6), and whether the band holds what was measured."""
+        """At a horizon [s]: standard deviations (k, 6), and whether the band holds the measured."""
         deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
         for prediction in self.predictions:
             row = prediction.sample(horizon)
@@ -83,51 +83,52 @@ class Bands:
 
 
 def of_folds(folds, fit):
-    """Bands of the runs (of a held_out.Folds) that a likelihood.Fit was fitted to, each by a refit
-    without it. The levels stay those of the fit, but the loudness expected is that of the other runs."""
+    """Bands of the runs that a likelihood.Fit was fitted to, each by a refit without the run.
+
+    folds: held_out.Folds of these runs. The levels stay those of the fit; the expected loudness is
+    that of the other runs. Each quarter of a single run is predicted by a fit to the others; the
+    end of a long horizon may lie in a quarter that was fitted to.
+    """
     models, runs = folds.models(fit), folds.runs
-    if len(runs) == 1:
-        edges = [part[0].times[0] for part in folds.parts[1:]]
-        parts = [
-            (runs[0], other, [w for w in folds.cut if np.searchsorted(edges, _time(runs[0], w)) == i])
-            for i, other in enumerate(models)
-        ]
-        found = list(folds.each(lambda part: _predict(*part, _loudness(fit)), parts))
-        predictions = sorted((p for b in found for p in b.predictions), key=lambda p: p.times[0])
-        return [Bands(runs[0], tuple(predictions))]
+    if len(runs) > 1:
 
-    def one(i):
-        cut = [w for w in folds.cut if w.run == i]
-        return _predict(runs[i], models[i % folds.count], cut, _loudness(fit, i % folds.count, folds.count))
+        def one(i):
+            fold = i % folds.count
+            cut = [w for w in folds.cut if w.run == i]
+            return _predict(runs[i], models[fold], cut, _loudness(fit, fold, folds.count))
 
-    return list(folds.each(one, range(len(runs))))
+        return list(folds.each(one, range(len(runs))))
+
+    def quarter(i):
+        cut = [w for w, fold in zip(folds.cut, folds.fold_of) if fold == i]
+        return _predict(runs[0], models[i], cut, _loudness(fit)).predictions
+
+    found = [p for part in folds.each(quarter, range(folds.count)) for p in part]
+    return [Bands(runs[0], tuple(sorted(found, key=lambda p: p.times[0])))]
 
 
 def of_others(runs, fit, most, each=map):
-    """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to, at most about so many
-    windows of them."""
+    """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
+
+    most: windows that predictions start in, about, spread evenly over the runs; each: maps a
+    function over items, side by side if it can.
+    """
     cut = windows.spread(windows.cut(runs), most)
-    return list(
-        each(
-            lambda i: _predict(runs[i], fit, [w for w in cut if w.run == i], _loudness(fit)),
-            range(len(runs)),
-        )
-    )
+
+    def one(i):
+        return _predict(runs[i], fit, [w for w in cut if w.run == i], _loudness(fit))
+
+    return list(each(one, range(len(runs))))
 
 
 def _loudness(fit, fold=None, count=1):
-    """The loudness to expect of a new run: the mean over runs that were fitted to, outside a fold."""
+    """The loudness to expect of a new run: the mean of those that are known, a fold left out."""
     known = [value for i, value in enumerate(fit.loudness) if i % count != fold]
     return float(np.mean(known)) if known else 0.0
 
 
-def _time(run, window):
-    return run.times[window.first]
-
-
 def _predict(run, fit, cut, loudness):
-    """Bands of a run from the starts that windows of it give; without predictions where a motion that
-    was drawn is not finite."""
+    """Bands of a run from starts in its windows; without predictions if a motion is not finite."""
     times = np.array(run.times)
     starts, horizons = _starts(times, cut)
     box = call(_core.GreyBox, [run], fit.model)
@@ -151,7 +152,7 @@ def _predict(run, fit, cut, loudness):
     for one in found:
         rows = slice(one["first"], one["first"] + len(one["mean"]))
         truth = measured[rows].copy()
-        # The filter may count turns otherwise.
+        # The filter may be whole turns away.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
         predictions.append(
             Prediction(
@@ -162,15 +163,16 @@ def _predict(run, fit, cut, loudness):
 
 
 def _starts(times, cut):
-    """Samples to predict from, and horizons [s]: the longest from the start of each window on, a short
-    one every SHORT seconds between. A stretch's first poses only tell the filter the motion."""
+    """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
+    one every SHORT seconds inside. From a stretch's first poses the filter only learns the motion.
+    """
     found = {}
     for window in cut:
         first, last = window.first, window.last
         begins = first == 0 or times[first] - times[first - 1] > repair.MAX_GAP
         if not begins:
             found[first] = HORIZONS[-1]
-        for k in range(1, 1 + int((times[last] - times[first] - LATE) / SHORT)):
+        for k in range(1, 1 + int((times[last] - times[first] - TOLERANCE) / SHORT)):
             at = int(np.searchsorted(times, times[first] + k * SHORT))
             rest = times[last] - times[at]
             found.setdefault(at, rest if begins and k == 1 else SHORT)
@@ -179,7 +181,7 @@ def _starts(times, cut):
 
 
 def _measured(run):
-    """(n, 6) of CHANNELS; headings as measured, turns counted as in the smoothed ones."""
+    """(n, 6) of CHANNELS; headings are unwrapped as the smoothed ones are."""
     eta, poses = np.array(run.eta), np.array(run.poses)
     if len(poses):
         eta = np.column_stack([poses[:, :2], eta[:, 2] + repair.wrap(poses[:, 2] - eta[:, 2])])
@@ -187,8 +189,8 @@ def _measured(run):
 
 
 def _smoothed_noise(run):
-    """Standard deviations (3,) of what the smoothed velocities have of the poses' noise: the smoother is
-    run on the run's smoothed poses with and without new noise."""
+    """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: of the
+    difference that new noise makes to the velocities of the smoothed poses."""
     times, eta, noise = np.array(run.times), np.array(run.eta), np.array(run.noise)
     noisy = eta + noise * np.random.default_rng(1).normal(size=eta.shape)
     levels = noise[0], noise[2]
@@ -197,13 +199,12 @@ def _smoothed_noise(run):
 
 
 def coverage(bands):
-    """How many measurements the bands of runs hold: a list of dictionaries, one for each horizon and
-    channel, of horizon [s], channel, unit, coverage, ci95, sd (median of the predictions' standard
-    deviations) and predictions.
+    """What share of the measurements the Bands of runs hold.
 
-    Predictions overlap and those of a run have much in common: ci95 takes only runs as independent
-    (ratio estimator with Student's t); it is None for one run. Horizons that no run reaches are left
-    out.
+    Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, unit,
+    coverage, ci95, sd (median standard deviation of the predictions), predictions (their number).
+    Predictions overlap and those of a run are alike: ci95 counts only runs as independent (ratio
+    estimator with Student's t) and is None for one run. Horizons that no run reaches are left out.
     """
     rows = []
     for horizon in HORIZONS:
@@ -222,9 +223,7 @@ def coverage(bands):
                     "channel": channel,
                     "unit": UNITS[i],
                     "coverage": float(share[i]),
-                    "ci95": None
-                    if half is None
-                    else [max(0.0, float(share[i] - half[i])), min(1.0, float(share[i] + half[i]))],
+                    "ci95": None if half is None else _interval(share[i], half[i]),
                     "sd": float(deviation[i]),
                     "predictions": int(counts.sum()),
                 }
@@ -232,8 +231,12 @@ def coverage(bands):
     return rows
 
 
+def _interval(share, half):
+    return [max(0.0, float(share - half)), min(1.0, float(share + half))]
+
+
 def _half_width(off, counts):
-    """Half of the 95% interval of shares whose clusters (rows) are off the mean by so many."""
+    """Half of the 95% interval of shares; off: (clusters, n) counts minus expected ones."""
     clusters = len(counts)
     if clusters < 2:
         return None

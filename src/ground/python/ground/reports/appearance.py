@@ -17,7 +17,7 @@ def model_color(index):
 
 
 def transparent(color, opacity):
-    """A color "#rrggbb" that lets others through."""
+    """A color "#rrggbb" of some opacity (0..1)."""
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
 

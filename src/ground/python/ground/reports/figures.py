@@ -57,8 +57,10 @@ def fall(steps, floor, measured_on):
 
 
 def motion(studies, bands=None):
-    """Velocities and commands over time, and the path from above, measured and by every model. bands:
-    bands.Bands of the last model, which are drawn behind the velocities at one of their horizons."""
+    """Velocities and commands over time, and the path from above, measured and by every model.
+
+    bands: bands.Bands of the last model, drawn behind the velocities.
+    """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     figure = make_subplots(
@@ -108,12 +110,14 @@ def motion(studies, bands=None):
     figure.update_layout(
         legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0}, hovermode="x"
     )
-    return _finish(figure, 640)
+    if bands is None:
+        return _finish(figure, 640)
+    return _finish(figure, 675, margin={"t": 85, "b": 50, "l": 70, "r": 10})
 
 
 def _add_bands(figure, bands, step, shade):
-    """Bands in the rows of u, v, r: those of a window at first, of other horizons by buttons. They have to
-    be the figure's first traces."""
+    """Bands in the rows of u, v, r. The horizon of a window is shown first; buttons choose another.
+    The bands have to be the figure's first traces."""
     traces = []  # horizon of each
     for horizon in bands_of.HORIZONS:
         tiles = [_fewer(tile, step) for tile in bands.tiled(horizon)]
@@ -135,9 +139,9 @@ def _add_bands(figure, bands, step, shade):
         }
         for horizon in sorted(set(traces))
     ]
-    menu = {"type": "buttons", "direction": "right", "buttons": buttons, "showactive": True}
+    menu = {"type": "buttons", "direction": "right", "buttons": buttons, "font": {"size": 11}}
     menu.update(active=bands_of.HORIZONS.index(windows.WINDOW))
-    menu.update(x=0.68, xanchor="left", y=1.01, yanchor="bottom", pad={"t": 0, "b": 0})
+    menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
         figure.update_layout(updatemenus=[menu])
 
@@ -147,8 +151,8 @@ def motion_caption(run, bands=None):
     thinned = " One sample in %d is drawn." % step if step > 1 else ""
     if bands is not None:
         thinned += (
-            " Shaded: what a fit without this run predicts with a probability of %.0f%%, anew every %g s "
-            "(or as the buttons say) from the poses up to there, random wrench and noise included."
+            " Shaded: %.0f%% prediction band of a fit without this run. It starts anew every %g s "
+            "(or as the buttons say) from the poses up to there; random wrench and noise are in it."
             % (100 * bands_of.PART, windows.WINDOW)
         )
     return (
@@ -236,7 +240,8 @@ def wrench_over_time(studies):
             if count == 0:
                 x, y = _band(at, values - 2 * sigma, values + 2 * sigma)
                 band = _line(x, y, "", {"width": 0, "color": model_color(0)}, False)
-                band.update(fill="toself", fillcolor=transparent(model_color(0), 0.22), hoverinfo="skip")
+                shade = transparent(model_color(0), 0.22)
+                band.update(fill="toself", fillcolor=shade, hoverinfo="skip")
                 figure.add_trace(band, row + 1, 1)
             line = {"color": model_color(count), "width": 1.4}
             figure.add_trace(_line(at, values, study["label"], line, row == 0), row + 1, 1)

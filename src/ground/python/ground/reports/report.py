@@ -139,8 +139,10 @@ def _numbers(sheet, pooled):
 
 
 def _measured_against(sheet, inspected, described, winner, banded=None):
-    """All runs against all models: over time and place, and where they fail. banded: bands.Bands by the
-    id of their run."""
+    """All runs against all models: over time and place, and where they fail.
+
+    banded: bands.Bands by the id of their run.
+    """
     labels = [s["label"] for s in inspected[0]]
     sheet.heading("Where it fails")
     by_model = [(label, [studies[i] for studies in inspected]) for i, label in enumerate(labels)]

@@ -274,7 +274,7 @@ def budget(report):
 
 
 def bands(report):
-    """How well the improved model can predict, and whether its bands are right; None without any."""
+    """How well the improved model can predict, and what its bands hold; None without bands."""
     poses = _held_poses(report)
     if not poses:
         return None
@@ -282,8 +282,8 @@ def bands(report):
     sd = {b["channel"]: b["sd"] for b in report["bands"] if b["horizon"] == at}
     heading = math.degrees(sd["psi"])
     return (
-        "Of the positions and headings measured on held-out runs, the improved model's 90%% prediction "
-        "bands hold %s; one standard deviation after %.1f s is %s and %s."
+        "On held-out runs, 90%% prediction bands of the improved model hold %s of the measured "
+        "positions and headings; the standard deviation after %.1f s is %s and %s."
         % (
             _listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
             at,
