@@ -349,6 +349,45 @@ TEST(GreyBoxForecast, LearnsHowLoudARunIs) {
   EXPECT_LT(deviation(0, true), 1.35 * right);
 }
 
+TEST(GreyBoxForecast, IsAsUncertainAsItsParameters) {
+  // A calm craft: what a parameter changes, the filter's belief at the start included, is seen.
+  const Model model = craft();
+  const Disturbance disturbance = pushes(model, 5e-4);
+  const RunData run = disturbedRun(model, disturbance, 7, 6);
+  const GreyBox box({run}, model.body);
+  const DisturbanceLevels levels = levelsOf(disturbance);
+  ForecastOptions options;
+  options.starts = {sampleAt(run, 3)};
+  options.horizons = {2};
+  options.draws = 999;
+  for (const std::string name : {"k", "N_r"}) {
+    Model lower = model, upper = model;
+    lower.setValue(name, 0.95 * model.value(name));
+    upper.setValue(name, 1.05 * model.value(name));
+    const auto at = [&](const Model& one) {
+      return box.forecast({one, levels, {}}, 0, options).at(0);
+    };
+    const Forecast known = at(model), low = at(lower), high = at(upper);
+    const std::size_t index = static_cast<std::size_t>(model.index(name));
+    ForecastOptions uncertain = options;
+    uncertain.free = {name};
+    uncertain.scale = box.scores({model, levels, {}}, {name}, 25, 1, 1).scale;
+    const double deviation =
+        0.5 * (upper.coordinates()[index] - lower.coordinates()[index]) / uncertain.scale[0];
+    uncertain.information.setConstant(1, 1, std::pow(deviation, -2));
+    const Forecast found = box.forecast({model, levels, {}}, 0, uncertain).at(0);
+    const Eigen::Index last = found.mean.rows() - 1;
+    bool matters = false;
+    for (int c = 0; c < 6; ++c) {
+      const double more = 0.5 * (high.mean(last, c) - low.mean(last, c));
+      const double expected = std::hypot(known.deviation(last, c), more);
+      EXPECT_NEAR(found.deviation(last, c) / expected, 1, 0.2) << name << ", " << c;
+      matters = matters || expected > 2 * known.deviation(last, c);
+    }
+    EXPECT_TRUE(matters) << name;
+  }
+}
+
 TEST(GreyBoxForecast, EndsAtAGap) {
   const Model model = craft();
   RunData run = disturbedRun(model, pushes(model, 0.02), 6, 4);
@@ -392,6 +431,10 @@ TEST(GreyBox, RefusesWhatCannotBe) {
   EXPECT_THROW(forecast(), std::invalid_argument);
   options.horizons = {1};
   options.draws = 9;
+  EXPECT_THROW(forecast(), std::invalid_argument);
+  options.draws = 99;
+  EXPECT_EQ(forecast().size(), 1u);
+  options.free = {"k"};
   EXPECT_THROW(forecast(), std::invalid_argument);
 }
 

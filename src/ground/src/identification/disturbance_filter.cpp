@@ -408,7 +408,8 @@ void correctDeviation(const FilterSample& s, const double* unseen, double* x, do
 
 }  // namespace
 
-RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block) const {
+RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
+                                    std::vector<FilterBelief>* kept) const {
   const int n = static_cast<int>(free.index.size());
   const int groups = (n + Jet::kDirections - 1) / Jet::kDirections, count = groups * Jet::kDirections;
   std::vector<Dynamics<Jet>> dynamics;
@@ -430,6 +431,7 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   RunScores result{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n)};
   std::vector<double> x(kN * count, 0.0), white(3 * count), unseen(3 * count), sums(n * count, 0.0);
   const Random<double> random = randomOf(levels_, run_.noise);
+  std::size_t next = 0;  // belief to fill in
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
     if (s.starts && k > 0) {
@@ -450,6 +452,12 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
           unseen[a * count + g * Jet::kDirections + j] = seen.eta(a).v[j];
     }
     correctDeviation(s, distorts ? unseen.data() : nullptr, x.data(), white.data(), count);
+    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next) {
+      Eigen::MatrixXd& sensitivity = (*kept)[next].sensitivity;
+      sensitivity.resize(kN, n);
+      for (int i = 0; i < kN; ++i)
+        for (int j = 0; j < n; ++j) sensitivity(i, j) = x[i * count + j];
+    }
     if (!s.starts) {
       const Vector3<double> e = whitened(k);
       const int at = blockOf(k, blocks);

@@ -39,6 +39,7 @@ struct FilterBelief {
   Vector13 mean = Vector13::Zero();
   Matrix13 covariance = Matrix13::Zero();
   double log_likelihood = 0;  ///< of the poses so far
+  Eigen::MatrixXd sensitivity;  ///< of the mean to free parameters' coordinates over scale
 };
 
 /// Derivatives of the log-likelihood of one run, added up over blocks of time.
@@ -63,8 +64,10 @@ class DisturbanceFilter {
   double run(const Model& model, const DisturbanceLevels& levels, double cap,
              std::vector<FilterBelief>* kept = nullptr);
 
-  /// Derivatives at the last call of run(), by coordinates over scale.
-  RunScores scores(const Model& model, const Free& free, double block) const;
+  /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
+  /// the beliefs in `kept`, in ascending order of their samples.
+  RunScores scores(const Model& model, const Free& free, double block,
+                   std::vector<FilterBelief>* kept = nullptr) const;
   /// By the logarithms of the levels, all samples together.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
   /// Whitened innovations' response to wrenches, held from sample to sample, (3 n, columns).

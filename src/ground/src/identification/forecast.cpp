@@ -95,11 +95,13 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
 
 }  // namespace
 
-Forecast forecastBy(const RunData& run, const Model& model,
-                    const std::vector<Alternative>& alternatives, int last,
-                    const ForecastOptions& options, std::mt19937_64& random) {
+Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
+                    const std::vector<Alternative>& alternatives,
+                    const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
+                    std::mt19937_64& random) {
   const int first = alternatives.front().belief.sample;
-  const Eigen::Index count = last - first + 1, draws = options.draws;
+  const Eigen::Index count = last - first + 1;
+  const auto draws = static_cast<Eigen::Index>(models.size());
   std::vector<Matrix13> roots;
   std::vector<std::vector<WrenchStep>> steps;
   for (const Alternative& one : alternatives) {
@@ -115,9 +117,11 @@ Forecast forecastBy(const RunData& run, const Model& model,
     while (at + 1 < alternatives.size() && passed + alternatives[at].weight < share)
       passed += alternatives[at++].weight;
     const Alternative& one = alternatives[at];
-    const Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
+    const DrawnModel& model = models[static_cast<std::size_t>(i)];
+    Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
+    if (model.away.size() > 0) from += sensitivity * model.away;
     auto rows = drawn.middleCols(6 * i, 6);
-    drawMotion(run, model, steps[at], from, first, normal, rows);
+    drawMotion(run, model.model, steps[at], from, first, normal, rows);
     // Each row has its own band: one draw of the noise for all rows keeps the bands smooth.
     Eigen::Matrix<double, 6, 1> noise;
     noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),

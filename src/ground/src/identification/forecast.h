@@ -16,10 +16,18 @@ struct Alternative {
   double weight;  ///< probability of these levels
 };
 
-/// Draws motions from belief.sample (the same in all alternatives) to sample `last`. Each
-/// alternative gets its weight's share of the draws.
-Forecast forecastBy(const RunData& run, const Model& model,
-                    const std::vector<Alternative>& alternatives, int last,
-                    const ForecastOptions& options, std::mt19937_64& random);
+/// Parameters of one draw.
+struct DrawnModel {
+  Model model;
+  Eigen::VectorXd away;  ///< from the likeliest ones, coordinates over scale
+};
+
+/// Draws a motion of each model from belief.sample (the same in all alternatives) to sample `last`.
+/// Each alternative gets its weight's share of the draws. `sensitivity`: of the belief's mean to
+/// DrawnModel::away.
+Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
+                    const std::vector<Alternative>& alternatives,
+                    const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
+                    std::mt19937_64& random);
 
 }  // namespace ground

@@ -26,6 +26,7 @@ constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the 
 constexpr double kUnidentified = 30;  // deviation in parts of a parameter's typical size
 constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
 constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
+constexpr double kVague = 0.3;  // deviation of parameters without information, in parts of the scale
 
 /// Levels whose strength follows the loudness of the run: sigma and white.
 constexpr int kFirstTrim = 11;  // of the levels
@@ -394,6 +395,10 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     if (start < 0 || start >= static_cast<int>(samples) || (i > 0 && start < options.starts[i - 1]))
       throw std::invalid_argument("forecasts start at ascending samples of the run");
   }
+  const auto free = static_cast<Eigen::Index>(options.free.size());
+  if (options.information.rows() != free || options.information.cols() != free ||
+      options.scale.size() != options.free.size())
+    throw std::invalid_argument("each uncertain parameter needs its information and scale");
   if (options.horizons.size() != options.starts.size())
     throw std::invalid_argument("each start of a forecast needs a horizon");
   if (!(options.part > 0 && 0.5 * (1 - options.part) * (options.draws + 1) >= 1))
@@ -406,6 +411,34 @@ std::vector<double> loudnessAbout(bool unknown) {
   std::vector<double> values;
   for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * kLoudness);
   return values;
+}
+
+/// A model for each draw, its uncertain parameters within their bounds.
+std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& options,
+                                   const Free& free, std::mt19937_64& random) {
+  const auto n = static_cast<Eigen::Index>(options.free.size());
+  if (n == 0)
+    return std::vector<DrawnModel>(static_cast<std::size_t>(options.draws), {model, {}});
+  Eigen::MatrixXd information = options.information;
+  information.diagonal().array() += 1 / (kVague * kVague);
+  const Eigen::LLT<Eigen::MatrixXd> root(information);
+  std::normal_distribution<double> normal;
+  std::vector<DrawnModel> models;
+  for (int i = 0; i < options.draws; ++i) {
+    Eigen::VectorXd away(n);
+    for (Eigen::Index j = 0; j < n; ++j) away(j) = normal(random);
+    away = root.matrixU().solve(away);
+    std::vector<double> scaled;
+    for (std::size_t j = 0; j < free.index.size(); ++j) {
+      const double likeliest = free.base[free.index[j]] / free.scale[j];
+      scaled.push_back(std::clamp(likeliest + away(static_cast<Eigen::Index>(j)),
+                                  free.lower[j] / free.scale[j], free.upper[j] / free.scale[j]));
+      away(static_cast<Eigen::Index>(j)) = scaled.back() - likeliest;
+    }
+    models.push_back({model, away});
+    setCoordinates(models.back().model, free.coordinates(scaled.data()));
+  }
+  return models;
 }
 
 /// From logarithms to weights that sum to 1.
@@ -517,16 +550,31 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
     for (std::size_t i = 0; i < kept.size(); ++i)
       alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
   }
-  std::vector<Forecast> result;
   std::mt19937_64 random(options.seed);
-  for (auto& possible : alternatives) {
-    normaliseWeights(possible);
+  Free free = options.free.empty() ? Free() : makeFree(point.model, options.free);
+  free.scale = options.scale;
+  const std::vector<DrawnModel> models = drawModels(point.model, options, free, random);
+  for (auto& possible : alternatives) normaliseWeights(possible);
+  // It hardly depends on the levels: those that are likeliest in the end serve all alternatives.
+  std::vector<FilterBelief> sensitive(options.starts.size());
+  for (std::size_t i = 0; i < sensitive.size(); ++i) sensitive[i].sample = options.starts[i];
+  if (!options.free.empty() && !alternatives.empty()) {
+    const auto& ended = alternatives.back();
+    const auto likeliest = std::max_element(
+        ended.begin(), ended.end(),
+        [](const Alternative& a, const Alternative& b) { return a.weight < b.weight; });
+    filter.run(point.model, likeliest->levels, options.cap);
+    filter.scores(point.model, free, 1e9, &sensitive);
+  }
+  std::vector<Forecast> result;
+  for (const auto& possible : alternatives) {
     const auto first = static_cast<std::size_t>(possible.front().belief.sample);
     const double until = data.times[first] + options.horizons[result.size()];
     std::size_t last = filter.lastOfStretch(first);
     while (last > first && data.times[last] > until) --last;
     result.push_back(
-        forecastBy(data, point.model, possible, static_cast<int>(last), options, random));
+        forecastBy(data, models, possible, sensitive[result.size()].sensitivity,
+                   static_cast<int>(last), options, random));
     if (!result.back().mean.allFinite())
       throw std::runtime_error("the model's motion along the recordings is not finite");
   }

@@ -126,10 +126,13 @@ void bindGreyBox(py::module_& module) {
       .def(
           "forecast",
           [](const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
-             std::vector<double> horizons, bool unknown_loudness, double part, int draws,
+             std::vector<double> horizons, bool unknown_loudness, std::vector<std::string> free,
+             const Eigen::MatrixXd& information, std::vector<double> scale, double part, int draws,
              const Vector3<double>& velocity_noise, double cap, unsigned seed) {
-            const ForecastOptions options{std::move(starts), std::move(horizons),
-                                          unknown_loudness, part, draws, velocity_noise, cap, seed};
+            const ForecastOptions options{
+                std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
+                information,       std::move(scale),    part,             draws,
+                velocity_noise,    cap,                 seed};
             std::vector<Forecast> found;
             {
               const py::gil_scoped_release release;
@@ -148,7 +151,9 @@ void bindGreyBox(py::module_& module) {
             return result;
           },
           py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizons"),
-          py::arg("unknown_loudness") = false, py::arg("part") = 0.9, py::arg("draws") = 99,
+          py::arg("unknown_loudness") = false, py::arg("free") = std::vector<std::string>(),
+          py::arg("information") = Eigen::MatrixXd(), py::arg("scale") = std::vector<double>(),
+          py::arg("part") = 0.9, py::arg("draws") = 99,
           py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
           py::arg("seed") = 1,
           "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"

@@ -72,6 +72,11 @@ struct ForecastOptions {
   /// The point's loudness is only what to expect of the run. Loudness is integrated over: seven
   /// values about it, weighed by the prior and by the likelihood of the poses up to each start.
   bool unknown_loudness = false;
+  /// Parameters that are uncertain, their information and scale as GreyBoxFit has them; the others
+  /// count as known.
+  std::vector<std::string> free;
+  Eigen::MatrixXd information;
+  std::vector<double> scale;
   double part = 0.9;  ///< of the draws that a band holds
   int draws = 99;
   /// Standard deviations of the noise that smoothing leaves in u, v [m/s], r [rad/s].
@@ -132,8 +137,8 @@ class GreyBox {
   /// filter has seen the poses up to the start; its Gaussian gives the motion, the wrench and the
   /// trims there. Motions of the stochastic model are drawn from it, because a linearised covariance
   /// is too large once the heading is uncertain by a radian (2.6 times in position 4 s ahead on real
-  /// runs). The parameters count as known. Throws std::invalid_argument on bad options,
-  /// std::runtime_error when a motion is not finite.
+  /// runs). Uncertain parameters are drawn, too, and shift what the filter believes. Throws
+  /// std::invalid_argument on bad options, std::runtime_error when a motion is not finite.
   std::vector<Forecast> forecast(const GreyBoxPoint& point, int run,
                                  const ForecastOptions& options) const;
 
