@@ -68,6 +68,10 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     assert [c["rank"] for c in report["candidates"]] == list(range(1, len(tried_by_default()) + 1))
     page = (out / "report.html").read_text()
     assert "motor_lag is missing" in page
+    bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
+    assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
+    assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
+    assert "90% prediction bands of the improved model hold" in page
     # simulator and controllers take the model as it is
     simulated = identify(
         "simulate",

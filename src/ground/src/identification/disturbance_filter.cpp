@@ -229,7 +229,8 @@ DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
   constants_.resize(static_cast<Eigen::Index>(count), 4);
 }
 
-double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap) {
+double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& levels, double cap,
+                              std::vector<FilterBelief>* kept) {
   constexpr int kThrust = 6;  // direction of a Jet
   std::vector<Jet> coordinates;
   for (const double value : model.coordinates()) coordinates.emplace_back(value);
@@ -242,6 +243,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
   const Random<double> random = randomOf(levels, run_.noise);
 
   double likelihood = 0;
+  std::size_t next = 0;  // belief to keep
   RigidState<double> at;
   Vector3<double> push = Vector3<double>::Zero();  // the Ornstein-Uhlenbeck wrench
   Eigen::Vector4d constant = Eigen::Vector4d::Zero();
@@ -297,6 +299,13 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     s.filtered = at;
     wrench_.row(static_cast<Eigen::Index>(k)) = push;
     constants_.row(static_cast<Eigen::Index>(k)) = constant;
+    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next) {
+      FilterBelief& belief = (*kept)[next];
+      belief.mean << at.eta, at.nu, push, constant;
+      for (int i = 0; i < kN; ++i)
+        for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance.P[i][j];
+      belief.log_likelihood = likelihood;
+    }
 
     s.dt = 0;
     if (k + 1 == samples_.size() || starts_[k + 1]) continue;
@@ -344,6 +353,12 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     constants_sigma_(i) = std::sqrt(std::max(0.0, covariance.P[9 + i][9 + i]));
   levels_ = levels;
   return likelihood;
+}
+
+std::size_t DisturbanceFilter::lastOfStretch(std::size_t sample) const {
+  const auto next = std::find(starts_.begin() + static_cast<std::ptrdiff_t>(sample) + 1,
+                              starts_.end(), true);
+  return static_cast<std::size_t>(next - starts_.begin()) - 1;
 }
 
 int DisturbanceFilter::blockCount(double block) const {
@@ -394,7 +409,8 @@ void correctDeviation(const FilterSample& s, const double* unseen, double* x, do
 
 }  // namespace
 
-RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block) const {
+RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
+                                    std::vector<FilterBelief>* kept) const {
   const int n = static_cast<int>(free.index.size());
   const int groups = (n + Jet::kDirections - 1) / Jet::kDirections, count = groups * Jet::kDirections;
   std::vector<Dynamics<Jet>> dynamics;
@@ -416,6 +432,7 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   RunScores result{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n)};
   std::vector<double> x(kN * count, 0.0), white(3 * count), unseen(3 * count), sums(n * count, 0.0);
   const Random<double> random = randomOf(levels_, run_.noise);
+  std::size_t next = 0;  // belief to fill in
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
     if (s.starts && k > 0) {
@@ -436,6 +453,12 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
           unseen[a * count + g * Jet::kDirections + j] = seen.eta(a).v[j];
     }
     correctDeviation(s, distorts ? unseen.data() : nullptr, x.data(), white.data(), count);
+    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next) {
+      Eigen::MatrixXd& sensitivity = (*kept)[next].sensitivity;
+      sensitivity.resize(kN, n);
+      for (int i = 0; i < kN; ++i)
+        for (int j = 0; j < n; ++j) sensitivity(i, j) = x[i * count + j];
+    }
     if (!s.starts) {
       const Vector3<double> e = whitened(k);
       const int at = blockOf(k, blocks);

@@ -14,6 +14,7 @@ namespace ground {
 /// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
 constexpr int kFilterStates = 13;
 using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;
+using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
 /// What the filter leaves behind at a sample: all that derivatives of its innovations need.
 struct FilterSample {
@@ -30,6 +31,15 @@ struct FilterSample {
   double log_density;                          ///< of the pose after those before it; 0 at a start
   bool starts;                                 ///< a stretch: nothing is carried over but trims
   bool capped;                                 ///< counts as noisier than its level says
+};
+
+/// What the filter believes at a sample, having seen its pose.
+struct FilterBelief {
+  int sample = 0;
+  Vector13 mean = Vector13::Zero();
+  Matrix13 covariance = Matrix13::Zero();
+  double log_likelihood = 0;  ///< of the poses so far
+  Eigen::MatrixXd sensitivity;  ///< of the mean to free parameters' coordinates over scale
 };
 
 /// Derivatives of the log-likelihood of one run, added up over blocks of time.
@@ -50,11 +60,14 @@ class DisturbanceFilter {
   DisturbanceFilter(const RunData& run, double max_gap);
 
   /// Filters the run; returns the log-likelihood, not finite where the motion is not. Levels are
-  /// those of this run.
-  double run(const Model& model, const DisturbanceLevels& levels, double cap);
+  /// those of this run. Fills in `kept`, beliefs whose samples are given in ascending order.
+  double run(const Model& model, const DisturbanceLevels& levels, double cap,
+             std::vector<FilterBelief>* kept = nullptr);
 
-  /// Derivatives at the last call of run(), by coordinates over scale.
-  RunScores scores(const Model& model, const Free& free, double block) const;
+  /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
+  /// the beliefs in `kept`, in ascending order of their samples.
+  RunScores scores(const Model& model, const Free& free, double block,
+                   std::vector<FilterBelief>* kept = nullptr) const;
   /// By the logarithms of the levels, all samples together.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
   /// Whitened innovations' response to wrenches, held from sample to sample, (3 n, columns).
@@ -64,6 +77,8 @@ class DisturbanceFilter {
   Eigen::VectorXd densities(double block) const;
 
   const std::vector<FilterSample>& samples() const { return samples_; }
+  /// The last sample before the next gap.
+  std::size_t lastOfStretch(std::size_t sample) const;
   Vector3<double> whitened(std::size_t sample) const;
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }

@@ -6,11 +6,13 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <random>
 #include <set>
 #include <stdexcept>
 
 #include "descent.h"
 #include "disturbance_filter.h"
+#include "forecast.h"
 #include "free_parameters.h"
 #include "parallel.h"
 
@@ -25,6 +27,7 @@ constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the 
 constexpr double kUnidentified = 30;  // deviation in parts of a parameter's typical size
 constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
 constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
+constexpr double kVague = 0.3;  // deviation of parameters without information, in parts of the scale
 
 /// Levels whose strength follows the loudness of the run: sigma and white.
 constexpr int kFirstTrim = 11;  // of the levels
@@ -392,6 +395,67 @@ class Ascent {
   bool converged_ = false;
 };
 
+/// Throws std::invalid_argument.
+void checkForecast(const ForecastOptions& options, std::size_t samples) {
+  for (std::size_t i = 0; i < options.starts.size(); ++i) {
+    const int start = options.starts[i];
+    if (start < 0 || start >= static_cast<int>(samples) || (i > 0 && start < options.starts[i - 1]))
+      throw std::invalid_argument("forecasts start at ascending samples of the run");
+  }
+  const auto free = static_cast<Eigen::Index>(options.free.size());
+  if (options.information.rows() != free || options.information.cols() != free ||
+      options.scale.size() != options.free.size())
+    throw std::invalid_argument("each uncertain parameter needs its information and scale");
+  if (options.horizons.size() != options.starts.size())
+    throw std::invalid_argument("each start of a forecast needs a horizon");
+  if (!(options.part > 0 && 0.5 * (1 - options.part) * (options.draws + 1) >= 1))
+    throw std::invalid_argument("too few draws for the ends of the band");
+}
+
+/// Values of a run's loudness to weigh, relative to the one expected.
+std::vector<double> loudnessAbout(bool unknown) {
+  if (!unknown) return {0};
+  std::vector<double> values;
+  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * kLoudness);
+  return values;
+}
+
+/// A model for each draw, its uncertain parameters within their bounds.
+std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& options,
+                                   const Free& free, std::mt19937_64& random) {
+  const auto n = static_cast<Eigen::Index>(options.free.size());
+  if (n == 0)
+    return std::vector<DrawnModel>(static_cast<std::size_t>(options.draws), {model, {}});
+  Eigen::MatrixXd information = options.information;
+  information.diagonal().array() += 1 / (kVague * kVague);
+  const Eigen::LLT<Eigen::MatrixXd> root(information);
+  std::normal_distribution<double> normal;
+  std::vector<DrawnModel> models;
+  for (int i = 0; i < options.draws; ++i) {
+    Eigen::VectorXd away(n);
+    for (Eigen::Index j = 0; j < n; ++j) away(j) = normal(random);
+    away = root.matrixU().solve(away);
+    std::vector<double> scaled;
+    for (std::size_t j = 0; j < free.index.size(); ++j) {
+      const double likeliest = free.base[free.index[j]] / free.scale[j];
+      scaled.push_back(std::clamp(likeliest + away(static_cast<Eigen::Index>(j)),
+                                  free.lower[j] / free.scale[j], free.upper[j] / free.scale[j]));
+      away(static_cast<Eigen::Index>(j)) = scaled.back() - likeliest;
+    }
+    models.push_back({model, away});
+    setCoordinates(models.back().model, free.coordinates(scaled.data()));
+  }
+  return models;
+}
+
+/// From logarithms to weights that sum to 1.
+void normaliseWeights(std::vector<Alternative>& alternatives) {
+  double largest = -kInfinity, sum = 0;
+  for (const Alternative& one : alternatives) largest = std::max(largest, one.weight);
+  for (Alternative& one : alternatives) sum += one.weight = std::exp(one.weight - largest);
+  for (Alternative& one : alternatives) one.weight /= sum;
+}
+
 }  // namespace
 
 GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap)
@@ -452,9 +516,7 @@ GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::
 GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double cap,
                                     const Eigen::MatrixXd& acting,
                                     const std::vector<int>& channels) const {
-  if (run < 0 || run >= static_cast<int>(runs_.size()))
-    throw std::invalid_argument("there is no such run");
-  const auto at = static_cast<std::size_t>(run);
+  const std::size_t at = indexOf(run);
   DisturbanceFilter filter(runs_[at], max_gap_);
   filter.run(point.model, levelsOf(point, at), cap);
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
@@ -473,6 +535,64 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   result.constants = filter.constantsSoFar();
   if (acting.cols() > 0) result.responses = filter.responses(acting, channels);
   return result;
+}
+
+std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
+                                        const ForecastOptions& options) const {
+  const std::size_t at = indexOf(run);
+  const RunData& data = runs_[at];
+  checkForecast(options, data.times.size());
+  DisturbanceFilter filter(data, max_gap_);
+  const std::vector<double> about = loudnessAbout(options.unknown_loudness);
+  std::vector<std::vector<Alternative>> alternatives(options.starts.size());
+  for (const double more : about) {
+    GreyBoxPoint other = point;
+    other.loudness.resize(runs_.size(), 0.0);
+    other.loudness[at] += more;
+    const DisturbanceLevels levels = levelsOf(other, at);
+    std::vector<FilterBelief> kept(options.starts.size());
+    for (std::size_t i = 0; i < kept.size(); ++i) kept[i].sample = options.starts[i];
+    if (!std::isfinite(filter.run(other.model, levels, options.cap, &kept)))
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+    const double prior = -0.5 * std::pow(more / kLoudness, 2);
+    for (std::size_t i = 0; i < kept.size(); ++i)
+      alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
+  }
+  std::mt19937_64 random(options.seed);
+  Free free = options.free.empty() ? Free() : makeFree(point.model, options.free);
+  free.scale = options.scale;
+  const std::vector<DrawnModel> models = drawModels(point.model, options, free, random);
+  for (auto& possible : alternatives) normaliseWeights(possible);
+  // It hardly depends on the levels: those that are likeliest in the end serve all alternatives.
+  std::vector<FilterBelief> sensitive(options.starts.size());
+  for (std::size_t i = 0; i < sensitive.size(); ++i) sensitive[i].sample = options.starts[i];
+  if (!options.free.empty() && !alternatives.empty()) {
+    const auto& ended = alternatives.back();
+    const auto likeliest = std::max_element(
+        ended.begin(), ended.end(),
+        [](const Alternative& a, const Alternative& b) { return a.weight < b.weight; });
+    filter.run(point.model, likeliest->levels, options.cap);
+    filter.scores(point.model, free, 1e9, &sensitive);
+  }
+  std::vector<Forecast> result;
+  for (const auto& possible : alternatives) {
+    const auto first = static_cast<std::size_t>(possible.front().belief.sample);
+    const double until = data.times[first] + options.horizons[result.size()];
+    std::size_t last = filter.lastOfStretch(first);
+    while (last > first && data.times[last] > until) --last;
+    result.push_back(
+        forecastBy(data, models, possible, sensitive[result.size()].sensitivity,
+                   static_cast<int>(last), options, random));
+    if (!result.back().mean.allFinite())
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+  }
+  return result;
+}
+
+std::size_t GreyBox::indexOf(int run) const {
+  if (run < 0 || run >= static_cast<int>(runs_.size()))
+    throw std::invalid_argument("there is no such run");
+  return static_cast<std::size_t>(run);
 }
 
 }  // namespace ground

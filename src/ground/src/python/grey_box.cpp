@@ -125,7 +125,43 @@ void bindGreyBox(py::module_& module) {
             return d;
           },
           py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>());
+          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>())
+      .def(
+          "forecast",
+          [](const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
+             std::vector<double> horizons, bool unknown_loudness, std::vector<std::string> free,
+             const Eigen::MatrixXd& information, std::vector<double> scale, double part, int draws,
+             const Vector3<double>& velocity_noise, double cap, unsigned seed) {
+            const ForecastOptions options{
+                std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
+                information,       std::move(scale),    part,             draws,
+                velocity_noise,    cap,                 seed};
+            std::vector<Forecast> found;
+            {
+              const py::gil_scoped_release release;
+              found = box.forecast(point, run, options);
+            }
+            py::list result;
+            for (const Forecast& forecast : found) {
+              py::dict d;
+              d["first"] = forecast.first;
+              d["mean"] = forecast.mean;
+              d["deviation"] = forecast.deviation;
+              d["low"] = forecast.low;
+              d["high"] = forecast.high;
+              result.append(d);
+            }
+            return result;
+          },
+          py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizons"),
+          py::arg("unknown_loudness") = false, py::arg("free") = std::vector<std::string>(),
+          py::arg("information") = Eigen::MatrixXd(), py::arg("scale") = std::vector<double>(),
+          py::arg("part") = 0.9, py::arg("draws") = 99,
+          py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
+          py::arg("seed") = 1,
+          "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"
+          "(sample), and mean, deviation, low and high (n, 6) of x, y [m], psi [rad], u, v [m/s],\n"
+          "r [rad/s] as measured, from the start on; low and high hold `part` of the draws.");
 }
 
 }  // namespace ground

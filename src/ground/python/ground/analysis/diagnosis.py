@@ -13,7 +13,8 @@ from typing import Any, List
 import numpy as np
 from scipy import stats
 
-from ground.analysis import budget, candidates as effects, held_out, memory, remains, study, varying
+from ground.analysis import bands, budget, candidates as effects, held_out, memory, remains
+from ground.analysis import study, varying
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Criteria, Search
@@ -78,6 +79,7 @@ class Conclusion:
     history: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
     budget: Any = None  # budget.Budget
+    bands: Any = ()  # bands.Bands of the grown model, one of each run held out
 
 
 class Diagnosis:
@@ -423,7 +425,13 @@ class Diagnosis:
             history,
             state,
             budget.budget(self.runs, self.cut, self.fit),
+            self._bands(heldout),
         )
+
+    def _bands(self, heldout):
+        if heldout:
+            return bands.of_others(heldout, self.fit, len(self.cut), self.pool.map)
+        return bands.of_folds(self.folds, self.fit)
 
     def _varies(self):
         """What differs between runs, as the grown model has it: a list of dictionaries."""

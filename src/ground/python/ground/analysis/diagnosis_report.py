@@ -1,5 +1,5 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
-from ground.analysis import candidates, next_experiment, study, unexplained
+from ground.analysis import bands, candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
 # What is refitted for the report only is bounded, so that the work grows with the data, not faster.
@@ -56,6 +56,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
         "budget": _budget(conclusion.budget),
+        "bands": bands.coverage(conclusion.bands),
         "next_experiment": _next_experiment(diagnosis, alike, thorough),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }

@@ -16,6 +16,12 @@ def model_color(index):
     return MODELS[index % len(MODELS)]
 
 
+def transparent(color, opacity):
+    """A color "#rrggbb" of some opacity (0..1)."""
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
+
+
 def scaled(entry):
     """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
     return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])

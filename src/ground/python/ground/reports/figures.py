@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from ground.analysis import failure
-from ground.recordings import repair
+from ground.analysis import bands as bands_of, failure
+from ground.recordings import repair, windows
 from ground.reports.appearance import (
     CHANNELS,
     ERROR_AGAINST,
@@ -20,6 +20,7 @@ from ground.reports.appearance import (
     model_color,
     scaled,
     short_label,
+    transparent,
 )
 from ground.reports.words import number
 
@@ -55,8 +56,11 @@ def fall(steps, floor, measured_on):
     return _finish(figure, 130 + 34 * len(steps), margin={"t": 40, "b": 50, "l": 20, "r": 20})
 
 
-def motion(studies):
-    """Velocities and commands over time, and the path from above, measured and by every model."""
+def motion(studies, bands=None):
+    """Velocities and commands over time, and the path from above, measured and by every model.
+
+    bands: bands.Bands of the last model, drawn behind the velocities.
+    """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     figure = make_subplots(
@@ -70,6 +74,8 @@ def motion(studies):
     )
     every = _every(times)
     shown = _with_gaps(times[every], nu[every], eta[every])
+    if bands is not None:
+        _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
     for row, (_, label, unit) in enumerate(CHANNELS):
         line = {"color": MEASURED, "width": 4}
         figure.add_trace(
@@ -104,12 +110,51 @@ def motion(studies):
     figure.update_layout(
         legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0}, hovermode="x"
     )
-    return _finish(figure, 640)
+    if bands is None:
+        return _finish(figure, 640)
+    return _finish(figure, 675, margin={"t": 85, "b": 50, "l": 70, "r": 10})
 
 
-def motion_caption(run):
+def _add_bands(figure, bands, step, shade):
+    """Bands in the rows of u, v, r. The horizon of a window is shown first; buttons choose another.
+    The bands have to be the figure's first traces."""
+    traces = []  # horizon of each
+    for horizon in bands_of.HORIZONS:
+        tiles = [_fewer(tile, step) for tile in bands.tiled(horizon)]
+        for row, (channel, _, _) in enumerate(CHANNELS if tiles else ()):
+            at = bands_of.CHANNELS.index(channel)
+            outlines = [_band(times, low[:, at], high[:, at]) for times, low, high in tiles]
+            x, y = (np.concatenate(parts) for parts in zip(*outlines))
+            name = "%.0f%% band" % (100 * bands_of.PART)
+            trace = _line(x, y, name, {"width": 0, "color": shade}, row == 0)
+            trace.update(fill="toself", fillcolor=transparent(shade, 0.2), hoverinfo="skip")
+            trace.update(hovertemplate=None, visible=horizon == windows.WINDOW)
+            figure.add_trace(trace, row + 1, 1)
+            traces.append(horizon)
+    buttons = [
+        {
+            "label": "band %g s" % horizon,
+            "method": "restyle",
+            "args": [{"visible": [h == horizon for h in traces]}, list(range(len(traces)))],
+        }
+        for horizon in sorted(set(traces))
+    ]
+    menu = {"type": "buttons", "direction": "right", "buttons": buttons, "font": {"size": 11}}
+    menu.update(active=bands_of.HORIZONS.index(windows.WINDOW))
+    menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
+    if buttons:
+        figure.update_layout(updatemenus=[menu])
+
+
+def motion_caption(run, bands=None):
     step = _every(np.array(run.times)).step
     thinned = " One sample in %d is drawn." % step if step > 1 else ""
+    if bands is not None:
+        thinned += (
+            " Shaded: %.0f%% prediction band of a fit without this run. It starts anew every %g s "
+            "(or as the buttons say) from the poses up to there; random wrench and noise are in it."
+            % (100 * bands_of.PART, windows.WINDOW)
+        )
     return (
         "Run %s: velocities in the body frame, path in world_ned seen from above; models start anew "
         "every 1.5 s. Zoom in time, and the path shows that stretch only; a double click goes back.%s"
@@ -195,7 +240,8 @@ def wrench_over_time(studies):
             if count == 0:
                 x, y = _band(at, values - 2 * sigma, values + 2 * sigma)
                 band = _line(x, y, "", {"width": 0, "color": model_color(0)}, False)
-                band.update(fill="toself", fillcolor="rgba(209,73,91,0.22)", hoverinfo="skip")
+                shade = transparent(model_color(0), 0.22)
+                band.update(fill="toself", fillcolor=shade, hoverinfo="skip")
                 figure.add_trace(band, row + 1, 1)
             line = {"color": model_color(count), "width": 1.4}
             figure.add_trace(_line(at, values, study["label"], line, row == 0), row + 1, 1)
@@ -360,8 +406,14 @@ def _every(times):
 
 def _thinned(piece, step):
     """Times, velocities and poses of a window; its last sample always."""
-    index = np.unique(np.append(np.arange(0, len(piece["times"]), step), len(piece["times"]) - 1))
-    return piece["times"][index], piece["nu"][index], piece["eta"][index]
+    return _fewer((piece["times"], piece["nu"], piece["eta"]), step)
+
+
+def _fewer(series, step):
+    """One row in `step` of arrays of the same length, and the last."""
+    count = len(series[0])
+    index = np.unique(np.append(np.arange(0, count, step), count - 1))
+    return [values[index] for values in series]
 
 
 def _with_gaps(times, *series):

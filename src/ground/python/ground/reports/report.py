@@ -47,6 +47,9 @@ def diagnosis(
     sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
     sheet.paragraph(words.budget(report))
+    bands = words.bands(report)
+    if bands:
+        sheet.paragraph(bands)
     steps = [("refitted as it is", report["nominal"]["error"]["heldout"])] + [
         ("+ " + s["added"] if "added" in s else "− " + s["removed"], s["error"]["heldout"])
         for s in report["steps"]
@@ -58,7 +61,8 @@ def diagnosis(
             "Of %d runs %d, spread evenly, are drawn; identify diagnose --thorough draws all."
             % (len(runs), most)
         )
-    _measured_against(sheet, inspected, [described[i] for i in drawn], winner)
+    banded = {id(band.run): band for band in conclusion.bands}
+    _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
     _evidence(sheet, report)
     for sentence in list(words.extent(report)) + list(words.slight(report)):
         sheet.paragraph(sentence)
@@ -134,8 +138,11 @@ def _numbers(sheet, pooled):
     )
 
 
-def _measured_against(sheet, inspected, described, winner):
-    """All runs against all models: over time and place, and where they fail."""
+def _measured_against(sheet, inspected, described, winner, banded=None):
+    """All runs against all models: over time and place, and where they fail.
+
+    banded: bands.Bands by the id of their run.
+    """
     labels = [s["label"] for s in inspected[0]]
     sheet.heading("Where it fails")
     by_model = [(label, [studies[i] for studies in inspected]) for i, label in enumerate(labels)]
@@ -155,7 +162,8 @@ def _measured_against(sheet, inspected, described, winner):
             for s in studies
         )
         sheet.fold(run.name, "%s; error: %s" % (findings.when(about), errors), count == 0)
-        sheet.figure(figures.motion(studies), figures.motion_caption(run))
+        bands = (banded or {}).get(id(run))
+        sheet.figure(figures.motion(studies, bands), figures.motion_caption(run, bands))
         sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
         sheet.subheading("Error against what was measured")
         sheet.figure(

@@ -2,6 +2,7 @@
 import math
 
 from ground.analysis import failure
+from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 LEAST_SHARE = 0.05  # of the squared error: a random wrench that is worth a sentence
@@ -273,6 +274,35 @@ def budget(report):
     )
 
 
+def bands(report):
+    """How well the improved model can predict, and what its bands hold; None without bands."""
+    poses = _held_poses(report)
+    if not poses:
+        return None
+    at = max(h for h in poses if h <= WINDOW)
+    sd = {b["channel"]: b["sd"] for b in report["bands"] if b["horizon"] == at}
+    heading = math.degrees(sd["psi"])
+    return (
+        "On held-out runs, 90%% prediction bands of the improved model hold %s of the measured "
+        "positions and headings; the standard deviation after %.1f s is %s and %s."
+        % (
+            _listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
+            at,
+            quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m"),
+            ("%.2g deg" if heading < 10 else "%.0f deg") % heading,
+        )
+    )
+
+
+def _held_poses(report):
+    """Share of x, y and heading that the bands hold, by horizon [s]."""
+    shares = {}
+    for band in report["bands"]:
+        if band["channel"] in ("x", "y", "psi"):
+            shares.setdefault(band["horizon"], []).append(band["coverage"])
+    return {horizon: sum(found) / len(found) for horizon, found in shares.items()}
+
+
 def left(report):
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
@@ -331,6 +361,11 @@ def diagnosis(report):
     """What the terminal says of a diagnosis."""
     yield verdict(report)
     yield budget(report)
+    poses = _held_poses(report)
+    if poses:
+        yield "90%% prediction bands hold on held-out runs, of the poses: %s" % ", ".join(
+            "%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()
+        )
     yield ""
     yield "%4s %-24s %9s %9s %9s  %s" % (
         "rank",

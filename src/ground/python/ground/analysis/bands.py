@@ -1,0 +1,247 @@
+"""Prediction bands of a model and its random disturbance, and their coverage on held-out runs.
+
+From many samples of a run on, the stochastic model (ground.analysis.likelihood) predicts what will
+be measured. Each prediction knows the poses up to its start and none after. Bands are quantiles of
+motions that the core draws (GreyBox::forecast).
+
+Nothing is calibrated on the runs that coverage is counted on. How strongly a new run is disturbed
+is not known: it is integrated over by its prior about the other runs' mean, and by the likelihood
+of the run's own poses up to each start. Parameters are drawn by their information, which widens the
+bands by 2% on the recordings of 2019, and to the triple on a few calm seconds.
+"""
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+import numpy as np
+from scipy import stats
+
+from ground import _core
+from ground.analysis.likelihood import CAP, call
+from ground.errors import IdentifyError
+from ground.recordings import repair, windows
+
+PART = 0.9  # probability of a band
+HORIZONS = (0.5, windows.WINDOW, 4.0)  # at which coverage is counted [s]
+CHANNELS = ("x", "y", "psi", "u", "v", "r")
+UNITS = ("m", "m", "rad", "m/s", "m/s", "rad/s")
+POSE = CHANNELS[:3]  # measured; the others are smoothed from these
+SHORT = HORIZONS[0]  # time between starts, and horizon of those inside a window [s]
+DRAWS = 59  # motions; 5% of one more is a whole number, so that order statistics are exact
+TOLERANCE = 0.05  # by which the last sample before a horizon may miss it [s]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A prediction from one start: a row for each sample, a column for each of CHANNELS (UNITS)."""
+
+    times: np.ndarray  # (n,) on the run's clock; the first is the start [s]
+    mean: np.ndarray  # (n, 6)
+    deviation: np.ndarray  # (n, 6) standard deviation
+    low: np.ndarray  # (n, 6) ends of the band
+    high: np.ndarray  # (n, 6)
+    measured: np.ndarray  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
+
+    def sample(self, horizon):
+        """Row at a horizon [s]; None where the prediction ends before."""
+        at = int(np.searchsorted(self.times, self.times[0] + horizon, side="right")) - 1
+        return at if self.times[at] - self.times[0] > horizon - TOLERANCE else None
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Predictions of one run by a model that was not fitted to it."""
+
+    run: Any  # _core.RunData
+    predictions: Tuple[Prediction, ...]  # by their starts
+
+    def tiled(self, horizon):
+        """Predictions that follow each other, each cut off at a horizon [s].
+
+        Returns a list of times (n,) [s], low (n, 6) and high (n, 6).
+        """
+        tiles, end = [], -np.inf
+        for one in self.predictions:
+            is_short = one.times[-1] - one.times[0] < SHORT + TOLERANCE
+            if one.times[0] < end - TOLERANCE or (is_short and horizon > SHORT):
+                continue
+            inside = one.times <= one.times[0] + horizon
+            tiles.append((one.times[inside], one.low[inside], one.high[inside]))
+            end = one.times[inside][-1]
+        return tiles
+
+    def at(self, horizon):
+        """At a horizon [s]: standard deviations (k, 6), and whether the band holds the measured."""
+        deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
+        for prediction in self.predictions:
+            row = prediction.sample(horizon)
+            if row is not None:
+                measured = prediction.measured[row]
+                within = (prediction.low[row] <= measured) & (measured <= prediction.high[row])
+                deviation = np.vstack([deviation, prediction.deviation[row]])
+                held = np.vstack([held, within])
+        return deviation, held
+
+
+def of_folds(folds, fit):
+    """Bands of the runs that a likelihood.Fit was fitted to, each by a refit without the run.
+
+    folds: held_out.Folds of these runs. The levels stay those of the fit; the expected loudness is
+    that of the other runs. Each quarter of a single run is predicted by a fit to the others; the
+    end of a long horizon may lie in a quarter that was fitted to.
+    """
+    models, runs = folds.models(fit), folds.runs
+    if len(runs) > 1:
+
+        def one(i):
+            fold = i % folds.count
+            cut = [w for w in folds.cut if w.run == i]
+            return _predict(runs[i], models[fold], cut, _loudness(fit, fold, folds.count))
+
+        return list(folds.each(one, range(len(runs))))
+
+    def quarter(i):
+        cut = [w for w, fold in zip(folds.cut, folds.fold_of) if fold == i]
+        return _predict(runs[0], models[i], cut, _loudness(fit)).predictions
+
+    found = [p for part in folds.each(quarter, range(folds.count)) for p in part]
+    return [Bands(runs[0], tuple(sorted(found, key=lambda p: p.times[0])))]
+
+
+def of_others(runs, fit, most, each=map):
+    """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
+
+    most: windows that predictions start in, about, spread evenly over the runs; each: maps a
+    function over items, side by side if it can.
+    """
+    cut = windows.spread(windows.cut(runs), most)
+
+    def one(i):
+        return _predict(runs[i], fit, [w for w in cut if w.run == i], _loudness(fit))
+
+    return list(each(one, range(len(runs))))
+
+
+def _loudness(fit, fold=None, count=1):
+    """The loudness to expect of a new run: the mean of those that are known, a fold left out."""
+    known = [value for i, value in enumerate(fit.loudness) if i % count != fold]
+    return float(np.mean(known)) if known else 0.0
+
+
+def _predict(run, fit, cut, loudness):
+    """Bands of a run from starts in its windows; without predictions if a motion is not finite."""
+    times = np.array(run.times)
+    starts, horizons = _starts(times, cut)
+    box = call(_core.GreyBox, [run], fit.model)
+    try:
+        found = call(
+            box.forecast,
+            _core.GreyBoxPoint(fit.model, fit.levels, [loudness]),
+            0,
+            starts,
+            horizons,
+            unknown_loudness=True,
+            free=list(fit.free),
+            information=fit.information,
+            scale=list(fit.scale),
+            part=PART,
+            draws=DRAWS,
+            velocity_noise=_smoothed_noise(run),
+            cap=CAP,
+        )
+    except IdentifyError:
+        return Bands(run, ())
+    measured = _measured(run)
+    predictions = []
+    for one in found:
+        rows = slice(one["first"], one["first"] + len(one["mean"]))
+        truth = measured[rows].copy()
+        # The filter may be whole turns away.
+        truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
+        predictions.append(
+            Prediction(
+                times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth
+            )
+        )
+    return Bands(run, tuple(predictions))
+
+
+def _starts(times, cut):
+    """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
+    one every SHORT seconds inside. From a stretch's first poses the filter only learns the motion.
+    """
+    found = {}
+    for window in cut:
+        first, last = window.first, window.last
+        begins = first == 0 or times[first] - times[first - 1] > repair.MAX_GAP
+        if not begins:
+            found[first] = HORIZONS[-1]
+        for k in range(1, 1 + int((times[last] - times[first] - TOLERANCE) / SHORT)):
+            at = int(np.searchsorted(times, times[first] + k * SHORT))
+            rest = times[last] - times[at]
+            found.setdefault(at, rest if begins and k == 1 else SHORT)
+    starts = sorted(found)
+    return starts, [found[start] for start in starts]
+
+
+def _measured(run):
+    """(n, 6) of CHANNELS; headings are unwrapped as the smoothed ones are."""
+    eta, poses = np.array(run.eta), np.array(run.poses)
+    if len(poses):
+        eta = np.column_stack([poses[:, :2], eta[:, 2] + repair.wrap(poses[:, 2] - eta[:, 2])])
+    return np.column_stack([eta, np.array(run.nu)])
+
+
+def _smoothed_noise(run):
+    """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: of the
+    difference that new noise makes to the velocities of the smoothed poses."""
+    times, eta, noise = np.array(run.times), np.array(run.eta), np.array(run.noise)
+    noisy = eta + noise * np.random.default_rng(1).normal(size=eta.shape)
+    levels = noise[0], noise[2]
+    with_it, without = (repair.smooth(times, poses, levels)["nu"] for poses in (noisy, eta))
+    return np.std(with_it - without, axis=0)
+
+
+def coverage(bands):
+    """What share of the measurements the Bands of runs hold.
+
+    Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, unit,
+    coverage, ci95, sd (median standard deviation of the predictions), predictions (their number).
+    Predictions overlap and those of a run are alike: ci95 counts only runs as independent (ratio
+    estimator with Student's t) and is None for one run. Horizons that no run reaches are left out.
+    """
+    rows = []
+    for horizon in HORIZONS:
+        found = [one for one in (b.at(horizon) for b in bands) if len(one[0])]
+        if not found:
+            continue
+        deviation = np.median(np.vstack([d for d, _ in found]), axis=0)
+        held = np.array([h.sum(axis=0) for _, h in found])
+        counts = np.array([len(h) for _, h in found])
+        share = held.sum(axis=0) / counts.sum()
+        half = _half_width(held - counts[:, None] * share, counts)
+        for i, channel in enumerate(CHANNELS):
+            rows.append(
+                {
+                    "horizon": horizon,
+                    "channel": channel,
+                    "unit": UNITS[i],
+                    "coverage": float(share[i]),
+                    "ci95": None if half is None else _interval(share[i], half[i]),
+                    "sd": float(deviation[i]),
+                    "predictions": int(counts.sum()),
+                }
+            )
+    return rows
+
+
+def _interval(share, half):
+    return [max(0.0, float(share - half)), min(1.0, float(share + half))]
+
+
+def _half_width(off, counts):
+    """Half of the 95% interval of shares; off: (clusters, n) counts minus expected ones."""
+    clusters = len(counts)
+    if clusters < 2:
+        return None
+    error = np.sqrt(clusters / (clusters - 1) * (off**2).sum(axis=0)) / counts.sum()
+    return stats.t.ppf(0.975, clusters - 1) * error

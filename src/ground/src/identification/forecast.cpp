@@ -1,0 +1,156 @@
+#include "forecast.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace ground {
+namespace {
+
+constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
+
+/// A root of a covariance that may be singular.
+Matrix13 rootOf(const Matrix13& covariance) {
+  const Eigen::LDLT<Matrix13> ldlt(covariance);
+  const Matrix13 lower = ldlt.matrixL();
+  const Vector13 root = ldlt.vectorD().cwiseMax(0).cwiseSqrt();
+  const Matrix13 found = lower * root.asDiagonal();
+  return ldlt.transpositionsP().transpose() * found;
+}
+
+class Normal {
+ public:
+  explicit Normal(std::mt19937_64& random) : random_(random) {}
+  double operator()() { return normal_(random_); }
+  template <int kSize>
+  Eigen::Matrix<double, kSize, 1> vector() {
+    Eigen::Matrix<double, kSize, 1> drawn;
+    for (int i = 0; i < kSize; ++i) drawn(i) = normal_(random_);
+    return drawn;
+  }
+
+ private:
+  std::mt19937_64& random_;
+  std::normal_distribution<double> normal_;
+};
+
+/// How the random wrench changes over the step to the next sample.
+struct WrenchStep {
+  double dt;              ///< [s]
+  Vector3<double> left;   ///< share of the Ornstein-Uhlenbeck wrench that is left
+  Vector3<double> fresh;  ///< standard deviation of what is added to it [N], [N m]
+  Vector3<double> white;  ///< standard deviation of the white wrench's mean [N], [N m]
+};
+
+/// The steps to the samples after `first`.
+std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels& levels, int first,
+                                    int last) {
+  std::vector<WrenchStep> steps;
+  for (int k = first; k < last; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    WrenchStep step;
+    step.dt = run.times[at + 1] - run.times[at];
+    const double root = step.dt > 0 ? 1 / std::sqrt(step.dt) : 0;
+    for (int i = 0; i < 3; ++i) {
+      step.left(i) = std::exp(-step.dt / levels.time(i));
+      step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
+      step.white(i) = root * levels.white(i);
+    }
+    steps.push_back(step);
+  }
+  return steps;
+}
+
+/// Draws one motion; a row of x, y, psi, u, v, r for each sample from the first on.
+void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
+                const Vector13& from, int first, Normal& normal,
+                Eigen::Ref<Eigen::MatrixXd> rows) {
+  model.body.k *= std::max(0.0, 1 + from(12));
+  const Dynamics<double> dynamics(model);
+  const Matrix3<double> mobility = dynamics.mass().inverse();
+  Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
+                                run.times[static_cast<std::size_t>(first)], kStep);
+  Vector3<double> slow = from.segment<3>(6);  // the Ornstein-Uhlenbeck wrench
+  const auto see = [&](Eigen::Index row) {
+    const Measurement<double> seen = simulation.measure();
+    rows.row(row) << seen.eta.transpose(), seen.nu.transpose();
+  };
+  see(0);
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const WrenchStep& step = steps[k];
+    const Vector3<double> next =
+        step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
+    const Vector3<double> wrench = from.segment<3>(9) + 0.5 * (slow + next) +
+                                   step.white.cwiseProduct(normal.vector<3>());
+    slow = next;
+    const Vector3<double> push = 0.5 * step.dt * (mobility * wrench);
+    simulation.state().nu += push;  // half of it before the step, half after
+    simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
+    simulation.state().nu += push;
+    see(static_cast<Eigen::Index>(k + 1));
+  }
+}
+
+}  // namespace
+
+Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
+                    const std::vector<Alternative>& alternatives,
+                    const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
+                    std::mt19937_64& random) {
+  const int first = alternatives.front().belief.sample;
+  const Eigen::Index count = last - first + 1;
+  const auto draws = static_cast<Eigen::Index>(models.size());
+  std::vector<Matrix13> roots;
+  std::vector<std::vector<WrenchStep>> steps;
+  for (const Alternative& one : alternatives) {
+    roots.push_back(rootOf(one.belief.covariance));
+    steps.push_back(wrenchSteps(run, one.levels, first, last));
+  }
+  Eigen::MatrixXd drawn(count, 6 * draws);  // channels of a draw beside each other
+  Normal normal(random);
+  std::size_t at = 0;
+  double passed = 0;  // weight of the alternatives before
+  for (Eigen::Index i = 0; i < draws; ++i) {
+    const double share = (static_cast<double>(i) + 0.5) / static_cast<double>(draws);
+    while (at + 1 < alternatives.size() && passed + alternatives[at].weight < share)
+      passed += alternatives[at++].weight;
+    const Alternative& one = alternatives[at];
+    const DrawnModel& model = models[static_cast<std::size_t>(i)];
+    Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
+    if (model.away.size() > 0) from += sensitivity * model.away;
+    auto rows = drawn.middleCols(6 * i, 6);
+    drawMotion(run, model.model, steps[at], from, first, normal, rows);
+    // Each row has its own band: one draw of the noise for all rows keeps the bands smooth.
+    Eigen::Matrix<double, 6, 1> noise;
+    noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),
+        one.levels.heading * run.noise(2), options.velocity_noise;
+    rows.rowwise() += noise.cwiseProduct(normal.vector<6>()).transpose();
+  }
+  Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
+                  Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6)};
+  // The real motion has any rank among the drawn ones with the same probability: ends that are
+  // order statistics hold `part` of the real ones exactly, however few draws there are.
+  const auto outside = static_cast<Eigen::Index>(
+      std::lround(0.5 * (1 - options.part) * (static_cast<double>(draws) + 1)));
+  std::vector<double> values(static_cast<std::size_t>(draws));
+  for (Eigen::Index row = 0; row < count; ++row)
+    for (int channel = 0; channel < 6; ++channel) {
+      double sum = 0, square = 0;
+      for (Eigen::Index i = 0; i < draws; ++i)
+        sum += values[static_cast<std::size_t>(i)] = drawn(row, 6 * i + channel);
+      const double mean = sum / static_cast<double>(draws);
+      for (const double value : values) square += (value - mean) * (value - mean);
+      const auto low = values.begin() + (outside - 1), high = values.end() - outside;
+      std::nth_element(values.begin(), low, values.end());
+      result.low(row, channel) = *low;
+      std::nth_element(values.begin(), high, values.end());
+      result.high(row, channel) = *high;
+      result.mean(row, channel) = mean;
+      result.deviation(row, channel) = std::sqrt(square / static_cast<double>(draws - 1));
+    }
+  return result;
+}
+
+}  // namespace ground

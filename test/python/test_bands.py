@@ -1,0 +1,125 @@
+"""Prediction bands hold what they say they hold, on runs that the model was not fitted to."""
+import dataclasses
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+from ground import _core
+from ground.analysis import bands, held_out, study
+from ground.analysis.likelihood import Likelihood
+from ground.recordings import windows
+from ground.reports import figures, words
+
+BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
+sys.path.insert(0, str(BENCH))
+
+import hidden_cases  # noqa: E402
+
+SEEDS = range(6)
+
+
+def fitted(seed):
+    """A disturbed craft's runs to fit to and others, and the fit."""
+    case = hidden_cases.make("disturbed_null", seed)
+    runs, others = hidden_cases.record(case)
+    model = hidden_cases.given_model(case)
+    return runs, others, Likelihood(runs, model).fit(model, study.FIVE)
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return [fitted(seed) for seed in SEEDS]
+
+
+def shares(found):
+    """Coverage by horizon and channel."""
+    return {(row["horizon"], row["channel"]): row["coverage"] for row in bands.coverage(found)}
+
+
+def of_folds(case):
+    runs, _, fit = case
+    return bands.of_folds(held_out.Folds(runs, fit.model, windows.cut(runs)), fit)
+
+
+def test_held_out_runs_are_covered(cases):
+    found = [band for case in cases for band in of_folds(case)]
+    share = shares(found)
+    assert set(share) == {(h, c) for h in (0.5, 1.5, 4.0) for c in bands.CHANNELS}
+    for horizon in bands.HORIZONS:
+        poses = [share[horizon, channel] for channel in bands.POSE]
+        assert 0.84 < np.mean(poses) < 0.96, horizon
+        assert all(0.8 < share[horizon, channel] < 0.98 for channel in bands.CHANNELS), share
+    for row in bands.coverage(found):
+        low, high = row["ci95"]
+        assert low <= row["coverage"] <= high and high - low < 0.3
+
+
+def test_without_the_disturbance_nothing_is_covered(cases):
+    found, calm = [], []
+    for _, others, fit in cases:
+        levels = {
+            name: 1e-6 * value if name.split("_")[0] in ("sigma", "white") else value
+            for name, value in fit.levels.items()
+        }
+        found += bands.of_others(others, fit, 160)
+        calm += bands.of_others(others, dataclasses.replace(fit, levels=levels), 160)
+    share, without = shares(found), shares(calm)
+    for horizon in bands.HORIZONS:
+        poses = [(horizon, channel) for channel in bands.POSE]
+        assert np.mean([without[p] for p in poses]) < np.mean([share[p] for p in poses]) - 0.25
+    assert np.mean([share[p] for p in share]) > 0.8
+
+
+def test_a_single_run_is_predicted_by_its_other_quarters(cases):
+    runs, _, fit = cases[0]
+    alone = runs[:1]
+    near = dataclasses.replace(fit, loudness=())
+    fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
+    (found,) = bands.of_folds(held_out.Folds(alone, fit.model, windows.cut(alone)), fit)
+    starts = [p.times[0] for p in found.predictions]
+    assert starts == sorted(starts) and len(set(starts)) == len(starts)
+    assert starts[0] < alone[0].times[0] + 1 and starts[-1] > alone[0].times[-1] - 2
+    assert all(row["ci95"] is None for row in bands.coverage([found]))
+
+
+def test_predictions_follow_each_other_and_end_at_gaps(cases):
+    run = cases[1][0][0]
+    times = np.array(run.times)
+    gone = (times < times[0] + 3.2) | (times > times[0] + 3.6)
+    cut = _core.RunData(
+        run.name,
+        times[gone],
+        np.array(run.eta)[gone],
+        np.array(run.nu)[gone],
+        np.array(run.inputs),
+        np.array(run.poses)[gone],
+        np.array(run.noise),
+        run.drives,
+    )
+    (found,) = bands.of_others([cut], cases[1][2], 160)
+    assert found.predictions
+    for one in found.predictions:
+        assert np.diff(one.times).max(initial=0) < 0.1
+        assert (one.low <= one.high).all() and (one.deviation > 0).all()
+    for horizon in bands.HORIZONS:
+        tiles = found.tiled(horizon)
+        assert max(t[-1] - t[0] for t, _, _ in tiles) <= horizon
+        ends = [t[-1] for t, _, _ in tiles]
+        assert all(t[0] > end - bands.TOLERANCE for (t, _, _), end in zip(tiles[1:], ends))
+
+
+def test_the_plot_shows_one_horizon_at_a_time(cases):
+    from ground.reports import inspection
+
+    runs, _, fit = cases[0]
+    found = of_folds(cases[0])[0]
+    drawn = figures.motion([inspection.inspect(runs[0], fit.model, "model")], found)
+    traces = [t for t in drawn["data"] if t["name"] == "90% band"]
+    assert len(traces) == 9 and drawn["data"][:9] == traces  # behind all others
+    assert [t["visible"] for t in traces] == [False] * 3 + [True] * 3 + [False] * 3
+    (menu,) = drawn["layout"]["updatemenus"]
+    assert menu["buttons"][menu["active"]]["args"][0]["visible"] == [t["visible"] for t in traces]
+    assert "90% prediction bands of the improved model hold" in words.bands({"bands": bands.coverage([found])})
+    assert words.bands({"bands": []}) is None
