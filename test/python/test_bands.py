@@ -50,7 +50,9 @@ def test_held_out_runs_are_covered(cases):
     for horizon in bands.HORIZONS:
         poses = [share[horizon, channel] for channel in bands.POSE]
         assert 0.84 < np.mean(poses) < 0.96, horizon
-        assert all(0.8 < share[horizon, channel] < 0.98 for channel in bands.CHANNELS), share
+        assert all(0.75 < share[horizon, channel] for channel in bands.CHANNELS), share
+    # Half a second ahead there are so many predictions that each channel has to be right.
+    assert all(0.83 < share[0.5, channel] < 0.96 for channel in bands.CHANNELS), share
     for row in bands.coverage(found):
         low, high = row["ci95"]
         assert low <= row["coverage"] <= high and high - low < 0.3

@@ -408,7 +408,7 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     throw std::invalid_argument("each uncertain parameter needs its information and scale");
   if (options.horizons.size() != options.starts.size())
     throw std::invalid_argument("each start of a forecast needs a horizon");
-  if (!(options.part > 0 && 0.5 * (1 - options.part) * (options.draws + 1) >= 1))
+  if (!(options.part > 0 && std::lround(0.5 * (1 - options.part) * (options.draws + 1)) >= 1))
     throw std::invalid_argument("too few draws for the ends of the band");
 }
 

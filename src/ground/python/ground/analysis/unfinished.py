@@ -20,14 +20,18 @@ from ground import _core, files
 from ground.errors import IdentifyError
 
 NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
-_classes = {}  # name -> dataclass
+_classes = {}  # name, module included -> dataclass
 
 
 def can_be_kept(cls):
     """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays, models,
     lists, tuples and dictionaries of these, and other such classes."""
-    _classes[cls.__name__] = cls
+    _classes[_name_of(cls)] = cls
     return cls
+
+
+def _name_of(cls):
+    return "%s.%s" % (cls.__module__, cls.__name__)
 
 
 class Unfinished:
@@ -119,7 +123,7 @@ def _tree(value, arrays):
         return {"dict": [[_tree(k, arrays), _tree(v, arrays)] for k, v in value.items()]}
     if isinstance(value, _core.Model):
         return {"model": value.format()}
-    name = type(value).__name__
+    name = _name_of(type(value))
     if _classes.get(name) is not type(value):
         raise TypeError("a %s cannot be kept" % name)
     fields = {f.name: _tree(getattr(value, f.name), arrays) for f in dataclasses.fields(value)}
