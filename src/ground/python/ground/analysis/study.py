@@ -66,9 +66,9 @@ class Study:
         """Fits the free parameters, and once more without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
-        best: what was fitted without an effect may be far from what is right with it. It chooses the
-        length of windows whose fits predict best what they were not fitted to; `refit` takes that
-        length, and the same residuals as outliers.
+        best: what was fitted without an effect may be far from what is right with it. It chooses
+        the length of windows whose fits predict best what they were not fitted to; `refit` takes
+        that length, and the same residuals as outliers.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
         near = self._best(starts, free, threads=self.threads)["model"]
