@@ -73,6 +73,7 @@ class Conclusion:
     parameters: List[dict]  # of the improved model: name, unit, value, ci95, ...
     noise_floor: float
     heldout: List[float]  # error on held-out runs: nominal, then after each step
+    nested: float  # the last of these by folds in which the choice was made again
     heldout_floor: float  # noise floor of the runs that those are of
     varies: List[dict] = field(default_factory=list)  # what differs between runs
     memory: Any = None  # memory.Memory
@@ -284,15 +285,15 @@ class Diagnosis:
         return rest
 
     def _order(self, found):
-        """The steps by which the error falls: the likeliest effect first."""
+        """The steps by which the error falls: what score tests find most promising first."""
         path, current = [], frozenset()
         while current != found:
-            options = {n: self.search.fitted(current, n) for n in sorted(found - current)}
-            options = {n: s for n, s in options.items() if s}
-            if not options:
+            tests = self.search.test_beside(current)
+            rest = sorted(found - current, key=lambda n: -tests.test((n,))[0])
+            grown = ((name, self.search.fitted(current, name)) for name in rest)
+            name, current = next((pair for pair in grown if pair[1]), (None, None))
+            if name is None:
                 break
-            name = max(options, key=lambda n: self.search.value(options[n]))
-            current = options[name]
             path.append(name)
         for name in path:
             self.chosen.append(next(c for c in self.candidates if c.name == name))
@@ -419,6 +420,7 @@ class Diagnosis:
             list(self.fit.parameters),
             floor,
             self._held_out(heldout),
+            self._nested(heldout),
             reached,
             varies,
             self.memory,
@@ -427,6 +429,21 @@ class Diagnosis:
             budget.budget(self.runs, self.cut, self.fit),
             self._bands(heldout),
         )
+
+    def _nested(self, heldout):
+        """Error of windows held out from choice and fit alike: in each fold the choice is made again,
+        beginning with the effects found, each of which has to reach the threshold there."""
+        if heldout or not self.chosen:
+            return self._held_out(heldout)[-1]
+
+        def choose(likelihood):
+            search = Search(
+                likelihood, self.given, study.free_parameters, self.candidates, self.search.criteria
+            )
+            search.nominal(replace(self.search.nominal(), loudness=()))
+            return search.fits[search.run(near=replace(self.fit, loudness=()))]
+
+        return float(self.folds.nested(choose).sum())
 
     def _bands(self, heldout):
         if heldout:

@@ -29,7 +29,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(best, conclusion.heldout[-1]),
+            "error": _errors(best, conclusion.nested),
         },
         "noise_floor": conclusion.heldout_floor,
         "candidates": _candidates(diagnosis, alike, thorough),

@@ -65,24 +65,38 @@ class Folds:
     def judge(self, fit):
         """The Judged of a Fit to all runs."""
         refitted = self.models(fit)
-        heldout = np.zeros((len(self.cut), 3))
-        for fold, other in enumerate(refitted):
-            inside = np.flatnonzero(self.fold_of == fold)
-            if len(inside):
-                chosen = [self.cut[i] for i in inside]
-                heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, other)
-        samples = [w.last - w.first + 1 for w in self.cut]
+        heldout = self._errors(refitted)
         return Judged(
             fit.model,
             {p["name"]: p for p in fit.parameters},
             study.channel_errors(self.runs, self.cut, fit.model),
-            np.average(heldout, axis=0, weights=samples),
+            np.average(heldout, axis=0, weights=self._samples()),
             heldout.sum(axis=1),
             tuple(
                 np.concatenate(self.tested[fold].blocks(other))
                 for fold, other in enumerate(refitted)
             ),
         )
+
+
+    def nested(self, choose):
+        """Mean |e|/s (3,) of each window by a model that neither choice nor fit has seen it:
+        choose(likelihood) gives the Fit for the Likelihood of the other parts."""
+        chosen = self.each(choose, self.fitted)
+        return np.average(self._errors(list(chosen)), axis=0, weights=self._samples())
+
+    def _errors(self, fits):
+        """Errors (windows, 3), each window by the Fit to the parts without it."""
+        heldout = np.zeros((len(self.cut), 3))
+        for fold, fit in enumerate(fits):
+            inside = np.flatnonzero(self.fold_of == fold)
+            if len(inside):
+                chosen = [self.cut[i] for i in inside]
+                heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
+        return heldout
+
+    def _samples(self):
+        return [w.last - w.first + 1 for w in self.cut]
 
 
 def gain(better, worse):

@@ -32,6 +32,7 @@ class Criteria:
     doubtful: float = 10.0  # of what an effect has to reach: below such a ratio by its information
     # alone, which is too large by far where levels would follow, it is tried to do without it
     rivals: int = 3  # effects that are tried in the place of one that was chosen
+    rival: float = 0.4  # of its expected gain: a rival's has to be larger to be worth a refit
     apart: float = 7.0  # log-likelihood ratio from which on a rival is excluded: were it the truth,
     # the ratio would come out so high with a chance of at most 0.4% (the root of it is the least
     # number of standard deviations that it is off)
@@ -64,6 +65,7 @@ class Search:
         self.say = say or (lambda text: None)
         self.kept = kept or Unfinished()
         self.holds = holds
+        self._swapped = set()  # effects in whose place others were tried already
         self._refused = {}  # sets that do not hold, by the set that they were to grow from
         self.fits = {}  # by set of effects
         self.tests = {}
@@ -264,9 +266,9 @@ class Search:
 
     def _swap(self, current):
         """A better set with other effects in the place of some of its own; the same without one."""
-        if len(current) < 2:
-            return current
-        others = [s for name in sorted(current) for s in self.swaps(current, name)]
+        names = current - self._swapped if len(current) > 1 else ()
+        self._swapped |= set(names)
+        others = [s for name in sorted(names) for s in self.swaps(current, name)]
         best = max(others, key=self.value, default=current)
         return best if self.value(best) > self.value(current) else current
 
@@ -274,9 +276,11 @@ class Search:
         """Fitted sets with another effect in the place of one of a set."""
         rest = self.without(current, name)
         tests = self.test_beside(rest)
-        gains = {n: tests.test((n,))[0] for n in tests.columns if n != name}
+        gains = {n: tests.test((n,))[0] for n in tests.columns}
+        least = self.criteria.rival * gains.pop(name)
         proposals = sorted(gains, key=gains.get, reverse=True)[: self.criteria.rivals]
-        proposals = [(n,) for n in proposals if gains[n] > self.criteria.worth * self._size(n)]
+        worth = {n: max(least, self.criteria.worth * self._size(n)) for n in proposals}
+        proposals = [(n,) for n in proposals if gains[n] > worth[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
