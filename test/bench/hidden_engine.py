@@ -20,6 +20,7 @@ def diagnose(runs, heldout, model, thorough=False):
       parameters       of the improved model: name, value, ci95, identified
       varies           names of what it says differs from run to run; None if it cannot say
       memory           whether it says that history matters; None if it cannot say
+      unseen           effects that it says these runs cannot show
     thorough adds alike {candidate: its group}, next_experiment, and where (the variables of what is
     unexplained). {"failed": why} is all there is when the tool refuses.
     """
@@ -59,6 +60,7 @@ def diagnose(runs, heldout, model, thorough=False):
             "memory": [conclusion.history.p_value, conclusion.history.gain, conclusion.history.share],
             "state": [conclusion.state.p_value, conclusion.state.gain, conclusion.state.share],
         },
+        "unseen": found.hidden_names(),
         "dropped": {d.trial.name: d.why for d in found.dropped},
         "slight": found.slight and found.slight.name,
     }

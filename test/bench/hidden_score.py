@@ -39,8 +39,9 @@ def is_exact(result):
 
 
 def is_found(result):
-    """Whether each hidden effect was chosen or declared equal to a chosen one."""
-    told = set().union(*(equals(result, name) for name in chosen(result)))
+    """Whether each hidden effect was chosen, declared equal to a chosen one, or to other parameters
+    of the model (the runs cannot show it)."""
+    told = set(result["found"].get("unseen", ())).union(*(equals(result, name) for name in chosen(result)))
     return set(result["hidden"]) <= told
 
 

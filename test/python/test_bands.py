@@ -40,7 +40,8 @@ def shares(found):
 
 def of_folds(case):
     runs, _, fit = case
-    return bands.of_folds(held_out.Folds(runs, fit.model, windows.cut(runs)), fit)
+    folds = held_out.Folds(runs, Likelihood(runs, fit.model), fit.model, windows.cut(runs))
+    return bands.of_folds(folds, fit)
 
 
 def test_held_out_runs_are_covered(cases):
@@ -79,7 +80,9 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     alone = runs[:1]
     near = dataclasses.replace(fit, loudness=())
     fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
-    (found,) = bands.of_folds(held_out.Folds(alone, fit.model, windows.cut(alone)), fit)
+    whole = Likelihood(alone, fit.model)
+    folds = held_out.Folds(alone, whole, fit.model, windows.cut(alone))
+    (found,) = bands.of_folds(folds, fit)
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)
     assert starts[0] < alone[0].times[0] + 1 and starts[-1] > alone[0].times[-1] - 2

@@ -109,7 +109,10 @@ def test_without_the_right_one_something_is_left(tmp_path, lagging):
     report = json.loads(result.stdout)
     assert report["verdict"] == "memory"  # a lag is what the past of the commands does
     assert len(report["candidates"]) == 3
-    assert report["unexplained"]["fraction"] > 0.1 and report["unexplained"]["where"]
+    proposal = report["unexplained"]["proposal"]
+    assert proposal["name"] == report["memory"]["kind"]["name"]
+    assert proposal["error"]["heldout"] < 0.8 * report["improved"]["error"]["heldout"]
+    assert (tmp_path / "out" / "proposal.yaml").exists()
 
 
 def test_a_complete_model_is_left_alone(tmp_path):

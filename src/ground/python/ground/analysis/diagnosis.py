@@ -239,12 +239,18 @@ class Diagnosis:
     def _matters(self, found, rest):
         """Whether an effect changes the motion by what is not lost in the noise of the poses. The
         likelihood of long runs sees a millisecond of a network as a delay."""
-        if self.search.ratio(found, rest) >= MIN_NOISE_POWER * self.samples:
-            return True
-        return self._influence(found, rest) >= MIN_INFLUENCE
+        return self._larger(self.search.fits[found], self.search.fits[rest])
 
-    def _influence(self, found, rest):
-        a, b = self.search.fits[rest].model, self.search.fits[found].model
+    def _larger(self, with_it, without):
+        """The same of two Fits."""
+        ratio = 2 * (with_it.log_posterior - without.log_posterior)
+        return (
+            ratio >= MIN_NOISE_POWER * self.samples
+            or self._influence(with_it, without) >= MIN_INFLUENCE
+        )
+
+    def _influence(self, with_it, without):
+        a, b = without.model, with_it.model
         change = study.change(self.runs, self.cut, a, b).sum()
         return float(change / study.noise_floor(self.runs, b).sum())
 
@@ -252,7 +258,9 @@ class Diagnosis:
         self.search.without(found, name)
         trial = self._trial_in(found, name)
         if why == "slight":
-            trial.influence = self._influence(found, found - {name})
+            trial.influence = self._influence(
+                self.search.fits[found], self.search.fits[found - {name}]
+            )
             self.slight, self.slight_sets = trial, (found, found - {name})
         else:
             self.dropped.append(Dropped(trial, why))
@@ -278,7 +286,7 @@ class Diagnosis:
                 remembered = replace(remembered, fit=without)
                 rest = self.search.without(rest, name)
         gain, error = held_out.gain(self.folds.judge(remembered.fit), self.judge(rest))
-        if not gain > error:
+        if not (gain > error and self._larger(remembered.fit, self.search.fits[rest])):
             return found
         self.say("%s: %s" % (remembered.kind.name, remembered.means))
         self.memory, self.dropped = remembered, self.dropped + stand_ins
@@ -366,10 +374,13 @@ class Diagnosis:
     def unseen(self):
         """Effects in no group that the grown model does without and that these runs could not show: a
         list of LookAlikes."""
+        return [f for f in self.pool.map(self._look_alike, self.hidden_names()) if f]
+
+    def hidden_names(self):
+        """Effects in no group that are, to first order, a change of the grown model's parameters."""
         tests = self.search.test_beside(self.names)
         told = set(self.names) | {n for step in self.steps for n in step["group"]}
-        names = [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
-        return [f for f in self.pool.map(self._look_alike, names) if f]
+        return [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
 
     def _look_alike(self, name):
         """The grown model with an effect of typical size, or a part of it, and all else refitted, if
@@ -405,8 +416,9 @@ class Diagnosis:
         Returns a Conclusion.
         """
         self.say("what is left")
-        history = remains.of_history(self.likelihood, self.fit)
-        state = remains.of_state(self.likelihood, self.fit)
+        fullest = self._with_slight()
+        history = remains.of_history(self.likelihood, fullest)
+        state = remains.of_state(self.likelihood, fullest)
         if heldout:
             self._obey(heldout)
         floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
@@ -429,6 +441,12 @@ class Diagnosis:
             budget.budget(self.runs, self.cut, self.fit),
             self._bands(heldout),
         )
+
+    def _with_slight(self):
+        """Fit of the grown model, with what is too small to matter: it is seen all the same."""
+        if self.slight and self.slight_sets[1] == self.names:
+            return self.search.fits[self.slight_sets[0]]
+        return self.fit
 
     def _nested(self, heldout):
         """Error of windows held out from choice and fit alike: in each fold the choice is made again,

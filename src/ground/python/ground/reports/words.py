@@ -327,13 +327,12 @@ def left(report):
 def unexplained(report):
     """Where the rest is, and what would lower it."""
     rest = report["unexplained"]
-    if not rest["where"]:
-        return
-    named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
-    yield "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s." % (
-        100 * rest["fraction"],
-        _listed([w["variable"] for w in named[:2]]),
-    )
+    if rest["where"]:
+        named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
+        yield (
+            "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s."
+            % (100 * rest["fraction"], _listed([w["variable"] for w in named[:2]]))
+        )
     proposal = rest["proposal"]
     if proposal:
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
