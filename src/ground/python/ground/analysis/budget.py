@@ -1,7 +1,9 @@
-"""What a model's error is made of: the poses' noise, the random disturbance, differences between runs.
+"""What a model's error is made of: the poses' noise, the random disturbance, differences between
+runs.
 
-The grown model is run along the recordings with each of these as the fitted levels have them; the error
-(DESIGN 8) of such artificial recordings is what each alone would leave. Independent parts add in squares.
+The grown model is run along the recordings with each of these as the fitted levels have them;
+the error (DESIGN 8) of such artificial recordings is what each alone would leave. Independent
+parts add in squares.
 """
 from dataclasses import dataclass
 
@@ -24,8 +26,8 @@ class Budget:
     measured: float  # of the recordings
 
     def parts(self):
-        """Squares of what each part adds, as shares of the measured error's: noise, disturbance, trim,
-        and the rest, which is negative where the levels leave more than was measured."""
+        """Squares of what each part adds, as shares of the measured error's: noise, disturbance,
+        trim, and the rest, which is negative where the levels leave more than was measured."""
         edges = np.array([0.0, self.noise, self.disturbance, self.trim, self.measured]) ** 2
         return dict(zip(("noise", "disturbance", "trim", "rest"), np.diff(edges) / edges[-1]))
 

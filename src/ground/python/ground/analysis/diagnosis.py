@@ -1,9 +1,10 @@
 """Which physical effect a model lacks (DESIGN 7).
 
-A set of effects is sought by which the recorded poses are likeliest, a random disturbance being part of
-the model (ground.analysis.search). Each effect has to raise the likelihood of what it was not fitted to as
-well (ground.analysis.held_out), must not raise the error there, and has to be large enough to matter. What
-the grown model leaves is looked at last (ground.analysis.remains).
+A set of effects is sought by which the recorded poses are likeliest, a random disturbance being
+part of the model (ground.analysis.search). Each effect has to raise the likelihood of what it
+was not fitted to as well (ground.analysis.held_out), must not raise the error there, and has to
+be large enough to matter. What the grown model leaves is looked at last
+(ground.analysis.remains).
 """
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -23,16 +24,17 @@ from ground.errors import IdentifyError
 from ground.recordings import windows
 
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
-# An effect that the likelihood sees matters from one of these sizes on; more data make it more certain,
-# not larger. Its change of the motion, in parts of what the poses' noise leaves ...
+# An effect that the likelihood sees matters from one of these sizes on; more data make it more
+# certain, not larger. Its change of the motion, in parts of what the poses' noise leaves ...
 MIN_INFLUENCE = 0.3
-# ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a PRBS,
-# 0.14 for a force of 1% of full thrust.
+# ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a
+# PRBS, 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
 SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
 MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 REFUSED = "it raises the error on the runs held out"
+MOST = 0.75  # of the parts held out that memory makes likelier
 ROUNDS = 3  # of looking for effects and for what differs between runs in turn
 FLOORS = 5  # simulations that the noise floor is the mean of
 
@@ -86,9 +88,10 @@ class Conclusion:
 class Diagnosis:
     """A model held against runs, grown by the effects that it lacks.
 
-    runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are refitted in
-    a step, best by score test first (None: as Criteria say); threads: 0 for all cores; progress: called
-    with a sentence now and then; kept: Unfinished, of this very work; most: windows of the error.
+    runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
+    refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
+    cores; progress: called with a sentence now and then; kept: Unfinished, of this very work;
+    most: windows of the error.
     """
 
     def __init__(
@@ -185,8 +188,8 @@ class Diagnosis:
         self._mark_equals()
 
     def _found(self):
-        """The likeliest set of effects. What differs between runs is tested again beside it: a missing
-        effect may have looked like it, or hidden it."""
+        """The likeliest set of effects. What differs between runs is tested again beside it: a
+        missing effect may have looked like it, or hidden it."""
         found = self.search.run()
         for _ in range(ROUNDS):
             fit = self.search.fits[found]
@@ -204,7 +207,8 @@ class Diagnosis:
     # --- Which of the effects found earn their place
 
     def _deserving(self, found):
-        """The set without effects that do not hold on what they were not fitted to, or do not matter."""
+        """The set without effects that do not hold on what they were not fitted to, or do not
+        matter."""
         while found:
             worst = None
             for name in sorted(found):
@@ -267,7 +271,8 @@ class Diagnosis:
         self.say("%s is left out: %s" % (name, "it is too small to matter" if why == "slight" else why))
 
     def _remembering(self, found):
-        """The set without effects that only stood for what depends on the past, which is sought here."""
+        """The set without effects that only stood for what depends on the past, which is sought
+        here."""
         self.say("does the past matter?")
         fit = self.search.fits[found]
         remembered = memory.find(self.likelihood, fit)
@@ -285,8 +290,9 @@ class Diagnosis:
                 stand_ins.append(Dropped(self._trial_in(rest, name), why))
                 remembered = replace(remembered, fit=without)
                 rest = self.search.without(rest, name)
-        gain, error = held_out.gain(self.folds.judge(remembered.fit), self.judge(rest))
-        if not (gain > error and self._larger(remembered.fit, self.search.fits[rest])):
+        # One part alone may hold what the others cannot tell, such as a lift of its own.
+        share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
+        if share < MOST or not self._larger(remembered.fit, self.search.fits[rest]):
             return found
         self.say("%s: %s" % (remembered.kind.name, remembered.means))
         self.memory, self.dropped = remembered, self.dropped + stand_ins
@@ -372,8 +378,8 @@ class Diagnosis:
     # --- Effects that these runs cannot show
 
     def unseen(self):
-        """Effects in no group that the grown model does without and that these runs could not show: a
-        list of LookAlikes."""
+        """Effects in no group that the grown model does without and that these runs could not
+        show: a list of LookAlikes."""
         return [f for f in self.pool.map(self._look_alike, self.hidden_names()) if f]
 
     def hidden_names(self):
@@ -383,8 +389,8 @@ class Diagnosis:
         return [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
 
     def _look_alike(self, name):
-        """The grown model with an effect of typical size, or a part of it, and all else refitted, if
-        these runs allow it; else None."""
+        """The grown model with an effect of typical size, or a part of it, and all else
+        refitted, if these runs allow it; else None."""
         neutral = self.search.candidates[name].neutral(self.model)
         steps = self.search.test_beside(self.names).in_place(name, 1.0)
         for part in SIZES:
@@ -411,9 +417,9 @@ class Diagnosis:
     def conclude(self, heldout=()):
         """Judges what was found: the verdict, and the model that improves on the given one.
 
-        heldout: _core.RunData of runs to test on; an effect that raises the error there is taken out and
-        told. Without any, each run is tested by a fit to the others, or each quarter of a single one.
-        Returns a Conclusion.
+        heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
+        out and told. Without any, each run is tested by a fit to the others, or each quarter of
+        a single one. Returns a Conclusion.
         """
         self.say("what is left")
         fullest = self._with_slight()
@@ -449,8 +455,8 @@ class Diagnosis:
         return self.fit
 
     def _nested(self, heldout):
-        """Error of windows held out from choice and fit alike: in each fold the choice is made again,
-        beginning with the effects found, each of which has to reach the threshold there."""
+        """Error of windows held out from choice and fit alike: in each fold the choice is made
+        again, beginning with the effects found, each of which has to reach the threshold there."""
         if heldout or not self.chosen:
             return self._held_out(heldout)[-1]
 
@@ -494,7 +500,8 @@ class Diagnosis:
         return "varies" if varies else "complete"
 
     def _obey(self, heldout):
-        """Takes out the last effects as long as they raise the error on runs that the user held out."""
+        """Takes out the last effects as long as they raise the error on runs that the user held
+        out."""
         while self.chosen:
             errors = self._held_out(heldout)
             if errors[-1] <= min(errors):
@@ -523,10 +530,10 @@ class LookAlike:
 
 
 def p_value(gain, free, on_bound):
-    """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of `free`
-    parameters `on_bound` have their neutral value at a bound: each of those stays there half of the
-    time, which makes the ratio a mixture (Self and Liang 1987; binomial weights, exact for independent
-    estimates)."""
+    """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of
+    `free` parameters `on_bound` have their neutral value at a bound: each of those stays there
+    half of the time, which makes the ratio a mixture (Self and Liang 1987; binomial weights,
+    exact for independent estimates)."""
     if not gain > 0:
         return 1.0
     total = 0.0

@@ -10,8 +10,8 @@ PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
-    thorough: errors of all effects in the table and the next experiment beside all runs, however many
-    there are; else errors of the effects that are ranked low in much data are None.
+    thorough: errors of all effects in the table and the next experiment beside all runs, however
+    many there are; else errors of the effects that are ranked low in much data are None.
     """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
@@ -166,8 +166,9 @@ def _slight(diagnosis):
 
 
 def _next_experiment(diagnosis, alike, thorough):
-    """What would distinguish the first group of effects that the runs do not, or, where there is none,
-    would show an effect that they cannot; None without one. What does not matter needs no experiment."""
+    """What would distinguish the first group of effects that the runs do not, or, where there is
+    none, would show an effect that they cannot; None without one. What does not matter needs no
+    experiment."""
     each, runs = diagnosis.pool.map, diagnosis.runs
     if len(runs) > PLANNED_ON and not thorough:
         runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]

@@ -242,8 +242,8 @@ def of_wrench(wrench_filter, run, model, events, other=None):
     The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
     smoother makes of it, so that sizes are those of the wrench and not of its smoothed image.
 
-    other: a model that may know better; `accounted` then says how much of the wrench it accounts for:
-    what `model` misses and it does not, seen by the same smoother from the same poses.
+    other: a model that may know better; `accounted` then says how much of the wrench it accounts
+    for: what `model` misses and it does not, seen by the same smoother from the same poses.
     """
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
@@ -330,10 +330,10 @@ def _accounted(values, accounted, responses, found):
 def thrust_direction(wrench, responses, model_thrust, totals, nu):
     """Direction and size of the force that follows the thrust command, by model and in truth.
 
-    The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS, and
-    on u and v, for damping that is wrong. The sum of both, over all lags, is the force that a lasting
-    command brings about. `responses`: what the smoother makes of the command at each lag, (n, 3,
-    lags). None when the command never changes.
+    The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS,
+    and on u and v, for damping that is wrong. The sum of both, over all lags, is the force that
+    a lasting command brings about. `responses`: what the smoother makes of the command at each
+    lag, (n, 3, lags). None when the command never changes.
     """
     if not totals[:, 0].std() > 0:
         return None
@@ -377,7 +377,8 @@ def is_named(share):
 
 
 def is_nothing(channel):
-    """Whether a channel of the missing wrench is no larger than its uncertainty, or next to nothing."""
+    """Whether a channel of the missing wrench is no larger than its uncertainty, or next to
+    nothing."""
     return channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"])
 
 

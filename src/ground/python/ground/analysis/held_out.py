@@ -105,6 +105,12 @@ def gain(better, worse):
     return float(rise.sum()), float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
 
 
+def share_raised(better, worse):
+    """Share of the parts held out that are likelier by one Judged than by another."""
+    rises = [b.sum() - w.sum() for b, w in zip(better.likelihood, worse.likelihood)]
+    return float(np.mean(np.array(rises) > 0))
+
+
 def rise(better, worse):
     """Rise of the held-out error from one Judged to another, and its standard error over windows."""
     rises = better.by_window - worse.by_window

@@ -8,9 +8,9 @@ MUCH_BETTER = 0.5  # a combination that is known so much better than its parts i
 def weak_directions(fit):
     """Parameters of a fit's result that only their ratio or product tells, strongest first.
 
-    Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for
-    some weights), its relative standard deviation and those of the two. Linear in the logarithms of the parameters, by the
-    covariance that the fit gives.
+    Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
+    weights), its relative standard deviation and those of the two. Linear in the logarithms of
+    the parameters, by the covariance that the fit gives.
     """
     rows = [
         (i, p["name"], p["deviation"] / abs(p["value"]))

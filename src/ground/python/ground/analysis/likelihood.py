@@ -1,8 +1,9 @@
-"""How likely recorded poses are under a model with a random disturbance: what effects are tested by.
+"""How likely recorded poses are under a model with a random disturbance: what effects are tested
+by.
 
-The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and a white wrench in the
-body's frame, wrench and thrust that differ from run to run, white noise of the poses. Parameters and
-levels are fitted together.
+The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and a white wrench in
+the body's frame, wrench and thrust that differ from run to run, white noise of the poses.
+Parameters and levels are fitted together.
 """
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
@@ -45,7 +46,8 @@ class Fit:
 
 
     def ratio_without(self, effect):
-        """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information (Wald)."""
+        """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
+        (Wald)."""
         at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect]
         described = {p["name"]: p for p in self.model.parameters()}
         away = np.array([_from_neutral(described[self.free[i]], self.model) for i in at])
@@ -62,9 +64,9 @@ def _from_neutral(parameter, model):
 
 
 class Likelihood:
-    """Runs (_core.RunData), thinned, under models with a disturbance. craft: _core.Model whose full thrust the
-    priors of the levels are in parts of; varying: levels of what may differ between runs; threads: of
-    one fit."""
+    """Runs (_core.RunData), thinned, under models with a disturbance. craft: _core.Model whose
+    full thrust the priors of the levels are in parts of; varying: levels of what may differ
+    between runs; threads: of one fit."""
 
     def __init__(self, runs, craft, varying=VARYING, threads=1):
         self.runs = [thinned(run) for run in runs]
@@ -122,8 +124,9 @@ class Likelihood:
         return np.array(self.runs[run].times), np.array(found)
 
     def scores(self, fit, model, names):
-        """Derivatives of the log-likelihood at a fit by parameters of a model that extends the fit's
-        at their neutral values: score (blocks, n), information (n, n), scale (n,), run (blocks,)."""
+        """Derivatives of the log-likelihood at a fit by parameters of a model that extends the
+        fit's at their neutral values: score (blocks, n), information (n, n), scale (n,), run
+        (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
         found = call(
             self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads

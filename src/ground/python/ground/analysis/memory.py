@@ -1,8 +1,10 @@
-"""Whether the motion depends on the past: effects with states of their own, tried beside a grown model.
+"""Whether the motion depends on the past: effects with states of their own, tried beside a grown
+model.
 
-Each kind of memory is an effect as model files list it, with a state that forgets with a time constant.
-Score tests of all kinds and times say which is worth a refit; it has to raise the likelihood by more than
-chance would with the best of so many, and that of what it was not fitted to.
+Each kind of memory is an effect as model files list it, with a state that forgets with a time
+constant. Score tests of all kinds and times say which is worth a refit; it has to raise the
+likelihood by more than chance would with the best of so many, and that of what it was not fitted
+to.
 """
 from dataclasses import dataclass
 from typing import Any, Tuple
@@ -119,7 +121,8 @@ def find(likelihood, fit):
 
 
 def _fitted(likelihood, fit, kind, time, size):
-    """The Fit with a kind of memory, first its size and then its time as well; None where that fails."""
+    """The Fit with a kind of memory, first its size and then its time as well; None where that
+    fails."""
     start = candidates.from_entry(kind.entry(time), kind.name).neutral(fit.model)
     start.set_value(kind.name + ".c", size)
     try:

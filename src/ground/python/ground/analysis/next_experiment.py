@@ -34,17 +34,17 @@ class Rival:
 def propose(rivals, runs, each=map):
     """Where Rivals, which the same runs were explained with, would part most.
 
-    runs: _core.RunData that the rivals were fitted to.
-    Each rival is run through each experiment that a lab can do, and the others explain what it did: in
-    the promising ones again when refitted to the old runs and the new one together. They are
-    sqrt(2 (L1 - L0)) standard deviations apart, L the log-likelihood of the poses under the rivals' own
-    disturbance (ground.analysis.likelihood); of all pairs, the one that is hardest to tell apart counts.
-    each: maps over experiments, in parallel if it can.
+    runs: _core.RunData that the rivals were fitted to. Each rival is run through each experiment
+    that a lab can do, and the others explain what it did: in the promising ones again when refitted
+    to the old runs and the new one together. They are sqrt(2 (L1 - L0)) standard deviations apart,
+    L the log-likelihood of the poses under the rivals' own disturbance
+    (ground.analysis.likelihood); of all pairs, the one that is hardest to tell apart counts. each:
+    maps over experiments, in parallel if it can.
 
-    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate), `repeat`, the
-    number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
-    and `all`: every experiment with its disagreement before the refit, best first. None when no
-    experiment tells the rivals apart.
+    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate),
+    `repeat`, the number of such runs that make sure, `expected_disagreement` of one of them
+    [standard deviations], and `all`: every experiment with its disagreement before the refit,
+    best first. None when no experiment tells the rivals apart.
     """
 
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
@@ -110,9 +110,9 @@ def _experiments(duration):
 
 
 def _disagreement(rivals, schedule, runs, known=None):
-    """Of the pair that it is smallest of: what a new run adds to the difference of their costs. `known`:
-    the costs of the runs, when rivals are refitted to them and the new run. None when one does not
-    move on this input, or not finitely."""
+    """Of the pair that it is smallest of: what a new run adds to the difference of their costs.
+    `known`: the costs of the runs, when rivals are refitted to them and the new run. None when
+    one does not move on this input, or not finitely."""
     worst = np.inf
     try:
         for true, other in itertools.permutations(rivals, 2):
@@ -129,8 +129,8 @@ def _disagreement(rivals, schedule, runs, known=None):
 
 
 def _run(model, schedule, noise):
-    """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the mean
-    disagreement that is wanted; `noise` says how exact it is."""
+    """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the
+    mean disagreement that is wanted; `noise` says how exact it is."""
     inputs = schedule.rows.copy()
     off = inputs[inputs[:, 3] > 0, 0].max() < inputs[:, 0]  # of what comes after, nothing is usable
     end = inputs[off, 0].min() if off.any() else schedule.end

@@ -1,10 +1,10 @@
 """What the grown model leaves: dependence on state and on history.
 
-Whatever acts on the craft beside the model shows in the innovations of the filter. Functions of the
-*simulated* state and of the commands are held against them, each seen through the filter (a wrench that
-the filter has followed no longer surprises it); a flexible ridge regression is scored on runs that it has
-not seen. Features of measured velocities would contain the disturbance itself and seem to explain
-everything.
+Whatever acts on the craft beside the model shows in the innovations of the filter. Functions of
+the *simulated* state and of the commands are held against them, each seen through the filter (a
+wrench that the filter has followed no longer surprises it); a flexible ridge regression is
+scored on runs that it has not seen. Features of measured velocities would contain the
+disturbance itself and seem to explain everything.
 """
 from dataclasses import dataclass
 
@@ -132,8 +132,8 @@ def _sparse(grams, designs, targets, fitted):
 
 
 def _acting(wrenches, fit):
-    """Wrenches of features (n, 3, m), in parts of full thrust, as columns in a channel each; the channels;
-    and which column is part of which feature (columns, m)."""
+    """Wrenches of features (n, 3, m), in parts of full thrust, as columns in a channel each; the
+    channels; and which column is part of which feature (columns, m)."""
     full = 2 * fit.model.value("k") * np.array([1.0, 1.0, fit.model.value("l")])
     used = np.argwhere(np.abs(wrenches).max(axis=0) > 0)
     acting = np.column_stack([wrenches[:, c, j] * full[c] for c, j in used])
@@ -143,8 +143,8 @@ def _acting(wrenches, fit):
 
 
 def _simulated(run, model):
-    """Poses and velocities (n, 3) simulated in windows of 1.5 s from initial velocities that suit the
-    model, and where there are any (n,)."""
+    """Poses and velocities (n, 3) simulated in windows of 1.5 s from initial velocities that
+    suit the model, and where there are any (n,)."""
     cut = windows.cut([run])
     eta, nu = np.zeros((len(run.times), 3)), np.zeros((len(run.times), 3))
     inside = np.zeros(len(run.times), bool)

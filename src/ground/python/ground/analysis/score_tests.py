@@ -40,7 +40,8 @@ class ScoreTests:
         self.score = self.blocks.sum(axis=0)
 
     def seen(self, name):
-        """Part of the information that the fitted parameters cannot take over, of the worst parameter."""
+        """Part of the information that the fitted parameters cannot take over, of the worst
+        parameter."""
         at = self.columns[name]
         raw = np.where(self.raw[at] > 0, self.raw[at], np.inf)
         return float(np.min(np.diag(self.information)[at] / raw))
@@ -51,8 +52,8 @@ class ScoreTests:
         return bool((self.raw[at] > 0).all() and self.seen(name) < UNSEEN)
 
     def in_place(self, name, part):
-        """Steps of coordinates by parameter name that put an effect of `part` of its typical size in
-        the place of what the fitted parameters do to first order."""
+        """Steps of coordinates by parameter name that put an effect of `part` of its typical
+        size in the place of what the fitted parameters do to first order."""
         at = self.columns[name]
         steps = {self.names[i]: float(part * self.scale[i]) for i in at}
         moved = -part * self.onto[:, at].sum(axis=1) * self.nuisance_scale
@@ -60,7 +61,8 @@ class ScoreTests:
         return steps
 
     def estimates(self, model, name, step):
-        """Parameters of an effect as one step of its score test gives them: dictionaries as of a fit."""
+        """Parameters of an effect as one step of its score test gives them: dictionaries as of a
+        fit."""
         found = []
         for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
@@ -73,8 +75,8 @@ class ScoreTests:
         return found
 
     def test(self, names):
-        """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads there:
-        (gain, step by parameter name in coordinates)."""
+        """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads
+        there: (gain, step by parameter name in coordinates)."""
         at = np.array([i for name in names for i in self.columns[name]], int)
         moving = at
         while len(moving):

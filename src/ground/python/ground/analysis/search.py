@@ -1,8 +1,9 @@
 """Which set of effects makes recorded poses likeliest.
 
-Forward, backward and swap steps over sets of effects. Score tests of all effects, alone and in pairs,
-say which sets are worth a refit; a set's likelihood is that of a refit with its levels. An effect has to
-raise the log-likelihood ratio 2 (L1 - L0) by more than chance would with the best of so many effects.
+Forward, backward and swap steps over sets of effects. Score tests of all effects, alone and in
+pairs, say which sets are worth a refit; a set's likelihood is that of a refit with its levels.
+An effect has to raise the log-likelihood ratio 2 (L1 - L0) by more than chance would with the
+best of so many effects.
 """
 import itertools
 from dataclasses import dataclass
@@ -39,10 +40,10 @@ class Criteria:
 
 
 class Search:
-    """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over items,
-    side by side if it can; say: called with a sentence now and then; kept: Unfinished, of this very
-    work; holds(better, current): whether a set that was grown does better on what it was not fitted
-    to, too."""
+    """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over
+    items, side by side if it can; say: called with a sentence now and then; kept: Unfinished, of
+    this very work; holds(better, current): whether a set that was grown does better on what it
+    was not fitted to, too."""
 
     def __init__(
         self,
@@ -79,8 +80,8 @@ class Search:
         return self.fits[frozenset()]
 
     def run(self, near=None):
-        """The set of effects by which the likelihood rises beyond chance. near: a Fit whose effects the
-        search begins with."""
+        """The set of effects by which the likelihood rises beyond chance. near: a Fit whose
+        effects the search begins with."""
         self.nominal()
         current = frozenset()
         if near is not None:
@@ -184,7 +185,8 @@ class Search:
                 self.fits[current | set(proposal)] = fit
 
     def _refit(self, current, added):
-        """The likeliest fit with effects more, from where score tests and the effects' own starts lead."""
+        """The likeliest fit with effects more, from where score tests and the effects' own
+        starts lead."""
         base, tests = self.fits[current], self.test_beside(current)
         extended = base.model
         for name in added:
@@ -217,8 +219,9 @@ class Search:
                 yield other, None
 
     def _far_starts(self, name):
-        """Models with an effect far from neutral that are worth a fit. What was fitted without may be
-        far from what is right with it; the simulation error, whose fit is quick, tells where."""
+        """Models with an effect far from neutral that are worth a fit. What was fitted without
+        may be far from what is right with it; the simulation error, whose fit is quick, tells
+        where."""
         neutral, *others = self.candidates[name].starts(self.given)
         if not others:
             return []
@@ -260,7 +263,8 @@ class Search:
             current = best
 
     def _may_go(self, current, name):
-        """Whether a set may do without an effect, by the information of its fit (Wald): a refit tells."""
+        """Whether a set may do without an effect, by the information of its fit (Wald): a refit
+        tells."""
         ratio = self.fits[current].ratio_without(name)
         return ratio < self.criteria.doubtful * self.threshold(name)
 

@@ -14,8 +14,8 @@ from ground.recordings import repair, windows
 PARTS = 4  # held out one after the other, where one run is all there is
 FOLDS = 8  # largest number of parts that several runs are held out in: bounds the refits
 MAX_WINDOWS = 160  # four minutes: many times what distinguishes the effects that matter
-# Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but what
-# disturbs the craft on its way adds up along them.
+# Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but
+# what disturbs the craft on its way adds up along them.
 LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
 BETTER = 0.99  # of the error on held-out windows: what makes another length worth while
 FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
@@ -36,9 +36,9 @@ class Fit:
 class Study:
     """Runs (_core.RunData), their windows, and the parts that are held out together.
 
-    Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a single run.
-    Of long runs it takes about `most` windows, spread evenly, so that its work does not grow with them.
-    Raises IdentifyError when runs are too short.
+    Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a
+    single run. Of long runs it takes about `most` windows, spread evenly, so that its work does
+    not grow with them. Raises IdentifyError when runs are too short.
     """
 
     def __init__(self, runs, threads=0, most=MAX_WINDOWS):
@@ -190,7 +190,8 @@ def calibrated_errors(runs, chosen, likelihood, fit):
 
 
 def trimmed(model, constant):
-    """A model on which a wrench X, Y [N], N [N m] acts besides, and whose thrust is changed in part."""
+    """A model on which a wrench X, Y [N], N [N m] acts besides, and whose thrust is changed in
+    part."""
     changed = model.copy()
     changed.set_value("k", (1 + constant[3]) * model.value("k"))
     wrench = (("body_force_bias", "x0"), ("body_force_bias", "y0"), ("yaw_bias", "n0"))
@@ -203,8 +204,9 @@ def trimmed(model, constant):
 
 
 def change(runs, chosen, model, other):
-    """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs, each
-    from the initial velocities that suit it best: how much is wrong with one if the other is true."""
+    """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs,
+    each from the initial velocities that suit it best: how much is wrong with one if the other
+    is true."""
     problem = windows.problem(runs, chosen)
     try:
         motions = [problem.simulate(m)["nu"] for m in (model, other)]

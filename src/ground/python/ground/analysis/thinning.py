@@ -1,8 +1,9 @@
 """Recordings at a lower rate: neighbouring poses averaged.
 
-What moves the craft changes within tens of milliseconds, and a motion capture's noise is independent from
-frame to frame: the mean of two poses within 10 ms says what both say, at half the work. At full thrust
-it is off by a fifth of the noise of heading at most, as by a delay of 0.05 ms.
+What moves the craft changes within tens of milliseconds, and a motion capture's noise is
+independent from frame to frame: the mean of two poses within 10 ms says what both say, at half
+the work. At full thrust it is off by a fifth of the noise of heading at most, as by a delay of
+0.05 ms.
 """
 import numpy as np
 
@@ -13,8 +14,8 @@ UNEVEN = 1.5  # of the usual step: a longer one is within no group
 
 
 def thinned(run):
-    """A _core.RunData whose samples are means of as many as its rate allows; the same run where that is
-    one. Its noise is that of the means."""
+    """A _core.RunData whose samples are means of as many as its rate allows; the same run where
+    that is one. Its noise is that of the means."""
     times = np.array(run.times)
     step = np.median(np.diff(times)) if len(times) > 1 else 1.0
     count = int(1 / (RATE * step)) if step > 0 else 1

@@ -1,9 +1,10 @@
 """What remains when no effect of the library explains the rest: where it is, and a term for it.
 
-The wrench that a model lacks (ground.analysis.failure) is regressed on formulas of everything that a
-wrench may depend on. The smoother that infers the wrench weakens what is fast, so each formula is seen through the
-smoother's own response to it. Few terms are chosen by orthogonal matching pursuit (Pati et al. 1993), as
-many as predict stretches of time that were left out best, within one standard error.
+The wrench that a model lacks (ground.analysis.failure) is regressed on formulas of everything
+that a wrench may depend on. The smoother that infers the wrench weakens what is fast, so each
+formula is seen through the smoother's own response to it. Few terms are chosen by orthogonal
+matching pursuit (Pati et al. 1993), as many as predict stretches of time that were left out
+best, within one standard error.
 """
 import re
 
@@ -99,9 +100,10 @@ def dictionary():
 def explain(runs, model):
     """Where the wrench that a model lacks comes from, and a proposal for it.
 
-    Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and `share`, the
-    part of the variance on stretches left out that is lost without the terms that contain it, or that
-    bins of it explain; and `proposal`, an effect as a model file lists it with its `share`, or None.
+    Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and
+    `share`, the part of the variance on stretches left out that is lost without the terms that
+    contain it, or that bins of it explain; and `proposal`, an effect as a model file lists it
+    with its `share`, or None.
     """
     terms = dictionary()
     design, own, wrench, groups, shares = [], [], [], [], []
@@ -130,8 +132,8 @@ def explain(runs, model):
 
 
 def _prepare(run, model, terms, scale):
-    """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters), wrench
-    (3 n,) in parts of full thrust, stretches, binned shares."""
+    """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters),
+    wrench (3 n,) in parts of full thrust, stretches, binned shares."""
     wrench_filter, run, _ = failure.undisturbed(model, run)
     found = failure.variables(run, model.input_max)
     bins = [v.indicators() for v in found.values()]
@@ -191,8 +193,8 @@ def _own_responses(run, model, noise, wrench):
 
 
 def _beside(own, design, wrench):
-    """Design and wrench without what other values of the model's own parameters would do: these were
-    fitted, and took over as much of the missing term as they could (Frisch and Waugh 1933)."""
+    """Design and wrench without what other values of the model's own parameters would do: these
+    were fitted, and took over as much of the missing term as they could (Frisch and Waugh 1933)."""
     size = np.sqrt((own**2).mean(axis=0))
     own = own[:, size > 0] / size[size > 0]
 

@@ -1,8 +1,8 @@
 """What long work has finished so far, so that the next try need not do it again.
 
-Kept are data only: a file holds arrays (NumPy's npz without objects) and a tree in JSON that refers to
-them, after the SHA-256 of both. What somebody else puts into the folder is never run: a file that is
-damaged, or holds anything else, is ignored and its part computed again.
+Kept are data only: a file holds arrays (NumPy's npz without objects) and a tree in JSON that
+refers to them, after the SHA-256 of both. What somebody else puts into the folder is never run:
+a file that is damaged, or holds anything else, is ignored and its part computed again.
 """
 import contextlib
 import dataclasses
@@ -24,8 +24,8 @@ _classes = {}  # name, module included -> dataclass
 
 
 def can_be_kept(cls):
-    """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays, models,
-    lists, tuples and dictionaries of these, and other such classes."""
+    """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays,
+    models, lists, tuples and dictionaries of these, and other such classes."""
     _classes[_name_of(cls)] = cls
     return cls
 
@@ -37,8 +37,8 @@ def _name_of(cls):
 class Unfinished:
     """Results of the parts of one piece of work, kept in a folder until all of it is done.
 
-    folder: None keeps nothing. identity: whatever the results depend on, of what can be kept; results
-    of other work are not taken for those of this one.
+    folder: None keeps nothing. identity: whatever the results depend on, of what can be kept;
+    results of other work are not taken for those of this one.
     """
 
     def __init__(self, folder=None, identity=None):

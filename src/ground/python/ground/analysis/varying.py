@@ -1,8 +1,8 @@
 """What differs from run to run: a constant wrench on a channel, or the thrust.
 
-Each is a random effect, normal over the runs; a likelihood has it or does without (Likelihood.varying).
-Whether it is needed is tested beside forces that are the same in all runs, for what all runs have in
-common does not differ.
+Each is a random effect, normal over the runs; a likelihood has it or does without
+(Likelihood.varying). Whether it is needed is tested beside forces that are the same in all runs,
+for what all runs have in common does not differ.
 """
 from dataclasses import dataclass, replace
 
@@ -78,10 +78,11 @@ def with_all(likelihood, fit):
 
 
 def _chance_without(likelihood, fit, kind, slow, slowest):
-    """Chance of the likelihood ratio between a fit and one in which a kind does not differ between
-    runs, all other levels refitted: half of the time zero, else chi squared of one degree of freedom
-    (Self and Liang 1987). A random wrench that is slower than `slowest` would take the place of a
-    constant one, and is not let; `slow`: levels that are held for that already."""
+    """Chance of the likelihood ratio between a fit and one in which a kind does not differ
+    between runs, all other levels refitted: half of the time zero, else chi squared of one
+    degree of freedom (Self and Liang 1987). A random wrench that is slower than `slowest` would
+    take the place of a constant one, and is not let; `slow`: levels that are held for that
+    already."""
 
     def ratio(held):
         other = likelihood.fit(fit.model, fit.free, near=fit, held={**slow, **held})
