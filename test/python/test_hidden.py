@@ -226,9 +226,11 @@ def test_scores_of_what_else_is_said():
     assert hidden_score.false_memory(result(memory=True))
     assert hidden_score.false_memory(result(memory=True, kind="history")) is None
     assert hidden_score.made_worse(result([], ["a"])) is False
-    up_and_down = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}
-    assert hidden_score.made_worse(result([], ["a"], errors=up_and_down))
-    assert hidden_score.made_worse(result(errors=up_and_down)) is None
+    together = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}  # two that help only together
+    assert hidden_score.made_worse(result([], ["a"], errors=together)) is False
+    too_many = {"fit": [1.0, 0.5], "steps": [1.0, 0.4, 0.5]}
+    assert hidden_score.made_worse(result([], ["a"], errors=too_many))
+    assert hidden_score.made_worse(result(errors=too_many)) is None
     held = {"name": "a.x", "ci95": [0, 2], "identified": True, "true": 1.0}
     parameters = [held, dict(held, true=3.0), dict(held, identified=False), dict(held, name="k")]
     told = result(parameters=parameters)
@@ -354,4 +356,4 @@ def test_what_is_not_in_the_library_stays_unexplained(results):
     # What others stand in for leaves next to nothing that could be seen.
     for r in outside:
         if r not in left:
-            assert r["found"]["errors"]["steps"][-1] < 1.25 * r["found"]["floor"], r
+            assert r["found"]["errors"]["steps"][-1] < 1.3 * r["found"]["floor"], r
