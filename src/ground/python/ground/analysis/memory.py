@@ -57,7 +57,7 @@ class Kind:
         return dict(size, lower=-1e3, upper=1e3)
 
 
-BRIEF, LONG = (0.05, 0.15), (0.2, 0.6, 2.0)
+BRIEF, LONG = (0.08,), (0.3, 1.5)
 OWN_PAST = {"a": "(u_L - a)/tau", "b": "(u_R - b)/tau"}
 KINDS = (
     Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
@@ -65,7 +65,7 @@ KINDS = (
     Kind("battery_droop", "thrust depends on what both thrusters drew in the last %s", "N", 0.01,
          LONG, {"a": "(u_L + u_R - a)/tau"}, {"thrust_L": "-c*a*u_L", "thrust_R": "-c*a*u_R"}),
     Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
-         "of full thrust", "N", 0.01, (2.0, 6.0), {"p": "(u_L + u_R)/tau"},
+         "of full thrust", "N", 0.01, (3.0,), {"p": "(u_L + u_R)/tau"},
          {"thrust_L": "-c*exp(-p)*u_L", "thrust_R": "-c*exp(-p)*u_R"}),
     Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
          BRIEF, OWN_PAST, {"thrust_L": "-c*abs(u_L - a)", "thrust_R": "-c*abs(u_R - b)"}),
