@@ -235,8 +235,7 @@ class Diagnosis:
         gain, error = held_out.gain(with_it, without)
         if not gain > error:
             return "it does not make runs that it was not fitted to likelier"
-        rise, doubt = held_out.rise(with_it, without)
-        if rise > doubt:
+        if with_it.heldout.sum() > without.heldout.sum():
             return "it raises the error on runs that it was not fitted to"
         return None
 

@@ -111,13 +111,6 @@ def share_raised(better, worse):
     return float(np.mean(np.array(rises) > 0))
 
 
-def rise(better, worse):
-    """Rise of the held-out error from one Judged to another, and its standard error over windows."""
-    rises = better.by_window - worse.by_window
-    doubt = rises.std(ddof=1) / np.sqrt(len(rises)) if len(rises) > 1 else np.inf
-    return float(better.heldout.sum() - worse.heldout.sum()), float(doubt)
-
-
 def quarters(run, count=4):
     """A run parted into as many stretches of time: lists of one _core.RunData."""
     times = np.array(run.times)
