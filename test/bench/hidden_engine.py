@@ -1,4 +1,5 @@
 """The one place at which the hidden-effect bench calls the project's diagnosis."""
+
 import time
 
 from ground.analysis import candidates, diagnosis, diagnosis_report
@@ -57,7 +58,11 @@ def diagnose(runs, heldout, model, thorough=False):
         "memory": conclusion.verdict == "memory",
         "memory_kind": conclusion.memory and conclusion.memory.kind.name,
         "left": {
-            "memory": [conclusion.history.p_value, conclusion.history.gain, conclusion.history.share],
+            "memory": [
+                conclusion.history.p_value,
+                conclusion.history.gain,
+                conclusion.history.share,
+            ],
             "state": [conclusion.state.p_value, conclusion.state.gain, conclusion.state.share],
         },
         "unseen": found.hidden_names(),

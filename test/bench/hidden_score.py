@@ -3,6 +3,7 @@
 A result is a line of hidden.py: a case and, as `found`, what hidden_engine.diagnose says of it. A
 score is None where the question does not arise.
 """
+
 from ground import _core
 
 MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past does matter
@@ -41,7 +42,9 @@ def is_exact(result):
 def is_found(result):
     """Whether each hidden effect was chosen, declared equal to a chosen one, or to other parameters
     of the model (the runs cannot show it)."""
-    told = set(result["found"].get("unseen", ())).union(*(equals(result, name) for name in chosen(result)))
+    told = set(result["found"].get("unseen", ())).union(
+        *(equals(result, name) for name in chosen(result))
+    )
     return set(result["hidden"]) <= told
 
 

@@ -1,4 +1,5 @@
 """Prediction bands hold what they say they hold, on runs that the model was not fitted to."""
+
 import dataclasses
 import pathlib
 import sys
@@ -126,5 +127,7 @@ def test_the_plot_shows_one_horizon_at_a_time(cases):
     assert [t["visible"] for t in traces] == [False] * 3 + [True] * 3 + [False] * 3
     (menu,) = drawn["layout"]["updatemenus"]
     assert menu["buttons"][menu["active"]]["args"][0]["visible"] == [t["visible"] for t in traces]
-    assert "90% prediction bands of the improved model hold" in words.bands({"bands": bands.coverage([found])})
+    assert "90% prediction bands of the improved model hold" in words.bands(
+        {"bands": bands.coverage([found])}
+    )
     assert words.bands({"bands": []}) is None

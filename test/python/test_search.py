@@ -1,4 +1,5 @@
 """The search for effects under a random disturbance, on crafts of the hidden-effect bench."""
+
 import sys
 
 import numpy as np
@@ -124,7 +125,9 @@ def test_a_force_that_all_runs_have_does_not_differ_between_them():
     assert not any(v["parameter"] == "yaw moment" for v in conclusion.varies)
 
 
-@pytest.mark.parametrize("seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (10, "warm_up")])
+@pytest.mark.parametrize(
+    "seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (10, "warm_up")]
+)
 def test_memory_is_found_with_its_kind_and_no_stand_in(seed, kind):
     case, found, conclusion = diagnosed("history", seed)
     assert list(case.effects) == [kind]
@@ -141,7 +144,9 @@ def test_thinning_keeps_what_poses_say():
     times = np.arange(0, 2, 1 / 240)
     times = times[(times < 1.0) | (times > 1.2)]
     noise = np.array([1e-4, 1e-4, 1e-3])
-    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(size=(len(times), 3))
+    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(
+        size=(len(times), 3)
+    )
     inputs = np.array([[0.0, 0.5, 0.5, 1.0]])
     run = _core.RunData("run", times, poses, 0 * poses, inputs, poses, noise)
     thin = thinned(run)

@@ -5,6 +5,7 @@ The grown model is run along the recordings with each of these as the fitted lev
 the error (DESIGN 8) of such artificial recordings is what each alone would leave. Independent
 parts add in squares.
 """
+
 from dataclasses import dataclass
 
 import numpy as np

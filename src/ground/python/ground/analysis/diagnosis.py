@@ -6,6 +6,7 @@ was not fitted to as well (ground.analysis.held_out), must not raise the error t
 be large enough to matter. What the grown model leaves is looked at last
 (ground.analysis.remains).
 """
+
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -267,7 +268,8 @@ class Diagnosis:
             self.slight, self.slight_sets = trial, (found, found - {name})
         else:
             self.dropped.append(Dropped(trial, why))
-        self.say("%s is left out: %s" % (name, "it is too small to matter" if why == "slight" else why))
+        told = "it is too small to matter" if why == "slight" else why
+        self.say("%s is left out: %s" % (name, told))
 
     def _remembering(self, found):
         """The set without effects that only stood for what depends on the past, which is sought
@@ -286,9 +288,9 @@ class Diagnosis:
             without = self.likelihood.fit(model, free, near=with_it)
             if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
                 why = "it stands for what depends on the past (%s)" % remembered.kind.name
+                smaller = self.search.without(rest, name)
                 stand_ins.append(Dropped(self._trial_in(rest, name), why))
-                remembered = replace(remembered, fit=without)
-                rest = self.search.without(rest, name)
+                rest, remembered = smaller, replace(remembered, fit=without)
         # One part alone may hold what the others cannot tell, such as a lift of its own.
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
         if share < MOST or not self._larger(remembered.fit, self.search.fits[rest]):
@@ -327,7 +329,9 @@ class Diagnosis:
         best = max(values.values(), default=0.0)
         weights = {n: np.exp(min(0.0, v - best) / 2) for n, v in values.items()}
         for trial in self.tried[0]:
-            trial.inclusion = float(weights.get(trial.name, 0.0) / max(1e-300, sum(weights.values())))
+            trial.inclusion = float(
+                weights.get(trial.name, 0.0) / max(1e-300, sum(weights.values()))
+            )
         self.tried[0].sort(key=lambda t: (t.name not in first[:1], t.delta_bic))
 
     # --- Effects beside the nominal model

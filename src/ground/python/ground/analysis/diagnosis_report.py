@@ -1,4 +1,5 @@
 """What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
+
 from ground.analysis import bands, candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
@@ -85,7 +86,12 @@ def _parameters(parameters, prefix=""):
 
 
 def _remains(found):
-    return {"found": found.found, "p_value": found.p_value, "gain": found.gain, "share": found.share}
+    return {
+        "found": found.found,
+        "p_value": found.p_value,
+        "gain": found.gain,
+        "share": found.share,
+    }
 
 
 def _memory(conclusion):
@@ -140,9 +146,11 @@ def _candidates(diagnosis, alike, thorough):
             "inclusion": trial.inclusion,
             "error": _errors(trial.fit),
             "selected": trial.name in chosen,
-            "group": first
-            if trial.equal
-            else groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, []),
+            "group": (
+                first
+                if trial.equal
+                else groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, [])
+            ),
             "seen": trial.name not in taken_over,
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
@@ -200,7 +208,9 @@ def _unexplained(diagnosis, conclusion):
     """How much of the error is above the noise, where it is, and a term that would lower it."""
     error = float(diagnosis.best.error.sum())
     if conclusion.memory:
-        entry = dict(conclusion.memory.entry, error=_errors(diagnosis.folds.judge(conclusion.memory.fit)))
+        entry = dict(
+            conclusion.memory.entry, error=_errors(diagnosis.folds.judge(conclusion.memory.fit))
+        )
         return {"fraction": 0.0, "where": [], "proposal": entry}
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:

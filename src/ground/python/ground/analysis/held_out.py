@@ -1,4 +1,5 @@
 """How models fare on runs that they were not fitted to: error (DESIGN 8) and log-likelihood."""
+
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
@@ -43,8 +44,12 @@ class Folds:
         for fold in range(self.count):
             inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
             outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
-            self.fitted.append(Likelihood([r for part in outside for r in part], craft, whole.varying))
-            self.tested.append(Likelihood([r for part in inside for r in part], craft, whole.varying))
+            self.fitted.append(
+                Likelihood([r for part in outside for r in part], craft, whole.varying)
+            )
+            self.tested.append(
+                Likelihood([r for part in inside for r in part], craft, whole.varying)
+            )
         self.fold_of = np.array([self._fold_of(w) for w in cut])
 
     def _fold_of(self, window):
@@ -78,7 +83,6 @@ class Folds:
             ),
         )
 
-
     def nested(self, choose):
         """Mean |e|/s (3,) of each window by a model that neither choice nor fit has seen it:
         choose(likelihood) gives the Fit for the Likelihood of the other parts."""
@@ -102,7 +106,9 @@ class Folds:
 def gain(better, worse):
     """Rise of the held-out log-likelihood from one Judged to another, and its standard error."""
     rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
-    return float(rise.sum()), float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
+    return float(rise.sum()), (
+        float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
+    )
 
 
 def share_raised(better, worse):

@@ -5,6 +5,7 @@ The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and 
 the body's frame, wrench and thrust that differ from run to run, white noise of the poses.
 Parameters and levels are fitted together.
 """
+
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
 
@@ -43,7 +44,6 @@ class Fit:
     def point(self):
         """The same for the core: _core.GreyBoxPoint."""
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
-
 
     def ratio_without(self, effect):
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information

@@ -6,6 +6,7 @@ constant. Score tests of all kinds and times say which is worth a refit; it has 
 likelihood by more than chance would with the best of so many, and that of what it was not fitted
 to.
 """
+
 from dataclasses import dataclass
 from typing import Any, Tuple
 
@@ -105,7 +106,9 @@ class Memory:
 def find(likelihood, fit):
     """The likeliest Memory beside a likelihood.Fit; None where it does no more than chance would."""
     kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
-    tried = {c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]}
+    tried = {
+        c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]
+    }
     tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
     gains = {name: tests.test((name,))[0] for name in tried}
     best = max(gains, key=gains.get)

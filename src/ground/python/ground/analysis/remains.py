@@ -6,6 +6,7 @@ wrench that the filter has followed no longer surprises it); a flexible ridge re
 scored on runs that it has not seen. Features of measured velocities would contain the
 disturbance itself and seem to explain everything.
 """
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +68,9 @@ def _explained(likelihood, fit, features):
         chance = 1.0
         if blocks.any():
             chance = 2 * stats.ttest_1samp(blocks, 0, alternative="greater").pvalue
-        found.append(Remains(float(min(1.0, chance)), float(blocks.sum()), float(2 * blocks.sum() / power)))
+        found.append(
+            Remains(float(min(1.0, chance)), float(blocks.sum()), float(2 * blocks.sum() / power))
+        )
     return min(found, key=lambda f: f.p_value)
 
 
@@ -171,7 +174,9 @@ def _over_the_floor(x, y, psi):
     values = np.column_stack(columns)
     c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
     none = np.zeros_like(values)
-    along_x, along_y = np.stack([c * values, -s * values, none], 1), np.stack([s * values, c * values, none], 1)
+    along_x, along_y = np.stack([c * values, -s * values, none], 1), np.stack(
+        [s * values, c * values, none], 1
+    )
     return np.concatenate([along_x, along_y], axis=2)
 
 

@@ -1,4 +1,5 @@
 """Score tests (Rao 1948) of all effects beside a fit: what each, and each few together, would gain."""
+
 import numpy as np
 
 from ground.analysis import candidates as effects, study
@@ -70,8 +71,16 @@ class ScoreTests:
             spread = self.scale[i] / np.sqrt(self.information[i, i]) if identified else np.inf
             ends = [moved(p, value, x * 1.96 * spread) for x in (-1, 1)] if identified else None
             ci95 = (min(ends), max(ends)) if ends else (p["lower"], p["upper"])
-            found.append({"name": p["name"], "unit": p["unit"], "value": value, "ci95": ci95,
-                          "deviation": float(spread), "identified": bool(identified)})
+            found.append(
+                {
+                    "name": p["name"],
+                    "unit": p["unit"],
+                    "value": value,
+                    "ci95": ci95,
+                    "deviation": float(spread),
+                    "identified": bool(identified),
+                }
+            )
         return found
 
     def test(self, names):

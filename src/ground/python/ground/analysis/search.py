@@ -5,6 +5,7 @@ pairs, say which sets are worth a refit; a set's likelihood is that of a refit w
 An effect has to raise the log-likelihood ratio 2 (L1 - L0) by more than chance would with the
 best of so many effects.
 """
+
 import itertools
 from dataclasses import dataclass
 
@@ -74,9 +75,7 @@ class Search:
     def nominal(self, near=None):
         """The Fit of the model as it is."""
         if frozenset() not in self.fits:
-            self.fits[frozenset()] = self.likelihood.fit(
-                self.given, self.free_of(self.given), near
-            )
+            self.fits[frozenset()] = self.likelihood.fit(self.given, self.free_of(self.given), near)
         return self.fits[frozenset()]
 
     def run(self, near=None):
@@ -177,7 +176,9 @@ class Search:
         base, varying = self.fits[current].model.format(), sorted(self.likelihood.varying)
 
         def refit(added):
-            return self.kept.result(("fit", varying, base, added), lambda: self._refit(current, added))
+            return self.kept.result(
+                ("fit", varying, base, added), lambda: self._refit(current, added)
+            )
 
         self.test_beside(current)  # before threads ask for it
         for proposal, fit in zip(wanted, self.each(refit, wanted)):

@@ -5,6 +5,7 @@ independent from frame to frame: the mean of two poses within 10 ms says what bo
 the work. At full thrust it is off by a fifth of the noise of heading at most, as by a delay of
 0.05 ms.
 """
+
 import numpy as np
 
 from ground import _core
@@ -31,7 +32,14 @@ def thinned(run):
     noise = np.array(run.noise) / np.sqrt(count)
     stamps = mean(times[:, None])[:, 0]
     return _core.RunData(
-        run.name, stamps, mean(run.eta), mean(run.nu), np.array(run.inputs), poses, noise, run.drives
+        run.name,
+        stamps,
+        mean(run.eta),
+        mean(run.nu),
+        np.array(run.inputs),
+        poses,
+        noise,
+        run.drives,
     )
 
 

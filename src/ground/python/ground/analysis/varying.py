@@ -4,6 +4,7 @@ Each is a random effect, normal over the runs; a likelihood has it or does witho
 (Likelihood.varying). Whether it is needed is tested beside forces that are the same in all runs,
 for what all runs have in common does not differ.
 """
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,9 @@ from ground.analysis import candidates
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.unfinished import can_be_kept
 
-LEVEL = 1e-4  # chance of finding what is not there: disturbances that change their pace look like it
+LEVEL = (
+    1e-4  # chance of finding what is not there: disturbances that change their pace look like it
+)
 SLOWEST = 0.3  # of a run: a random wrench that takes longer to change differs between runs
 SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all runs
 
