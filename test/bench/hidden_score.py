@@ -87,12 +87,14 @@ def made_worse(result):
 
 
 def intervals(result, effects=True):
-    """Whether the interval of each identified parameter, of effects or of the body, holds."""
-    return [
-        bool(p["ci95"][0] <= p["true"] <= p["ci95"][1])
-        for p in result["found"]["parameters"]
-        if p["identified"] and p["true"] is not None and ("." in p["name"]) == effects
-    ]
+    """Whether the interval of each identified parameter, of hidden effects or of the body, holds.
+    What is chosen and not hidden stands for something else, and has no true value."""
+    asked = [p for p in result["found"]["parameters"] if p["identified"] and p["true"] is not None]
+    if effects:
+        asked = [p for p in asked if p["name"].split(".")[0] in result["hidden"]]
+    else:
+        asked = [p for p in asked if "." not in p["name"]]
+    return [bool(p["ci95"][0] <= p["true"] <= p["ci95"][1]) for p in asked]
 
 
 def p_values(result):

@@ -71,7 +71,7 @@ def _rows():
     for kind in ("jittered_link", "unequal_delays", "floor_field"):
         yield Row(kind + ": a false effect", (kind,), score.has_false_effect)
         yield Row(kind + ": not `unexplained`", (kind,), score.not_unexplained)
-    yield Row("intervals of effects hold", (), score.intervals, ("in", 0.95))
+    yield Row("intervals of hidden effects hold", (), score.intervals, ("in", 0.95))
     yield Row("intervals of the body hold, right sets", (), _body, ("in", 0.95), score.is_right)
     yield Row("error held out rises by adding", (), score.made_worse, ("<=", 0.0))
     white, near = ("white_single",), _is_moderate

@@ -233,9 +233,10 @@ def test_scores_of_what_else_is_said():
     assert hidden_score.made_worse(result(errors=too_many)) is None
     held = {"name": "a.x", "ci95": [0, 2], "identified": True, "true": 1.0}
     parameters = [held, dict(held, true=3.0), dict(held, identified=False), dict(held, name="k")]
-    told = result(parameters=parameters)
+    told = result(["a"], parameters=parameters)
     assert hidden_score.intervals(told) == [True, False]
     assert hidden_score.intervals(told, effects=False) == [True]
+    assert hidden_score.intervals(result(["b"], parameters=parameters)) == []
     free = {"yaw_bias": 0.3, "input_delay": 1.0}
     assert hidden_score.p_values(result(p_values=free)) == [0.3]
 
