@@ -495,8 +495,9 @@ class Diagnosis:
     def _verdict(self, explained, varies, history, state):
         if self.memory or (history.found and history.gain > state.gain):
             return "memory"
-        refused = any(d.why == REFUSED for d in self.dropped)
-        if not explained and (state.found or refused):
+        # Effects that only the runs held out speak against leave it open what is missing.
+        open_still = not self.chosen and any(d.why == REFUSED for d in self.dropped)
+        if not explained and (state.found or open_still):
             return "unexplained"
         if self.chosen:
             return "missing"
