@@ -1,7 +1,7 @@
 """A craft that the project's core has no part in: own equations of motion, effects and integrator.
 
 The hidden-effect bench makes its truth here, so that an error of the project's model does not
-cancel against itself. Equations from DESIGN 3 and Fossen (1994, 2.4). Frames are z down: pose x, y
+cancel against itself. Equations from Fossen (1994, 2.4). Frames are z down: pose x, y
 [m], psi [rad] in world_ned, velocities u, v [m/s], r [rad/s] in the body's frame; inputs are 0..1.
 Kutta's 3/8 rule integrates over steps that end where a command or the disturbance changes.
 """

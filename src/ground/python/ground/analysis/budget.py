@@ -1,9 +1,9 @@
 """What a model's error is made of: the poses' noise, the random disturbance, differences between
 runs.
 
-The grown model is run along the recordings with each of these as the fitted levels have them;
-the error (DESIGN 8) of such artificial recordings is what each alone would leave. Independent
-parts add in squares.
+The grown model is simulated along the recordings with each of these at the fitted levels. The
+simulation error (study.channel_errors) of such artificial recordings is what each part alone would
+leave. Independent parts add in squares.
 """
 
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ SEEDS = (1, 2, 3)  # artificial recordings that the errors are means of
 @can_be_kept
 @dataclass(frozen=True)
 class Budget:
-    """Errors as DESIGN 8 has them, of artificial recordings and of the real ones."""
+    """Simulation errors (study.channel_errors) of artificial recordings and of the real ones."""
 
     noise: float  # the poses' noise alone
     disturbance: float  # with the random wrench
-    trim: float  # with the wrench and thrust that each run had, constant, besides
-    measured: float  # of the recordings
+    trim: float  # with the constant wrench and thrust of each run as well
+    measured: float  # of the real recordings
 
     def parts(self):
         """Squares of what each part adds, as shares of the measured error's: noise, disturbance,

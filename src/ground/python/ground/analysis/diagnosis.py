@@ -1,4 +1,4 @@
-"""Which physical effect a model lacks (DESIGN 7).
+"""Which physical effect a model lacks.
 
 A set of effects is sought by which the recorded poses are likeliest, a random disturbance being
 part of the model (ground.analysis.search). Each effect has to raise the likelihood of what it
@@ -35,8 +35,8 @@ SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical
 SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
 MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 REFUSED = "it raises the error on the runs held out"
-MOST = 0.75  # of the parts held out that memory makes likelier
-ROUNDS = 3  # of looking for effects and for what differs between runs in turn
+MOST = 0.75  # least share of the held-out parts that memory has to make likelier
+ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
 FLOORS = 5  # simulations that the noise floor is the mean of
 
 
@@ -172,7 +172,7 @@ class Diagnosis:
         """held_out.Judged of a set of effects that was fitted."""
         if names not in self.judged:
             fit = self.search.fits[names]
-            what = ("judged", sorted(names), fit.model.format())
+            what = ("judged", sorted(self.likelihood.varying), sorted(names), fit.model.format())
             self.judged[names] = self.kept.result(what, lambda: self.folds.judge(fit))
         return self.judged[names]
 

@@ -1,4 +1,4 @@
-"""What a diagnosis found, as the dictionary of DESIGN 8 (schema ground/diagnosis/1)."""
+"""What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 from ground.analysis import bands, candidates, next_experiment, study, unexplained
 

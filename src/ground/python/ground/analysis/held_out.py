@@ -1,4 +1,4 @@
-"""How models fare on runs that they were not fitted to: error (DESIGN 8) and log-likelihood."""
+"""Simulation error and log-likelihood of models on runs that they were not fitted to."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.unfinished import can_be_kept
-from ground.recordings import windows
 
 FOLDS = 4  # largest number of parts that are held out one after the other
 

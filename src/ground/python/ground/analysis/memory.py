@@ -13,7 +13,7 @@ from typing import Any, Tuple
 from scipy import stats
 
 from ground.analysis import candidates
-from ground.analysis.score_tests import ScoreTests, stepped
+from ground.analysis.score_tests import ScoreTests
 from ground.analysis.unfinished import can_be_kept
 from ground.errors import IdentifyError
 

@@ -1,4 +1,4 @@
-"""The experiment that would tell apart effects that recorded runs do not (DESIGN 7.6)."""
+"""The experiment that would tell apart effects that recorded runs do not."""
 import dataclasses
 import itertools
 import math

@@ -44,7 +44,7 @@ def of_state(likelihood, fit):
 
 
 def of_history(likelihood, fit):
-    """What the past of commands and speeds would explain beyond the present."""
+    """What the past of the commands would explain beyond the present."""
     return _explained(likelihood, fit, _history_features)
 
 

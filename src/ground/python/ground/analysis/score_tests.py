@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ground.analysis import candidates as effects, study
+from ground.analysis import candidates as effects
 
 UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
 

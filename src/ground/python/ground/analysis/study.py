@@ -151,7 +151,7 @@ def free_parameters(model):
 def channel_errors(runs, chosen, model, truth=None):
     """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
 
-    Their sum is the error of DESIGN 8. Raises IdentifyError when the model cannot be simulated.
+    Their sum is the error that reports give. Raises IdentifyError when the model cannot be simulated.
     """
     samples = [w.last - w.first + 1 for w in chosen]
     return np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
