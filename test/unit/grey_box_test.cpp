@@ -132,6 +132,56 @@ TEST(GreyBox, NoNeighbourIsLikelier) {
   }
 }
 
+TEST(GreyBox, EndsWhereTheLikelihoodIsLargestFromFarLevels) {
+  // What an effect leaves when it is added: levels that are much too high for it.
+  const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
+  const GreyBoxFit fit = box.fit(box.start(craft()), far());
+  GreyBoxPoint loud = fit.point;
+  loud.levels.sigma *= 8;
+  loud.levels.white *= 3;
+  GreyBoxOptions near = far();
+  near.far = false;
+  const GreyBoxFit again = box.fit(loud, near);
+  EXPECT_TRUE(again.converged);
+  EXPECT_NEAR(again.log_posterior, fit.log_posterior, 0.1);
+}
+
+TEST(GreyBox, IntervalsHoldTheTruth) {
+  int held = 0, count = 0;
+  double wider = 0;
+  for (unsigned seed = 100; seed < 300; seed += 10) {
+    const GreyBox box(disturbedRuns(craft(), 0.03, 3, seed), craft().body);
+    GreyBoxOptions options = far();
+    const GreyBoxFit fit = box.fit(box.start(craft()), options);
+    const std::vector<FittedParameter> found = box.intervals(fit, options);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      const double truth = craft().value(found[i].name);
+      held += found[i].lower < truth && truth < found[i].upper;
+      wider += (found[i].upper - found[i].lower) / (fit.parameters[i].upper - fit.parameters[i].lower);
+      ++count;
+    }
+  }
+  // Of 100 intervals, five of a run together: three deviations of the share.
+  EXPECT_GE(held, 0.85 * count);
+  EXPECT_GT(wider / count, 1.0);
+  EXPECT_LT(wider / count, 1.5);
+}
+
+TEST(GreyBox, WhatMotionCannotTellStaysAsItWas) {
+  // Masses, dampings and thrust that are all larger by the same factor move alike.
+  Model model = craft();
+  const GreyBox box(disturbedRuns(model, 0.02, 4), model.body);
+  model.addEffect(makeEffect("added_mass"));
+  std::vector<std::string> free = kFive;
+  free.push_back("added_mass.mx");
+  free.push_back("added_mass.my");
+  model.setValue("added_mass.my", 0.1 * model.body.m);
+  const GreyBoxFit fit = box.fit(box.start(model), far(free));
+  EXPECT_TRUE(fit.converged);
+  for (const FittedParameter& p : fit.parameters) EXPECT_FALSE(p.identified) << p.name;
+  EXPECT_NEAR(fit.point.model.value("k") / craft().value("k"), 1, 0.1);
+}
+
 TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
   // Of the free-signed effects below, one parameter each: the gain is chi squared of one degree.
   const std::vector<std::string> effects = {"thrust_asymmetry", "thrust_sway_moment", "yaw_bias",

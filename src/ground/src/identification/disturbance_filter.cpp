@@ -410,7 +410,7 @@ void correctDeviation(const FilterSample& s, const double* unseen, double* x, do
 }  // namespace
 
 RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
-                                    std::vector<FilterBelief>* kept) const {
+                                    std::vector<FilterBelief>* kept, Fixed fixed) const {
   const int n = static_cast<int>(free.index.size());
   const int groups = (n + Jet::kDirections - 1) / Jet::kDirections, count = groups * Jet::kDirections;
   std::vector<Dynamics<Jet>> dynamics;
@@ -483,7 +483,8 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
       simulations[g].state() = here;
       simulations[g].advance(run_.times[k + 1]);
       const RigidState<Jet>& to = simulations[g].state();
-      const Vector3<Jet> pushed = mobility[g] * s.push.cast<Jet>();
+      Vector3<Jet> pushed = Vector3<Jet>::Constant(Jet(0.0));
+      if (fixed == Fixed::kWrench) pushed = mobility[g] * s.push.cast<Jet>();
       for (int j = 0; j < Jet::kDirections; ++j) {
         const int column = g * Jet::kDirections + j;
         for (int i = 0; i < 3; ++i) {

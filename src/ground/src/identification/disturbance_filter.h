@@ -54,6 +54,11 @@ struct RunLevelScores {
   Eigen::MatrixXd information;
 };
 
+/// What of a disturbance stays the same when parameters change: its wrench, as the model has it, or
+/// the acceleration that was seen. A craft twice as heavy under twice the wrenches moves alike, and
+/// the wrench's level is fitted: only by accelerations does the mass stay as unknown as it is.
+enum class Fixed { kWrench, kAcceleration };
+
 class DisturbanceFilter {
  public:
   /// The run has to outlive it.
@@ -67,7 +72,8 @@ class DisturbanceFilter {
   /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
   /// the beliefs in `kept`, in ascending order of their samples.
   RunScores scores(const Model& model, const Free& free, double block,
-                   std::vector<FilterBelief>* kept = nullptr) const;
+                   std::vector<FilterBelief>* kept = nullptr,
+                   Fixed fixed = Fixed::kWrench) const;
   /// By the logarithms of the levels, all samples together.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
   /// Whitened innovations' response to wrenches, held from sample to sample, (3 n, columns).

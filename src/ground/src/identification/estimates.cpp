@@ -25,33 +25,41 @@ double conditionOf(const Uncertainty& u) {
   return eigen(0) > 0 ? eigen(eigen.size() - 1) / eigen(0) : kInfinity;
 }
 
+double quantileOf(double freedom) {
+  return boost::math::quantile(boost::math::students_t(freedom), 0.975);
+}
+
+FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
+                           double scaled, double deviation, double quantile, double before) {
+  const double at = scaled * free.scale[i], spread = deviation * free.scale[i];
+  const double value = std::clamp(info.fromCoordinate(at), info.lower, info.upper);
+  const bool identified = std::isfinite(spread);
+  double low = info.lower, high = info.upper;
+  if (identified) {
+    low = info.fromCoordinate(std::max(at - quantile * spread, free.lower[i]));
+    high = info.fromCoordinate(std::min(at + quantile * spread, free.upper[i]));
+    if (low > high) std::swap(low, high);
+  }
+  const double slope = free.reciprocal[i] ? value * value : 1;
+  const double margin = 1e-4 * free.scale[i];
+  const bool at_bound = at - free.lower[i] < margin || free.upper[i] - at < margin;
+  return {info.name, info.unit, before, value, low, high, slope * spread, at_bound, identified};
+}
+
 std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,
                                          const std::vector<double>& scaled, const Model& start,
                                          const Model& fitted) {
   const int n = static_cast<int>(free.index.size());
-  const std::vector<double> coordinates = free.coordinates(scaled.data());
   const auto infos = fitted.parameters();
-  const std::vector<double> before = start.values(), after = fitted.values();
-  const boost::math::students_t t(std::max(1, u.blocks - n));
-  const double quantile = boost::math::quantile(t, 0.975);
+  const std::vector<double> before = start.values();
+  const double quantile = quantileOf(std::max(1, u.blocks - n));
   std::vector<FittedParameter> result;
   for (int i = 0; i < n; ++i) {
-    const ParameterInfo& info = infos[free.index[i]];
-    const double at = coordinates[free.index[i]], value = after[free.index[i]];
-    const double deviation = std::sqrt(std::max(u.covariance(i, i), 0.0));
-    const double spread = u.identified[i] ? deviation * free.scale[i] : kInfinity;
-    const double half = quantile * spread;
-    double low = info.lower, high = info.upper;
-    if (u.identified[i]) {
-      low = info.fromCoordinate(std::max(at - half, free.lower[i]));
-      high = info.fromCoordinate(std::min(at + half, free.upper[i]));
-      if (low > high) std::swap(low, high);
-    }
-    const double slope = info.coordinate == Coordinate::kReciprocal ? value * value : 1;
-    const double margin = 1e-4 * free.scale[i];
-    const bool at_bound = at - free.lower[i] < margin || free.upper[i] - at < margin;
-    result.push_back({info.name, info.unit, before[free.index[i]], value, low, high, slope * spread,
-                      at_bound, bool(u.identified[i])});
+    const int at = free.index[i];
+    const double deviation =
+        u.identified[i] ? std::sqrt(std::max(u.covariance(i, i), 0.0)) : kInfinity;
+    result.push_back(estimateOf(infos[at], free, static_cast<std::size_t>(i), scaled[i], deviation,
+                                quantile, before[at]));
   }
   return result;
 }

@@ -14,6 +14,15 @@ Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free);
 /// Condition number of the scaled information; infinite when it is singular.
 double conditionOf(const Uncertainty& u);
 
+/// Quantile of Student's t that ends a 95% interval.
+double quantileOf(double freedom);
+
+/// What is told of the free parameter `i`: its value before the fit and its interval of `quantile`
+/// deviations to either side. `scaled` and `deviation` are of its coordinate over its scale; an
+/// infinite deviation means that the data do not tell it.
+FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
+                           double scaled, double deviation, double quantile, double before);
+
 /// Values with 95% intervals by Student's t; `scaled` are the fitted coordinates over scale.
 std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,
                                          const std::vector<double>& scaled, const Model& start,

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,6 +13,7 @@
 
 #include "descent.h"
 #include "disturbance_filter.h"
+#include "estimates.h"
 #include "forecast.h"
 #include "free_parameters.h"
 #include "parallel.h"
@@ -30,7 +32,7 @@ constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
 constexpr double kVague = 0.3;  // deviation of parameters without information, in parts of the scale
 
 /// Levels whose strength follows the loudness of the run: sigma and white.
-constexpr int kFirstTrim = 11;  // of the levels
+constexpr int kFirstTime = 3, kFirstTrim = 11;  // of the levels
 constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};
 
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
@@ -99,6 +101,17 @@ class Search {
     return found[0];
   }
 
+  /// Of the free parameters as far as it does not take the disturbance's level for known.
+  Eigen::MatrixXd information(const GreyBoxPoint& point, const Free& free) const {
+    std::vector<Eigen::MatrixXd> found(filters_.size());
+    inParallel(filters_.size(), threads_, [&](std::size_t i) {
+      found[i] =
+          filters_[i].scores(point.model, free, 1e9, nullptr, Fixed::kAcceleration).information;
+    });
+    for (std::size_t i = 1; i < found.size(); ++i) found[0] += found[i];
+    return found[0];
+  }
+
   std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point) const {
     std::vector<RunLevelScores> found(filters_.size());
     inParallel(filters_.size(), threads_, [&](std::size_t i) {
@@ -161,6 +174,58 @@ void setCoordinates(Model& model, const std::vector<double>& coordinates) {
   model.setValues(values);
 }
 
+/// What an information tells of each parameter.
+struct Known {
+  Eigen::VectorXd variance;      ///< of coordinates over scale, by the directions that are seen
+  std::vector<bool> identified;  ///< false: takes part in a direction that is not
+  Eigen::MatrixXd unseen;        ///< orthonormal columns: directions along which nothing changes
+  double volume;                 ///< logarithm of the information's determinant, as far as seen
+};
+
+Known knownBy(const Eigen::MatrixXd& information) {
+  const Eigen::Index n = information.rows();
+  const Eigen::VectorXd size =
+      information.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  const Eigen::MatrixXd even =
+      size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
+  constexpr double kUnseen = 1e-10, kTakesPart = 1e-12;  // of the largest eigenvalue; of a direction
+  Eigen::Index first = 0;  // direction that is seen
+  while (first < n && !(eigen.eigenvalues()(first) > kUnseen * eigen.eigenvalues()(n - 1))) ++first;
+  const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.eigenvectors();
+  Known known;
+  known.variance = directions.rightCols(n - first).cwiseAbs2() *
+                   eigen.eigenvalues().tail(n - first).cwiseInverse();
+  for (Eigen::Index i = 0; i < n; ++i)
+    known.identified.push_back(
+        eigen.eigenvectors().row(i).head(first).squaredNorm() < kTakesPart &&
+        known.variance(i) < kUnidentified * kUnidentified);
+  known.volume = eigen.eigenvalues().tail(n - first).array().log().sum() +
+                 2 * size.array().log().sum();
+  known.unseen = directions.leftCols(first).householderQr().householderQ() *
+                 Eigen::MatrixXd::Identity(n, first);
+  return known;
+}
+
+/// Values with 95% intervals; `freedom`: degrees of each parameter, none: the levels of what is
+/// random count as known.
+std::vector<FittedParameter> estimates(const Model& model, const Free& free,
+                                       const std::vector<double>& scaled,
+                                       const Known& known, const std::vector<double>& freedom) {
+  std::vector<FittedParameter> result;
+  const auto infos = model.parameters();
+  for (std::size_t i = 0; i < scaled.size(); ++i) {
+    constexpr double kNormal = 1.959964;
+    const double deviation =
+        known.identified[i] ? std::sqrt(known.variance(static_cast<Eigen::Index>(i))) : kInfinity;
+    const ParameterInfo& info = infos[free.index[i]];
+    result.push_back(detail::estimateOf(info, free, i, scaled[i], deviation,
+                                        freedom.empty() ? kNormal : detail::quantileOf(freedom[i]),
+                                        info.fromCoordinate(free.base[free.index[i]])));
+  }
+  return result;
+}
+
 /// Ascends to the likeliest point.
 class Ascent {
  public:
@@ -198,13 +263,16 @@ class Ascent {
     return search_.evaluate(point, cap) + prior_(point);
   }
 
-  void derive() {
-    if (!free_.index.empty()) {
-      RunScores found = search_.scores(point_, free_);
-      score_ = found.score.colwise().sum().transpose();
-      information_ = found.information;
-    }
-    if (options_.levels) deriveLevels();
+  void deriveParameters() {
+    RunScores found = search_.scores(point_, free_);
+    score_ = found.score.colwise().sum().transpose();
+    information_ = found.information;
+    if (unseen_.cols() == 0) return;
+    // What the recordings cannot tell stays as it was.
+    unseen_ = knownBy(search_.information(point_, free_)).unseen;
+    score_ -= unseen_ * (unseen_.transpose() * score_);
+    const Eigen::MatrixXd across = information_ * unseen_ * unseen_.transpose();
+    information_ += unseen_ * (unseen_.transpose() * across) - across - across.transpose();
   }
 
   /// Levels, then the loudness of each run: its derivatives are sums of those by the run's levels.
@@ -267,58 +335,94 @@ class Ascent {
     return true;
   }
 
+  /// Parameters and levels take turns: their joint information is zero, but far from the top a
+  /// step of the levels may overshoot where one of the parameters does as expected.
   void climb(double cap) {
-    double best = value(point_, cap);
-    if (!std::isfinite(best))
+    best_ = value(point_, cap);
+    if (!std::isfinite(best_))
       throw std::runtime_error("the model's motion along the recordings is not finite");
-    double damping = 1e-3;
-    converged_ = false;
-    for (int i = 0; i < options_.max_iterations && !converged_; ++i, ++iterations_) {
-      derive();
-      bool better = false;
-      for (int trial = 0; trial < 8 && !better; ++trial) {
-        GreyBoxPoint other = point_;
-        std::vector<double> scaled = scaled_;
-        double expected = 0;
-        if (!scaled.empty()) {
-          const Eigen::VectorXd step = boundedStep(information_, score_, damping, free_, scaled_);
-          for (std::size_t j = 0; j < scaled.size(); ++j) scaled[j] += step(j);
-          expected += score_.dot(step) - 0.5 * step.dot(information_ * step);
-          setCoordinates(other.model, free_.coordinates(scaled.data()));
-        }
-        if (options_.levels) {
-          Eigen::MatrixXd damped = level_information_;
-          damped.diagonal() *= 1 + damping;
-          Eigen::VectorXd step = damped.ldlt().solve(level_score_);
-          expected += level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
-          step = step.cwiseMax(-kLongestLevel).cwiseMin(kLongestLevel);
-          other.levels = fromLogs(logs(other.levels) + step.head<kLevels>());
-          for (std::size_t r = 0; r < other.loudness.size(); ++r)
-            other.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
-        }
-        const double found = value(other, cap);
-        if (std::isfinite(found) && found > best - 1e-9) {
-          converged_ = found - best < kSettled && expected < 2 * kSettled;
-          better = true;
-          best = found;
-          point_ = other;
-          scaled_ = scaled;
-          damping = std::max(1e-6, damping * (trial == 0 ? 0.2 : 1));
-        } else {
-          if (expected < kSettled) break;
-          damping *= trial < 2 ? 10 : 30;
-        }
+    // Slow and white parts stand in for each other: the levels' steps swing unless damped.
+    Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
+    if (!scaled_.empty()) unseen_ = knownBy(search_.information(point_, free_)).unseen;
+    int i = 0;
+    for (; i < options_.max_iterations && !(parameters.settled && levels.settled); ++i) {
+      if (!parameters.settled) {
+        deriveParameters();
+        take(parameters, levels, cap, &Ascent::moveParameters);
       }
-      if (!better) {
-        value(point_, cap);  // back to where derivatives belong
-        converged_ = true;
+      if (!levels.settled) {
+        deriveLevels();
+        take(levels, parameters, cap, &Ascent::moveLevels);
       }
     }
-    best_ = best;
+    iterations_ += i;
+    converged_ = parameters.settled && levels.settled;
+  }
+
+  /// Of the parameters, or of the levels.
+  struct Turn {
+    bool absent;
+    double damping, least;  ///< at the start, at the least
+    double calmer;          ///< factor on the damping after a step that did as expected
+    bool settled = absent;
+  };
+
+  /// Moves a point and its parameters by a damped step; returns the gain that is expected.
+  using Move = double (Ascent::*)(double damping, GreyBoxPoint&, std::vector<double>& scaled) const;
+
+  double moveParameters(double damping, GreyBoxPoint& point, std::vector<double>& scaled) const {
+    const Eigen::VectorXd step = boundedStep(information_, score_, damping, free_, scaled_);
+    for (std::size_t j = 0; j < scaled.size(); ++j) scaled[j] += step(static_cast<Eigen::Index>(j));
+    setCoordinates(point.model, free_.coordinates(scaled.data()));
+    return score_.dot(step) - 0.5 * step.dot(information_ * step);
+  }
+
+  double moveLevels(double damping, GreyBoxPoint& point, std::vector<double>&) const {
+    Eigen::MatrixXd damped = level_information_;
+    damped.diagonal() *= 1 + damping;
+    Eigen::VectorXd step = damped.ldlt().solve(level_score_);
+    const double expected = level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
+    for (Eigen::Index i = 0; i < step.size(); ++i) {
+      // Scoring would change the square of a deviation alone by 2 step of it, where it is likeliest.
+      if (i < kFirstTime || i >= kFirstTime + 3)
+        step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
+      step(i) = std::clamp(step(i), -kLongestLevel, kLongestLevel);
+    }
+    point.levels = fromLogs(logs(point.levels) + step.head<kLevels>());
+    for (std::size_t r = 0; r < point.loudness.size(); ++r)
+      point.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
+    return expected;
+  }
+
+  /// One step uphill.
+  void take(Turn& turn, Turn& other_turn, double cap, Move move) {
+    for (int trial = 0; trial < 8; ++trial) {
+      GreyBoxPoint other = point_;
+      std::vector<double> scaled = scaled_;
+      const double expected = (this->*move)(turn.damping, other, scaled);
+      const double found = value(other, cap), gain = found - best_;
+      if (std::isfinite(found) && gain > -1e-9) {
+        point_ = other;
+        scaled_ = scaled;
+        best_ = found;
+        turn.settled = gain < kSettled && expected < 2 * kSettled;
+        if (gain > kSettled) other_turn.settled = other_turn.absent;
+        const double trust = gain / expected;
+        turn.damping = std::max(turn.least, turn.damping * (trust > 0.5    ? turn.calmer
+                                                            : trust < 0.25 ? 4
+                                                                           : 1));
+        return;
+      }
+      if (expected < kSettled) break;
+      turn.damping *= trial < 2 ? 10 : 30;
+    }
+    turn.settled = true;
+    value(point_, cap);  // back to where derivatives belong
   }
 
   GreyBoxFit result() {
-    derive();
+    if (!free_.index.empty()) information_ = search_.information(point_, free_);
+    if (options_.levels) deriveLevels();
     GreyBoxFit fit;
     fit.point = point_;
     fit.by_run = search_.byRun();
@@ -330,53 +434,12 @@ class Ascent {
     }
     fit.information = information_;
     fit.scale = free_.scale;
-    fit.parameters = parameters();
+    if (!scaled_.empty())
+      fit.parameters = estimates(point_.model, free_, scaled_, knownBy(information_), {});
     fit.level_information = level_information_;
     fit.iterations = iterations_;
     fit.converged = converged_;
     return fit;
-  }
-
-  /// Values with 95% intervals by the information.
-  std::vector<FittedParameter> parameters() const {
-    const auto n = static_cast<Eigen::Index>(scaled_.size());
-    std::vector<FittedParameter> result;
-    if (n == 0) return result;
-    const Eigen::VectorXd size =
-        information_.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
-    const Eigen::MatrixXd even =
-        size.cwiseInverse().asDiagonal() * information_ * size.cwiseInverse().asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
-    constexpr double kUnseen = 1e-10;  // of the largest eigenvalue
-    const Eigen::VectorXd inverse = eigen.eigenvalues().unaryExpr([&](double value) {
-      return value > kUnseen * eigen.eigenvalues()(n - 1) ? 1 / value : 0.0;
-    });
-    const auto infos = point_.model.parameters();
-    const std::vector<double> values = point_.model.values();
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      const Eigen::VectorXd row = eigen.eigenvectors().row(i);
-      double unseen = 0;
-      for (Eigen::Index j = 0; j < n; ++j)
-        if (inverse(j) == 0) unseen += row(j) * row(j);
-      const double deviation =
-          std::sqrt(row.cwiseAbs2().dot(inverse)) / size(i);  // in parts of the scale
-      const bool identified = unseen < 0.01 && deviation < kUnidentified;
-      const ParameterInfo& info = infos[free_.index[at]];
-      const double coordinate = scaled_[at] * free_.scale[at], value = values[free_.index[at]];
-      const double spread = identified ? deviation * free_.scale[at] : kInfinity;
-      constexpr double kQuantile = 1.959964;
-      double low = info.lower, high = info.upper;
-      if (identified) {
-        low = info.fromCoordinate(std::max(coordinate - kQuantile * spread, free_.lower[at]));
-        high = info.fromCoordinate(std::min(coordinate + kQuantile * spread, free_.upper[at]));
-        if (low > high) std::swap(low, high);
-      }
-      const double slope = free_.reciprocal[at] ? value * value : 1;
-      result.push_back({info.name, info.unit, free_.base[free_.index[at]], value, low, high,
-                        slope * spread, free_.inward(at, scaled_[at]) != 0, identified});
-    }
-    return result;
   }
 
   Search& search_;
@@ -386,7 +449,7 @@ class Ascent {
   Free free_;
   std::vector<double> scaled_;
   Eigen::VectorXd score_;
-  Eigen::MatrixXd information_;
+  Eigen::MatrixXd information_, unseen_;
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
   double best_ = 0;
@@ -474,6 +537,53 @@ GreyBoxPoint GreyBox::start(const Model& model) const {
 GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const {
   Search search(runs_, max_gap_, options.threads);
   return Ascent(search, prior_, start, options).run();
+}
+
+std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
+                                                const GreyBoxOptions& options) const {
+  if (options.free.empty()) return {};
+  Search search(runs_, max_gap_, options.threads);
+  const Free free = makeFree(fit.point.model, options.free);
+  std::vector<double> scaled;
+  for (std::size_t i = 0; i < free.index.size(); ++i)
+    scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+  const Eigen::Index count = fit.level_information.rows();
+  const auto at = [&](const Eigen::VectorXd& away) {  // of levels' logarithms and loudness
+    GreyBoxPoint point = fit.point;
+    point.levels = fromLogs(logs(point.levels) + away.head<kLevels>());
+    point.loudness.resize(runs_.size(), 0.0);
+    for (std::size_t r = 0; r < runs_.size(); ++r)
+      point.loudness[r] += away(kLevels + static_cast<Eigen::Index>(r));
+    search.evaluate(point, options.cap);
+    return knownBy(search.information(point, free));
+  };
+  const auto& names = DisturbanceLevels::names();
+  Eigen::MatrixXd slopes =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
+  Eigen::VectorXd lost = Eigen::VectorXd::Zero(count);
+  for (int c = 0; c < count; ++c) {
+    constexpr double kStep = 0.3;  // of a logarithm: the slope of a mean over what is likely
+    if (c < kLevels && std::count(options.held.begin(), options.held.end(), names[c])) continue;
+    const Eigen::VectorXd away = kStep * Eigen::VectorXd::Unit(count, c);
+    const Known more = at(away), less = at(-away);
+    slopes.col(c) = (more.variance - less.variance) / (2 * kStep);
+    lost(c) = (less.volume - more.volume) / (2 * kStep);
+  }
+  // Levels come out low, for the parameters follow some of what is random: one Newton step to where
+  // the restricted likelihood is largest (Patterson and Thompson 1971).
+  const Eigen::LDLT<Eigen::MatrixXd> levels(fit.level_information);
+  const Eigen::VectorXd away = 0.5 * levels.solve(lost);
+  const Known known = at(away);
+  const Eigen::VectorXd& variance = known.variance;
+  // Twice the squared mean over the variance: of the estimated variances (Satterthwaite 1946).
+  const Eigen::MatrixXd doubt = slopes * levels.solve(slopes.transpose());
+  constexpr double kLeast = 3, kMost = 1e6;  // degrees of freedom
+  std::vector<double> freedom;
+  for (Eigen::Index i = 0; i < variance.size(); ++i)
+    freedom.push_back(doubt(i, i) > 0
+                          ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i), kLeast, kMost)
+                          : kMost);
+  return estimates(fit.point.model, free, scaled, known, freedom);
 }
 
 std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap,

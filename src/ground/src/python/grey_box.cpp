@@ -86,6 +86,29 @@ void bindGreyBox(py::module_& module) {
           py::arg("start"), py::arg("free"), py::arg("levels") = true,
           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
           py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
+      .def(
+          "intervals",
+          [](const GreyBox& box, const GreyBoxPoint& point, const Eigen::MatrixXd& level_information,
+             const std::vector<std::string>& free, std::vector<std::string> held, double cap,
+             int threads) {
+            GreyBoxFit fit;
+            fit.point = point;
+            fit.level_information = level_information;
+            GreyBoxOptions options;
+            options.free = free;
+            options.held = std::move(held);
+            options.cap = cap;
+            options.threads = threads;
+            std::vector<FittedParameter> found;
+            {
+              const py::gil_scoped_release release;
+              found = box.intervals(fit, options);
+            }
+            return toList(found);
+          },
+          py::arg("point"), py::arg("level_information"), py::arg("free"),
+          py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
+          py::arg("threads") = 1)
       .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1,
            py::call_guard<py::gil_scoped_release>())

@@ -119,9 +119,15 @@ class GreyBox {
   /// that start low make the filter sure of itself, and it loses the craft.
   GreyBoxPoint start(const Model& model) const;
 
-  /// Throws std::invalid_argument on unknown parameters or levels, std::runtime_error when the model's motion
-  /// is not finite at the start.
+  /// Throws std::invalid_argument on unknown parameters or levels, std::runtime_error when the
+  /// model's motion is not finite at the start.
   GreyBoxFit fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const;
+
+  /// The free parameters of a fit under the same options, with 95% intervals that allow for how
+  /// well the levels are known: Student's t, its degrees of freedom by Satterthwaite (1946). The
+  /// fit's own intervals count the levels as known.
+  std::vector<FittedParameter> intervals(const GreyBoxFit& fit,
+                                         const GreyBoxOptions& options) const;
 
   /// Log-likelihood at a point: of each run, parted into blocks of about `block` seconds.
   std::vector<Eigen::VectorXd> likelihood(const GreyBoxPoint& point, double cap, double block,

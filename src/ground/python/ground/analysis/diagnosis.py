@@ -438,7 +438,7 @@ class Diagnosis:
         return Conclusion(
             self._verdict(explained, varies, history, state),
             self.model,
-            list(self.fit.parameters),
+            self.likelihood.intervals(self.fit),
             floor,
             self._held_out(heldout),
             self._nested(heldout),

@@ -111,6 +111,18 @@ class Likelihood:
             found["converged"],
         )
 
+    def intervals(self, fit):
+        """The fitted parameters, their 95% intervals allowing for how well the levels are known:
+        a list of dictionaries as Fit has them."""
+        return self.box.intervals(
+            fit.point,
+            fit.level_information,
+            list(fit.free),
+            held=list(self.absent),
+            cap=CAP,
+            threads=self.threads,
+        )
+
     def blocks(self, fit, loudness=()):
         """Log-likelihood of blocks of time under another fit, one array a run."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
