@@ -32,14 +32,13 @@ def diagnose(runs, heldout, model, thorough=False):
         conclusion = found.conclude(heldout)
     except IdentifyError as error:
         return {"failed": str(error)}
-    first = found.tried[0] if found.tried else []
     told = {
         "seconds": time.perf_counter() - start,
         "verdict": conclusion.verdict,
         "chosen": [c.name for c in found.chosen],
-        "groups": {s["added"]: s["group"] for s in found.steps if "added" in s},
-        "first": [t.name for t in first[:3]],
-        "p_values": {t.name: t.p_value for t in first},
+        "groups": {s.added: list(s.group) for s in found.steps},
+        "first": [t.name for t in found.tried[:3]],
+        "p_values": {t.name: t.p_value for t in found.tried},
         "errors": {
             "fit": [float(found.nominal.error.sum()), float(found.best.error.sum())],
             "steps": [float(error) for error in conclusion.heldout],

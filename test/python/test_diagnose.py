@@ -342,6 +342,6 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
     found = diagnosis.Diagnosis(runs, model, tried)
     found.grow()
-    assert found.conclude().verdict == verdict, [(t.name, t.gain) for t in found.tried[0]]
+    assert found.conclude().verdict == verdict, [(t.name, t.gain) for t in found.tried]
     if delay == 0.001:
         assert found.slight.name == "input_delay"

@@ -86,7 +86,7 @@ def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monk
 
 
 def test_p_values_know_bounds():
-    from ground.analysis.diagnosis import p_value
+    from ground.analysis.trials import p_value
     from scipy import stats
 
     assert p_value(0.0, 1, 1) == 1.0

@@ -10,18 +10,17 @@ be large enough to matter. What the grown model leaves is looked at last
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, List
+from typing import Any, List, Tuple
 
 import numpy as np
-from scipy import stats
 
-from ground.analysis import bands, budget, candidates as effects, held_out, memory, remains
-from ground.analysis import study, varying
+from ground.analysis import bands, budget, held_out, look_alikes, memory, remains, study, trials
+from ground.analysis import varying
 from ground.analysis.likelihood import Likelihood
-from ground.analysis.score_tests import UNSEEN, stepped
+from ground.analysis.score_tests import UNSEEN
 from ground.analysis.search import Criteria, Search
+from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
-from ground.errors import IdentifyError
 from ground.recordings import windows
 
 EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
@@ -31,43 +30,22 @@ MIN_INFLUENCE = 0.3
 # ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a
 # PRBS, 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
-SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
-SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
-MOVED = 0.05  # of its value: a parameter that takes over what an effect does
 REFUSED = "it raises the error on the runs held out"
 MOST = 0.75  # least share of the held-out parts that memory has to make likelier
 ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
 FLOORS = 5  # simulations that the noise floor is the mean of
 
 
-@dataclass
-class Trial:
-    """An effect beside the nominal model."""
+@dataclass(frozen=True)
+class Step:
+    """An effect that was added."""
 
-    name: str
-    model: Any  # _core.Model; refitted, or moved by one step of the score test
-    parameters: List[dict]  # of the effect: name, unit, value, ci95, identified
-    gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
-    p_value: float  # of this effect alone
-    chance: float  # the same, corrected for the number of effects tried
-    delta_bic: float
-    seen: bool  # whether it does anything that the model without cannot take over
-    refitted: bool
-    equal: bool = False  # to the best one, as far as the data tell
-    inclusion: float = 0.0
-    fit: Any = None  # held_out.Judged
-    influence: float = None  # change of the motion by it, in parts of what the poses' noise leaves
+    added: str
+    fit: Any  # held_out.Judged of the model with it
+    group: Tuple[str, ...]  # effects that the data cannot tell from it, itself first
 
 
-@dataclass
-class Dropped:
-    """An effect that the likelihood asks for and that was not added."""
-
-    trial: Trial
-    why: str
-
-
-@dataclass
+@dataclass(frozen=True)
 class Conclusion:
     """What a diagnosis comes to."""
 
@@ -119,9 +97,9 @@ class Diagnosis:
         self.chosen = []  # Candidates, in the order of their choice
         self.steps = []
         self.dropped = []
-        self.slight = None  # Trial that the poses prefer and that is too small to matter
+        self.slight = None  # trials.Trial that the poses prefer and that is too small to matter
         self.slight_sets = None  # of effects, with it and without
-        self.tried = []
+        self.tried = []  # trials.Trials beside the nominal model, best first
         self.memory = None  # memory.Memory beside the grown model
         self.say("fitting %s as it is" % model.name)
         self.varied = Likelihood(runs, model)  # with all that may differ between runs
@@ -179,7 +157,7 @@ class Diagnosis:
     def grow(self):
         """Adds the effects that earn their place."""
         found = self._found()
-        self.tried = [self._trials()]
+        self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
                 self._drop(better, name, self._refuted(better, found))
@@ -262,10 +240,9 @@ class Diagnosis:
         self.search.without(found, name)
         trial = self._trial_in(found, name)
         if why == "slight":
-            trial.influence = self._influence(
-                self.search.fits[found], self.search.fits[found - {name}]
-            )
-            self.slight, self.slight_sets = trial, (found, found - {name})
+            influence = self._influence(self.search.fits[found], self.search.fits[found - {name}])
+            self.slight = replace(trial, influence=influence)
+            self.slight_sets = found, found - {name}
         else:
             self.dropped.append(Dropped(trial, why))
         told = "it is too small to matter" if why == "slight" else why
@@ -300,50 +277,42 @@ class Diagnosis:
         return rest
 
     def _order(self, found):
-        """The steps by which the error falls: what score tests find most promising first."""
-        path, current = [], frozenset()
-        while current != found:
-            tests = self.search.test_beside(current)
-            rest = sorted(found - current, key=lambda n: -tests.test((n,))[0])
-            grown = ((name, self.search.fitted(current, name)) for name in rest)
-            name, current = next((pair for pair in grown if pair[1]), (None, None))
-            if name is None:
-                break
-            path.append(name)
+        """The steps by which the error falls: the effect that the set can best do without comes
+        last, and so on backwards. Forwards, an effect that does little until another is there
+        would come too early."""
+        path, current = [], found
+        while current:
+            fit = self.search.fits[current]
+            name = min(sorted(current), key=fit.ratio_without)
+            path.insert(0, name)
+            current = self.search.without(current, name)
         for name in path:
-            self.chosen.append(next(c for c in self.candidates if c.name == name))
+            self.chosen.append(self.search.candidates[name])
             judged = self.judge(self.names)
-            self.steps.append({"added": name, "fit": judged, "group": [name]})
+            self.steps.append(Step(name, judged, (name,)))
             self.say("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
 
     def _mark_equals(self):
         """Groups of effects that the data cannot tell from a chosen one."""
-        for step in self.steps:
-            step["group"] += self.search.rivals(self.names, step["added"])
-        first = self.steps[0]["group"] if self.steps else []
-        values = {}
-        for trial in self.tried[0]:
-            trial.equal = trial.name in first
-            if trial.refitted:
-                values[trial.name] = self.search.value(frozenset([trial.name]))
-        best = max(values.values(), default=0.0)
-        weights = {n: np.exp(min(0.0, v - best) / 2) for n, v in values.items()}
-        for trial in self.tried[0]:
-            trial.inclusion = float(
-                weights.get(trial.name, 0.0) / max(1e-300, sum(weights.values()))
-            )
-        self.tried[0].sort(key=lambda t: (t.name not in first[:1], t.delta_bic))
+        self.steps = [
+            replace(step, group=(step.added, *self.search.rivals(self.names, step.added)))
+            for step in self.steps
+        ]
+        first = self.steps[0].group if self.steps else ()
+        refitted = [t.name for t in self.tried if t.refitted]
+        values = {name: self.search.value(frozenset([name])) for name in refitted}
+        self.tried = trials.ranked(self.tried, first, values)
 
     # --- Effects beside the nominal model
 
     def _trials(self):
         """Trials of all effects beside the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
-        trials = [self._trial(c, tests) for c in self.candidates]
+        found = [self._trial(c, tests) for c in self.candidates]
         if self.budget is not None:
-            trials = [t for t in trials if t.refitted] or trials
-            trials = sorted(trials, key=lambda t: -t.gain)[: self.budget]
-        return sorted(trials, key=lambda t: t.delta_bic)
+            found = [t for t in found if t.refitted] or found
+            found = sorted(found, key=lambda t: -t.gain)[: self.budget]
+        return sorted(found, key=lambda t: t.delta_bic)
 
     def _trial(self, candidate, tests):
         name, names = candidate.name, frozenset([candidate.name])
@@ -364,56 +333,28 @@ class Diagnosis:
         )
 
     def _as_trial(self, name, model, parameters, gain, seen, refitted):
-        described = effects.parameters_of(model, name)
-        on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
-        chance = p_value(gain, len(described), on_bound)
-        bic = len(described) * np.log(self.samples) - gain
-        corrected = min(1.0, len(self.candidates) * chance)
-        return Trial(name, model, parameters, gain, chance, corrected, float(bic), seen, refitted)
+        tried = len(self.candidates)
+        return trials.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
 
-    def judge_all(self, trials):
-        """Errors of refitted trials on what they were not fitted to."""
-        for trial in trials:
-            names = frozenset([trial.name])
-            if trial.fit is None and names in self.search.fits:
-                trial.fit = self.judge(names)
+    def judged_of(self, trial):
+        """held_out.Judged of a refitted Trial beside the nominal model; None of another."""
+        names = frozenset([trial.name])
+        return self.judge(names) if names in self.search.fits else None
 
     # --- Effects that these runs cannot show
 
     def unseen(self):
         """Effects in no group that the grown model does without and that these runs could not
-        show: a list of LookAlikes."""
-        return [f for f in self.pool.map(self._look_alike, self.hidden_names()) if f]
+        show: a list of look_alikes.LookAlikes."""
+        found = self.pool.map(
+            lambda name: look_alikes.look_alike(self.search, self.names, name), self.hidden_names()
+        )
+        return [f for f in found if f]
 
     def hidden_names(self):
         """Effects in no group that are, to first order, a change of the grown model's parameters."""
-        tests = self.search.test_beside(self.names)
-        told = set(self.names) | {n for step in self.steps for n in step["group"]}
-        return [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
-
-    def _look_alike(self, name):
-        """The grown model with an effect of typical size, or a part of it, and all else
-        refitted, if these runs allow it; else None."""
-        neutral = self.search.candidates[name].neutral(self.model)
-        steps = self.search.test_beside(self.names).in_place(name, 1.0)
-        for part in SIZES:
-            try:
-                model = stepped(neutral, steps, part)
-                found = self.likelihood.fit(model, self.fit.free, self.fit, levels=False)
-            except IdentifyError:
-                continue
-            if found.log_posterior > self.fit.log_posterior - SETTLED:
-                return LookAlike(name, found, self._moved(found.model))
-        return None
-
-    def _moved(self, model):
-        """Which of the free parameters differ from those of the grown model, most first."""
-
-        def way(name):
-            a, b = self.model.value(name), model.value(name)
-            return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
-
-        return sorted((n for n in self.fit.free if way(n) > MOVED), key=lambda n: -way(n))
+        told = self.names.union(*(step.group for step in self.steps))
+        return look_alikes.names(self.search, self.names, told)
 
     # --- The end
 
@@ -517,32 +458,8 @@ class Diagnosis:
 
     def _held_out(self, heldout):
         """Errors on runs held out, of the nominal model and after each step."""
-        fits = [self.nominal] + [step["fit"] for step in self.steps]
+        fits = [self.nominal] + [step.fit for step in self.steps]
         if not heldout:
             return [float(fit.heldout.sum()) for fit in fits]
         cut = windows.cut(heldout)
         return [float(study.channel_errors(heldout, cut, fit.model).sum()) for fit in fits]
-
-
-@dataclass
-class LookAlike:
-    """An effect that on the runs does only what others can do."""
-
-    name: str  # of the effect
-    fit: Any  # likelihood.Fit of the grown model with the effect at some size, all else refitted
-    moved: List[str]  # parameters that do without what the effect does in this one
-
-
-def p_value(gain, free, on_bound):
-    """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of
-    `free` parameters `on_bound` have their neutral value at a bound: each of those stays there
-    half of the time, which makes the ratio a mixture (Self and Liang 1987; binomial weights,
-    exact for independent estimates)."""
-    if not gain > 0:
-        return 1.0
-    total = 0.0
-    for moved in range(on_bound + 1):
-        count = free - on_bound + moved
-        if count > 0:
-            total += stats.binom.pmf(moved, on_bound, 0.5) * stats.chi2.sf(gain, count)
-    return float(total)

@@ -35,11 +35,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "noise_floor": conclusion.heldout_floor,
         "candidates": _candidates(diagnosis, alike, thorough),
         "steps": [
-            dict(
-                {k: step[k] for k in ("added", "removed") if k in step},
-                error=_errors(step["fit"], error),
-                group=step["group"],
-            )
+            {"added": step.added, "error": _errors(step.fit, error), "group": list(step.group)}
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
         "slight": _slight(diagnosis),
@@ -128,15 +124,11 @@ def _disturbance(fit):
 
 def _candidates(diagnosis, alike, thorough):
     """The effects as they were tried beside the refitted nominal model, best first."""
-    if not diagnosis.tried:
-        return []
-    trials = diagnosis.tried[0]
-    chosen = {c.name for c in diagnosis.chosen}
-    told = [t for i, t in enumerate(trials) if thorough or i < LEAST_JUDGED or t.name in chosen]
-    diagnosis.judge_all(told)
-    taken_over = {a.name: a.moved for a in alike}
-    groups = {step["added"]: step["group"] for step in diagnosis.steps}
-    first = [t.name for t in trials if t.equal]
+    tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
+    told = {t.name for i, t in enumerate(tried) if thorough or i < LEAST_JUDGED} | chosen
+    taken_over = {a.name: list(a.moved) for a in alike}
+    groups = {step.added: list(step.group) for step in diagnosis.steps}
+    first = [t.name for t in tried if t.equal]
     return [
         {
             "effect": trial.name,
@@ -144,7 +136,7 @@ def _candidates(diagnosis, alike, thorough):
             "p_value": trial.chance,
             "delta_bic": float(trial.delta_bic),
             "inclusion": trial.inclusion,
-            "error": _errors(trial.fit),
+            "error": _errors(diagnosis.judged_of(trial) if trial.name in told else None),
             "selected": trial.name in chosen,
             "group": (
                 first
@@ -154,7 +146,7 @@ def _candidates(diagnosis, alike, thorough):
             "seen": trial.name not in taken_over,
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
-        for rank, trial in enumerate(trials, 1)
+        for rank, trial in enumerate(tried, 1)
     ]
 
 
@@ -182,8 +174,8 @@ def _next_experiment(diagnosis, alike, thorough):
         runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]
     for step in diagnosis.steps:
         rivals = []
-        for name in step["group"]:
-            names = (diagnosis.names - {step["added"]}) | {name}
+        for name in step.group:
+            names = (diagnosis.names - {step.added}) | {name}
             rivals.append(next_experiment.Rival(name, diagnosis.search.fits[names]))
         if len(rivals) > 1:
             return next_experiment.propose(rivals, runs, each)
@@ -194,7 +186,7 @@ def _next_experiment(diagnosis, alike, thorough):
         ]
         proposed = next_experiment.propose(rivals, runs, each)
         if proposed:
-            proposed["separates"] = [other.name] + other.moved
+            proposed["separates"] = [other.name, *other.moved]
             return proposed
     return None
 

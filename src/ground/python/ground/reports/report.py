@@ -50,11 +50,8 @@ def diagnosis(
     bands = words.bands(report)
     if bands:
         sheet.paragraph(bands)
-    steps = [("refitted as it is", report["nominal"]["error"]["heldout"])] + [
-        ("+ " + s["added"] if "added" in s else "− " + s["removed"], s["error"]["heldout"])
-        for s in report["steps"]
-    ]
-    sheet.figure(figures.fall(steps, report["noise_floor"], "held-out runs"), ERROR)
+    fall = figures.fall(words.steps(report), report["noise_floor"], "held-out runs")
+    sheet.figure(fall, ERROR)
     winner = " + ".join(report["improved"]["effects"])
     if most < len(runs):
         sheet.paragraph(

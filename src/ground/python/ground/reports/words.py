@@ -144,6 +144,16 @@ def _listed(names):
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
 
 
+def steps(report):
+    """What was added to the model, and the error on held-out runs after it: a list of pairs."""
+    found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
+    found += [("+ " + step["added"], step["error"]["heldout"]) for step in report["steps"]]
+    kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
+    if kind and proposal:
+        found.append(("+ %s (memory)" % kind["name"], proposal["error"]["heldout"]))
+    return found
+
+
 def verdict(report):
     """One sentence that says what a diagnosis came to."""
     before = report["nominal"]["error"]["heldout"]
@@ -383,10 +393,8 @@ def diagnosis(report):
             number(c["error"]["heldout"]),
             "; ".join(parameters(c["parameters"])),
         )
-    yield "error on held-out runs: %.3f refitted as it is" % report["nominal"]["error"]["heldout"]
-    for step in report["steps"]:
-        what = "with " + step["added"] if "added" in step else "without " + step["removed"]
-        yield "%29.3f %s" % (step["error"]["heldout"], what)
+    for i, (what, error) in enumerate(steps(report)):
+        yield "%-23s %5.3f %s" % ("" if i else "error on held-out runs:", error, what)
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
     yield from extent(report)
     yield from slight(report)

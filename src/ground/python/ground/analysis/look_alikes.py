@@ -1,0 +1,54 @@
+"""Effects that the runs cannot show: what they would do, others of the model do as well."""
+
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+from ground.analysis.score_tests import UNSEEN, stepped
+from ground.errors import IdentifyError
+
+SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
+SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
+MOVED = 0.05  # of its value: a parameter that takes over what an effect does
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """An effect that on the runs does only what others can do."""
+
+    name: str  # of the effect
+    fit: Any  # likelihood.Fit of the grown model with the effect at some size, all else refitted
+    moved: Tuple[str, ...]  # parameters that do without what the effect does in this one
+
+
+def names(search, chosen, told):
+    """Effects, but those told already, that are, to first order, a change of the parameters of the
+    model with the chosen ones."""
+    tests = search.test_beside(chosen)
+    return [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
+
+
+def look_alike(search, chosen, name):
+    """The model grown by the chosen effects with another of typical size, or a part of it, and all
+    else refitted, if the runs allow it: a LookAlike; else None."""
+    fit = search.fits[chosen]
+    neutral = search.candidates[name].neutral(fit.model)
+    steps = search.test_beside(chosen).in_place(name, 1.0)
+    for part in SIZES:
+        try:
+            model = stepped(neutral, steps, part)
+            found = search.likelihood.fit(model, fit.free, fit, levels=False)
+        except IdentifyError:
+            continue
+        if found.log_posterior > fit.log_posterior - SETTLED:
+            return LookAlike(name, found, _moved(fit, found.model))
+    return None
+
+
+def _moved(fit, model):
+    """Which of a fit's free parameters differ in another model, most first."""
+
+    def way(name):
+        a, b = fit.model.value(name), model.value(name)
+        return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
+
+    return tuple(sorted((n for n in fit.free if way(n) > MOVED), key=lambda n: -way(n)))

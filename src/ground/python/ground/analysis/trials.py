@@ -1,0 +1,72 @@
+"""Effects tried beside a model, and how sure the data are of each."""
+
+from dataclasses import dataclass, replace
+from typing import Any, List
+
+import numpy as np
+from scipy import stats
+
+from ground.analysis import candidates
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An effect beside a model without it."""
+
+    name: str
+    model: Any  # _core.Model with it; refitted, or moved by one step of the score test
+    parameters: List[dict]  # of the effect: name, unit, value, ci95, identified
+    gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
+    p_value: float  # of this effect alone
+    chance: float  # the same, corrected for the number of effects tried
+    delta_bic: float
+    seen: bool  # whether it does anything that the model without cannot take over
+    refitted: bool
+    equal: bool = False  # to the best one, as far as the data tell
+    inclusion: float = 0.0  # weight among the refitted ones, by likelihood
+    influence: float = None  # change of the motion by it, in parts of what the poses' noise leaves
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """An effect that the likelihood asks for and that was not added."""
+
+    trial: Trial
+    why: str
+
+
+def trial(name, model, parameters, gain, seen, refitted, tried, samples):
+    """A Trial; tried: number of effects of which it is one; samples: of the data."""
+    described = candidates.parameters_of(model, name)
+    on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
+    alone = p_value(gain, len(described), on_bound)
+    bic = float(len(described) * np.log(samples) - gain)
+    return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen, refitted)
+
+
+def ranked(trials, first, values):
+    """Trials, best first, with their weights. first: the group of effects chosen first; values:
+    twice the penalised log-likelihood of the refitted ones by name."""
+    best = max(values.values(), default=0.0)
+    weights = {name: np.exp(min(0.0, value - best) / 2) for name, value in values.items()}
+    total = max(1e-300, sum(weights.values()))
+    weighed = [
+        replace(t, equal=t.name in first, inclusion=float(weights.get(t.name, 0.0) / total))
+        for t in trials
+    ]
+    return sorted(weighed, key=lambda t: (t.name not in first[:1], t.delta_bic))
+
+
+def p_value(gain, free, on_bound):
+    """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of
+    `free` parameters `on_bound` have their neutral value at a bound: each of those stays there
+    half of the time, which makes the ratio a mixture (Self and Liang 1987; binomial weights,
+    exact for independent estimates)."""
+    if not gain > 0:
+        return 1.0
+    total = 0.0
+    for moved in range(on_bound + 1):
+        count = free - on_bound + moved
+        if count > 0:
+            total += stats.binom.pmf(moved, on_bound, 0.5) * stats.chi2.sf(gain, count)
+    return float(total)
