@@ -10,7 +10,7 @@
 #include "ground/model/measurement.h"
 #include "ground/model/simulation.h"
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 constexpr int kN = kFilterStates;
@@ -663,4 +663,4 @@ Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting,
   return result;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

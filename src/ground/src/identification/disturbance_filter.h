@@ -9,7 +9,7 @@
 #include "ground/identification/disturbance_levels.h"
 #include "ground/identification/simulation_error.h"
 
-namespace ground {
+namespace ground::detail {
 
 /// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
 constexpr int kFilterStates = 13;
@@ -108,4 +108,4 @@ class DisturbanceFilter {
   DisturbanceLevels levels_;  ///< of the last run()
 };
 
-}  // namespace ground
+}  // namespace ground::detail

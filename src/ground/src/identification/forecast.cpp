@@ -6,7 +6,7 @@
 #include <cmath>
 #include <stdexcept>
 
-namespace ground {
+namespace ground::detail {
 namespace {
 
 constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
@@ -153,4 +153,4 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
   return result;
 }
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -7,7 +7,7 @@
 #include "disturbance_filter.h"
 #include "ground/identification/grey_box.h"
 
-namespace ground {
+namespace ground::detail {
 
 /// What the filter believes at a sample under some levels.
 struct Alternative {
@@ -30,4 +30,4 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
                     const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
                     std::mt19937_64& random);
 
-}  // namespace ground
+}  // namespace ground::detail

@@ -37,9 +37,3 @@ struct Free {
 Free makeFree(const Model& model, const std::vector<std::string>& names);
 
 }  // namespace ground::detail
-
-namespace ground {
-// grey_box.cpp and disturbance_filter.h are not in detail.
-using detail::Free;
-using detail::makeFree;
-}  // namespace ground

@@ -33,7 +33,3 @@ void inParallel(std::size_t count, int threads, const Work& work) {
 }
 
 }  // namespace ground::detail
-
-namespace ground {
-using detail::inParallel;  // of grey_box.cpp, which is not in detail
-}  // namespace ground

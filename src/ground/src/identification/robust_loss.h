@@ -77,7 +77,3 @@ struct RobustLoss {
 };
 
 }  // namespace ground::detail
-
-namespace ground {
-using detail::kInfinity;  // of grey_box.cpp, which is not in detail
-}  // namespace ground

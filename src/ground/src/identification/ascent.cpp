@@ -1,0 +1,324 @@
+#include "ascent.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <set>
+#include <stdexcept>
+
+#include "information.h"
+
+namespace ground::detail {
+namespace {
+
+constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the search
+constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
+constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
+
+// Of the levels, in the order of DisturbanceLevels::names:
+constexpr int kFirstTime = 3, kFirstTrim = 11;
+constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};  // follow the loudness of the run: sigma and white
+
+/// The prior of levels and loudness.
+struct Prior {
+  LevelVector median, precision;
+
+  explicit Prior(const LevelPrior& prior) {
+    median = logs(prior.median);
+    for (int i = 0; i < kLevels; ++i) precision(i) = std::pow(prior.deviation[i], -2);
+  }
+  double operator()(const GreyBoxPoint& point) const {
+    const LevelVector away = logs(point.levels) - median;
+    double value = -0.5 * away.dot(precision.cwiseProduct(away));
+    for (const double loud : point.loudness) value -= 0.5 * std::pow(loud / kLoudness, 2);
+    return value;
+  }
+};
+
+/// A step of damped scoring within bounds: parameters at a bound that want out stay there.
+Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::VectorXd& score,
+                            double damping, const Free& free, const std::vector<double>& scaled) {
+  const auto n = score.size();
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(n);
+  std::vector<bool> held(static_cast<std::size_t>(n), false);
+  for (int round = 0; round < 4; ++round) {
+    std::vector<Eigen::Index> moving;
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (!held[i]) moving.push_back(i);
+    const auto m = static_cast<Eigen::Index>(moving.size());
+    if (m == 0) return step;
+    Eigen::MatrixXd A(m, m);
+    Eigen::VectorXd b(m);
+    for (Eigen::Index i = 0; i < m; ++i) {
+      b(i) = score(moving[i]);
+      for (Eigen::Index j = 0; j < m; ++j) A(i, j) = information(moving[i], moving[j]);
+    }
+    A.diagonal() += damping * A.diagonal() + Eigen::VectorXd::Constant(m, 1e-9 + 1e-6 * damping);
+    const Eigen::VectorXd found = A.ldlt().solve(b);
+    bool changed = false;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      const auto at = static_cast<std::size_t>(moving[i]);
+      const double low = free.lower[at] / free.scale[at], high = free.upper[at] / free.scale[at];
+      const double to = scaled[at] + found(i);
+      step(moving[i]) = std::clamp(to, low, high) - scaled[at];
+      // Holding it lets the others follow.
+      if ((scaled[at] <= low && to < low) || (scaled[at] >= high && to > high))
+        changed = held[at] = true;
+    }
+    if (!changed) break;
+    step.setZero();
+  }
+  return step;
+}
+
+/// Ascends to the likeliest point.
+class Ascent {
+ public:
+  Ascent(RunFilters& search, const LevelPrior& prior, const GreyBoxPoint& start,
+         const GreyBoxOptions& options)
+      : search_(search), options_(options), prior_(prior), point_(start) {
+    free_ = options.free.empty() ? Free() : makeFree(start.model, options.free);
+    for (std::size_t i = 0; i < free_.index.size(); ++i)
+      scaled_.push_back(free_.base[free_.index[i]] / free_.scale[i]);
+    if (point_.loudness.empty()) point_.loudness.assign(search.filters().size(), 0.0);
+    const auto& names = DisturbanceLevels::names();
+    for (const std::string& name : options.held) {
+      const auto at = std::find(names.begin(), names.end(), name);
+      if (at == names.end()) throw std::invalid_argument("there is no level '" + name + "'");
+      held_.insert(static_cast<int>(at - names.begin()));
+    }
+  }
+
+  GreyBoxFit run() {
+    if (options_.far) {
+      // Were what differs between runs free from the start, it would take the parameters' place.
+      const std::set<int> held = held_;
+      for (int i = kFirstTrim; i < kLevels; ++i) held_.insert(i);
+      climb(std::numeric_limits<double>::infinity());
+      climb(200);
+      held_ = held;
+    }
+    climb(options_.cap);
+    if (centreThrust()) climb(options_.cap);  // or back
+    return result();
+  }
+
+ private:
+  double value(const GreyBoxPoint& point, double cap) {
+    return search_.evaluate(point, cap) + prior_(point);
+  }
+
+  void deriveParameters() {
+    RunScores found = search_.scores(point_, free_);
+    score_ = found.score.colwise().sum().transpose();
+    information_ = found.information;
+    if (unseen_.cols() == 0) return;
+    // What the recordings cannot tell stays as it was.
+    unseen_ = knownBy(search_.information(point_, free_)).unseen;
+    score_ -= unseen_ * (unseen_.transpose() * score_);
+    const Eigen::MatrixXd across = information_ * unseen_ * unseen_.transpose();
+    information_ += unseen_ * (unseen_.transpose() * across) - across - across.transpose();
+  }
+
+  /// Levels, then the loudness of each run: its derivatives are sums of those by the run's levels.
+  void deriveLevels() {
+    const auto found = search_.levelScores(point_);
+    const auto runs = static_cast<Eigen::Index>(found.size());
+    level_score_ = Eigen::VectorXd::Zero(kLevels + runs);
+    level_information_ = Eigen::MatrixXd::Zero(kLevels + runs, kLevels + runs);
+    level_score_.head<kLevels>() =
+        -prior_.precision.cwiseProduct(logs(point_.levels) - prior_.median);
+    level_information_.diagonal().head<kLevels>() = prior_.precision;
+    constexpr double kPrecision = 1 / (kLoudness * kLoudness);
+    for (Eigen::Index i = 0; i < runs; ++i) {
+      const RunLevelScores& run = found[static_cast<std::size_t>(i)];
+      level_score_.head<kLevels>() += run.score;
+      level_information_.topLeftCorner<kLevels, kLevels>() += run.information;
+      double slope = -kPrecision * point_.loudness[static_cast<std::size_t>(i)], bend = kPrecision;
+      Eigen::VectorXd across = Eigen::VectorXd::Zero(kLevels);
+      for (const int a : kLoud) {
+        slope += run.score(a);
+        across += run.information.col(a);
+      }
+      for (const int a : kLoud) bend += across(a);
+      level_score_(kLevels + i) = slope;
+      level_information_(kLevels + i, kLevels + i) = bend;
+      level_information_.block(0, kLevels + i, kLevels, 1) = across;
+      level_information_.block(kLevels + i, 0, 1, kLevels) = across.transpose();
+    }
+    for (const int i : held_) {
+      level_score_(i) = 0;
+      level_information_.row(i).setZero();
+      level_information_.col(i).setZero();
+      level_information_(i, i) = 1;
+    }
+  }
+
+  /// Thrust that is off by the same in all runs is the parameter's: along the way between the two
+  /// the likelihood is nearly flat, and steps are small.
+  bool centreThrust() {
+    const auto k = std::find(options_.free.begin(), options_.free.end(), "k");
+    if (k == options_.free.end() || !options_.levels || held_.count(kLevels - 1)) return false;
+    double mean = 0, square = 0;
+    const double count = static_cast<double>(search_.filters().size());
+    for (const DisturbanceFilter& filter : search_.filters()) {
+      mean += filter.constants()(3) / count;
+      square += std::pow(filter.constants()(3), 2) / count;
+    }
+    if (std::abs(mean) < kCentred || std::abs(mean) < kCentred * point_.levels.thrust) return false;
+    const GreyBoxPoint before = point_;
+    const std::vector<double> scaled = scaled_;
+    const double best = best_;
+    const auto at = static_cast<std::size_t>(k - options_.free.begin());
+    scaled_[at] *= 1 + mean;
+    setCoordinates(point_.model, free_.coordinates(scaled_.data()));
+    point_.levels.thrust = std::max(1e-3, std::sqrt(std::max(0.0, square - mean * mean)));
+    climb(options_.cap);
+    if (best_ > best) return true;
+    point_ = before;
+    scaled_ = scaled;
+    return true;
+  }
+
+  /// Parameters and levels take turns: their joint information is zero, but far from the top a
+  /// step of the levels may overshoot where one of the parameters does as expected.
+  void climb(double cap) {
+    best_ = value(point_, cap);
+    if (!std::isfinite(best_))
+      throw std::runtime_error("the model's motion along the recordings is not finite");
+    // Slow and white parts stand in for each other: the levels' steps swing unless damped.
+    Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
+    if (!scaled_.empty()) unseen_ = knownBy(search_.information(point_, free_)).unseen;
+    int i = 0;
+    for (; i < options_.max_iterations && !(parameters.settled && levels.settled); ++i) {
+      if (!parameters.settled) {
+        deriveParameters();
+        take(parameters, levels, cap, &Ascent::moveParameters);
+      }
+      if (!levels.settled) {
+        deriveLevels();
+        take(levels, parameters, cap, &Ascent::moveLevels);
+      }
+    }
+    iterations_ += i;
+    converged_ = parameters.settled && levels.settled;
+  }
+
+  /// Of the parameters, or of the levels.
+  struct Turn {
+    bool absent;
+    double damping, least;  ///< at the start, at the least
+    double calmer;          ///< factor on the damping after a step that did as expected
+    bool settled = absent;
+  };
+
+  /// Moves a point and its parameters by a damped step; returns the gain that is expected.
+  using Move = double (Ascent::*)(double damping, GreyBoxPoint&, std::vector<double>& scaled) const;
+
+  double moveParameters(double damping, GreyBoxPoint& point, std::vector<double>& scaled) const {
+    const Eigen::VectorXd step = boundedStep(information_, score_, damping, free_, scaled_);
+    for (std::size_t j = 0; j < scaled.size(); ++j) scaled[j] += step(static_cast<Eigen::Index>(j));
+    setCoordinates(point.model, free_.coordinates(scaled.data()));
+    return score_.dot(step) - 0.5 * step.dot(information_ * step);
+  }
+
+  double moveLevels(double damping, GreyBoxPoint& point, std::vector<double>&) const {
+    Eigen::MatrixXd damped = level_information_;
+    damped.diagonal() *= 1 + damping;
+    Eigen::VectorXd step = damped.ldlt().solve(level_score_);
+    const double expected = level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
+    for (Eigen::Index i = 0; i < step.size(); ++i) {
+      // Scoring would change the square of a deviation alone by 2 step of it, where it is likeliest.
+      if (i < kFirstTime || i >= kFirstTime + 3)
+        step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
+      step(i) = std::clamp(step(i), -kLongestLevel, kLongestLevel);
+    }
+    point.levels = fromLogs(logs(point.levels) + step.head<kLevels>());
+    for (std::size_t r = 0; r < point.loudness.size(); ++r)
+      point.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
+    return expected;
+  }
+
+  /// One step uphill.
+  void take(Turn& turn, Turn& other_turn, double cap, Move move) {
+    for (int trial = 0; trial < 8; ++trial) {
+      GreyBoxPoint other = point_;
+      std::vector<double> scaled = scaled_;
+      const double expected = (this->*move)(turn.damping, other, scaled);
+      const double found = value(other, cap), gain = found - best_;
+      if (std::isfinite(found) && gain > -1e-9) {
+        point_ = other;
+        scaled_ = scaled;
+        best_ = found;
+        turn.settled = gain < kSettled && expected < 2 * kSettled;
+        if (gain > kSettled) other_turn.settled = other_turn.absent;
+        const double trust = gain / expected;
+        turn.damping = std::max(turn.least, turn.damping * (trust > 0.5    ? turn.calmer
+                                                            : trust < 0.25 ? 4
+                                                                           : 1));
+        return;
+      }
+      if (expected < kSettled) break;
+      turn.damping *= trial < 2 ? 10 : 30;
+    }
+    turn.settled = true;
+    value(point_, cap);  // back to where derivatives belong
+  }
+
+  GreyBoxFit result() {
+    if (!free_.index.empty()) information_ = search_.information(point_, free_);
+    if (options_.levels) deriveLevels();
+    GreyBoxFit fit;
+    fit.point = point_;
+    fit.by_run = search_.byRun();
+    fit.log_likelihood = std::accumulate(fit.by_run.begin(), fit.by_run.end(), 0.0);
+    fit.log_posterior = best_;
+    for (const DisturbanceFilter& filter : search_.filters()) {
+      const Eigen::Vector4d mean = filter.constants(), &sigma = filter.constantsSigma();
+      fit.trims.push_back({mean.head<3>(), sigma.head<3>(), mean(3), sigma(3)});
+    }
+    fit.information = information_;
+    fit.scale = free_.scale;
+    if (!scaled_.empty())
+      fit.parameters = estimatesBy(knownBy(information_), point_.model, free_, scaled_, {});
+    fit.level_information = level_information_;
+    fit.iterations = iterations_;
+    fit.converged = converged_;
+    return fit;
+  }
+
+  RunFilters& search_;
+  const GreyBoxOptions& options_;
+  const Prior prior_;
+  GreyBoxPoint point_;
+  Free free_;
+  std::vector<double> scaled_;
+  Eigen::VectorXd score_;
+  Eigen::MatrixXd information_, unseen_;
+  Eigen::VectorXd level_score_;
+  Eigen::MatrixXd level_information_;
+  double best_ = 0;
+  std::set<int> held_;  // levels
+  int iterations_ = 0;
+  bool converged_ = false;
+};
+
+}  // namespace
+
+void setCoordinates(Model& model, const std::vector<double>& coordinates) {
+  const auto infos = model.parameters();
+  std::vector<double> values = model.values();
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (coordinates[i] != model.coordinates()[i])
+      values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
+  model.setValues(values);
+}
+
+GreyBoxFit ascend(RunFilters& filters, const LevelPrior& prior, const GreyBoxPoint& start,
+                  const GreyBoxOptions& options) {
+  return Ascent(filters, prior, start, options).run();
+}
+
+}  // namespace ground::detail

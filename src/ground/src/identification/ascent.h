@@ -1,0 +1,15 @@
+// The way up to the likeliest parameters and levels.
+#pragma once
+
+#include "run_filters.h"
+
+namespace ground::detail {
+
+/// Sets all coordinates, within the bounds of the parameters.
+void setCoordinates(Model& model, const std::vector<double>& coordinates);
+
+/// The likeliest point near a start. Throws as GreyBox::fit does.
+GreyBoxFit ascend(RunFilters& filters, const LevelPrior& prior, const GreyBoxPoint& start,
+                  const GreyBoxOptions& options);
+
+}  // namespace ground::detail

@@ -1,0 +1,60 @@
+#include "information.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "estimates.h"
+
+namespace ground::detail {
+namespace {
+
+constexpr double kUnidentified = 30;  // deviation in parts of a parameter's typical size
+
+}  // namespace
+
+Known knownBy(const Eigen::MatrixXd& information) {
+  const Eigen::Index n = information.rows();
+  const Eigen::VectorXd size =
+      information.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  const Eigen::MatrixXd even =
+      size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
+  constexpr double kUnseen = 1e-10, kTakesPart = 1e-12;  // of the largest eigenvalue; of a direction
+  Eigen::Index first = 0;  // direction that is seen
+  while (first < n && !(eigen.eigenvalues()(first) > kUnseen * eigen.eigenvalues()(n - 1))) ++first;
+  const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.eigenvectors();
+  Known known;
+  known.variance = directions.rightCols(n - first).cwiseAbs2() *
+                   eigen.eigenvalues().tail(n - first).cwiseInverse();
+  for (Eigen::Index i = 0; i < n; ++i)
+    known.identified.push_back(
+        eigen.eigenvectors().row(i).head(first).squaredNorm() < kTakesPart &&
+        known.variance(i) < kUnidentified * kUnidentified);
+  known.volume = eigen.eigenvalues().tail(n - first).array().log().sum() +
+                 2 * size.array().log().sum();
+  known.unseen = directions.leftCols(first).householderQr().householderQ() *
+                 Eigen::MatrixXd::Identity(n, first);
+  return known;
+}
+
+std::vector<FittedParameter> estimatesBy(const Known& known, const Model& model, const Free& free,
+                                         const std::vector<double>& scaled,
+                                         const std::vector<double>& freedom) {
+  std::vector<FittedParameter> result;
+  const auto infos = model.parameters();
+  for (std::size_t i = 0; i < scaled.size(); ++i) {
+    constexpr double kNormal = 1.959964;
+    const double deviation =
+        known.identified[i] ? std::sqrt(known.variance(static_cast<Eigen::Index>(i))) : kInfinity;
+    const ParameterInfo& info = infos[free.index[i]];
+    result.push_back(estimateOf(info, free, i, scaled[i], deviation,
+                                        freedom.empty() ? kNormal : quantileOf(freedom[i]),
+                                        info.fromCoordinate(free.base[free.index[i]])));
+  }
+  return result;
+}
+
+}  // namespace ground::detail

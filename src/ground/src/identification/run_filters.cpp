@@ -1,0 +1,76 @@
+#include "run_filters.h"
+
+#include <cmath>
+#include <numeric>
+
+#include "parallel.h"
+
+namespace ground::detail {
+
+LevelVector logs(const DisturbanceLevels& levels) {
+  LevelVector result;
+  const auto values = levels.values();
+  for (int i = 0; i < kLevels; ++i) result(i) = std::log(values[i]);
+  return result;
+}
+
+DisturbanceLevels fromLogs(const LevelVector& logs) {
+  std::array<double, kLevels> values;
+  for (int i = 0; i < kLevels; ++i) values[i] = std::exp(logs(i));
+  return DisturbanceLevels::of(values);
+}
+
+DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
+  DisturbanceLevels levels = point.levels;
+  if (!point.loudness.empty()) {
+    const double factor = std::exp(point.loudness[run]);
+    levels.sigma *= factor;
+    levels.white *= factor;
+  }
+  return levels;
+}
+
+RunFilters::RunFilters(const std::vector<RunData>& runs, double max_gap, int threads)
+    : threads_(threads) {
+  for (const RunData& run : runs) filters_.emplace_back(run, max_gap);
+  by_run_.resize(runs.size());
+}
+
+double RunFilters::evaluate(const GreyBoxPoint& point, double cap) {
+  inParallel(filters_.size(), threads_, [&](std::size_t i) {
+    by_run_[i] = filters_[i].run(point.model, levelsOf(point, i), cap);
+  });
+  return std::accumulate(by_run_.begin(), by_run_.end(), 0.0);
+}
+
+RunScores RunFilters::scores(const GreyBoxPoint& point, const Free& free) const {
+  std::vector<RunScores> found(filters_.size());
+  inParallel(filters_.size(), threads_, [&](std::size_t i) {
+    found[i] = filters_[i].scores(point.model, free, 1e9);
+  });
+  for (std::size_t i = 1; i < found.size(); ++i) {
+    found[0].score += found[i].score;
+    found[0].information += found[i].information;
+  }
+  return found[0];
+}
+
+Eigen::MatrixXd RunFilters::information(const GreyBoxPoint& point, const Free& free) const {
+  std::vector<Eigen::MatrixXd> found(filters_.size());
+  inParallel(filters_.size(), threads_, [&](std::size_t i) {
+    found[i] =
+        filters_[i].scores(point.model, free, 1e9, nullptr, Fixed::kAcceleration).information;
+  });
+  for (std::size_t i = 1; i < found.size(); ++i) found[0] += found[i];
+  return found[0];
+}
+
+std::vector<RunLevelScores> RunFilters::levelScores(const GreyBoxPoint& point) const {
+  std::vector<RunLevelScores> found(filters_.size());
+  inParallel(filters_.size(), threads_, [&](std::size_t i) {
+    found[i] = filters_[i].levelScores(levelsOf(point, i));
+  });
+  return found;
+}
+
+}  // namespace ground::detail
