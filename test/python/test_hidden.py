@@ -350,7 +350,8 @@ def test_what_runs_cannot_tell_apart_an_experiment_can(results):
 def test_what_is_not_in_the_library_stays_unexplained(results):
     outside = of(results, "white_outside")
     left = [r for r in outside if r["found"]["verdict"] == "unexplained"]
-    assert len(left) >= 3
+    # Nothing in the library does what these two do.
+    assert {"washboard floor", "spin-surge side force"} <= {r["hidden"][0] for r in left}
     for r in left:
         depends = hidden_white.OUTSIDE[r["hidden"][0]][2]
         assert depends & set(r["found"]["where"][:2]), r

@@ -436,8 +436,8 @@ class Diagnosis:
     def _verdict(self, explained, varies, history, state):
         if self.memory or (history.found and history.gain > state.gain):
             return "memory"
-        # Effects that only the runs held out speak against leave it open what is missing.
-        open_still = not self.chosen and any(d.why == REFUSED for d in self.dropped)
+        # Where the likelihood asks for an effect that does not hold elsewhere, what is missing is open.
+        open_still = self.dropped and not self.chosen and not varies
         if not explained and (state.found or open_still):
             return "unexplained"
         if self.chosen:
