@@ -167,6 +167,14 @@ TEST(GreyBox, IntervalsHoldTheTruth) {
   EXPECT_LT(wider / count, 1.5);
 }
 
+TEST(GreyBox, IntervalsNeedFittedLevels) {
+  const GreyBox box(disturbedRuns(craft(), 0.03, 2), craft().body);
+  GreyBoxOptions options = far();
+  options.levels = false;
+  const GreyBoxFit fit = box.fit(box.start(craft()), options);
+  EXPECT_THROW(box.intervals(fit, options), std::invalid_argument);
+}
+
 TEST(GreyBox, WhatMotionCannotTellStaysAsItWas) {
   // Masses, dampings and thrust that are all larger by the same factor move alike.
   Model model = craft();

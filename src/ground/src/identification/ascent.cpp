@@ -13,11 +13,11 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kSettled = 0.01;    // gain of the log-posterior that ends the search
+constexpr double kSettled = 0.01;  // gain of the log-posterior that ends the search
 constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
 constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
 
-// Of the levels, in the order of DisturbanceLevels::names:
+// Places in DisturbanceLevels::names:
 constexpr int kFirstTime = 3, kFirstTrim = 11;
 constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};  // follow the loudness of the run: sigma and white
 

@@ -104,12 +104,15 @@ GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options
 std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
                                                 const GreyBoxOptions& options) const {
   if (options.free.empty()) return {};
+  const auto runs = static_cast<Eigen::Index>(runs_.size());
+  const Eigen::Index count = fit.level_information.rows();  // levels, then the loudness of each run
+  if (count != kLevels + runs)
+    throw std::invalid_argument("intervals need a fit of these runs and of their levels");
   RunFilters search(runs_, max_gap_, options.threads);
   const Free free = makeFree(fit.point.model, options.free);
   std::vector<double> scaled;
   for (std::size_t i = 0; i < free.index.size(); ++i)
     scaled.push_back(free.base[free.index[i]] / free.scale[i]);
-  const Eigen::Index count = fit.level_information.rows();
   const auto at = [&](const Eigen::VectorXd& away) {  // of levels' logarithms and loudness
     GreyBoxPoint point = fit.point;
     point.levels = fromLogs(logs(point.levels) + away.head<kLevels>());

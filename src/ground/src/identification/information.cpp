@@ -50,9 +50,9 @@ std::vector<FittedParameter> estimatesBy(const Known& known, const Model& model,
     const double deviation =
         known.identified[i] ? std::sqrt(known.variance(static_cast<Eigen::Index>(i))) : kInfinity;
     const ParameterInfo& info = infos[free.index[i]];
-    result.push_back(estimateOf(info, free, i, scaled[i], deviation,
-                                        freedom.empty() ? kNormal : quantileOf(freedom[i]),
-                                        info.fromCoordinate(free.base[free.index[i]])));
+    const double quantile = freedom.empty() ? kNormal : quantileOf(freedom[i]);
+    const double before = info.fromCoordinate(free.base[free.index[i]]);
+    result.push_back(estimateOf(info, free, i, scaled[i], deviation, quantile, before));
   }
   return result;
 }

@@ -1,4 +1,4 @@
-// What an information says of parameters.
+// What the Fisher information of a fit says of its parameters.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 
 namespace ground::detail {
 
-/// What an information tells of each parameter.
+/// How well each parameter is known.
 struct Known {
   Eigen::VectorXd variance;      ///< of coordinates over scale, by the directions that are seen
   std::vector<bool> identified;  ///< false: takes part in a direction that is not
@@ -17,6 +17,7 @@ struct Known {
   double volume;                 ///< logarithm of the information's determinant, as far as seen
 };
 
+/// By the Fisher information (n, n) of coordinates over scale.
 Known knownBy(const Eigen::MatrixXd& information);
 
 /// Values with 95% intervals; `freedom`: degrees of each parameter, none: the levels of what is

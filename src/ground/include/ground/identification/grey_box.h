@@ -125,7 +125,8 @@ class GreyBox {
 
   /// The free parameters of a fit under the same options, with 95% intervals that allow for how
   /// well the levels are known: Student's t, its degrees of freedom by Satterthwaite (1946). The
-  /// fit's own intervals count the levels as known.
+  /// fit's own intervals count the levels as known. Throws std::invalid_argument when the levels
+  /// were not fitted.
   std::vector<FittedParameter> intervals(const GreyBoxFit& fit,
                                          const GreyBoxOptions& options) const;
 

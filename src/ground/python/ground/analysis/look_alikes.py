@@ -6,16 +6,16 @@ from typing import Any, Tuple
 from ground.analysis.score_tests import UNSEEN, stepped
 from ground.errors import IdentifyError
 
-SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # of an effect's typical one
+SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # tried, in parts of the typical size
 SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
-MOVED = 0.05  # of its value: a parameter that takes over what an effect does
+MOVED = 0.05  # relative change from which on a parameter has taken over what the effect does
 
 
 @dataclass(frozen=True)
 class LookAlike:
     """An effect that on the runs does only what others can do."""
 
-    name: str  # of the effect
+    name: str  # the effect's
     fit: Any  # likelihood.Fit of the grown model with the effect at some size, all else refitted
     moved: Tuple[str, ...]  # parameters that do without what the effect does in this one
 

@@ -239,11 +239,6 @@ class Search:
         found = [objective(other) for other in others]
         return [f["model"] for f in found if f["objective"] < self.criteria.farther * least]
 
-    def fitted(self, current, name):
-        """A set with an effect more, fitted; None where that cannot be."""
-        self._fit_all(current, [(name,)])
-        return current | {name} if current | {name} in self.fits else None
-
     def without(self, current, name):
         """A set without one of its effects, fitted."""
         rest = current - {name}

@@ -14,9 +14,8 @@ from ground.analysis import candidates
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.unfinished import can_be_kept
 
-LEVEL = (
-    1e-4  # chance of finding what is not there: disturbances that change their pace look like it
-)
+# Chance of a false finding: a disturbance whose correlation time changes looks like a difference.
+LEVEL = 1e-4
 SLOWEST = 0.3  # of a run: a random wrench that takes longer to change differs between runs
 SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all runs
 
