@@ -105,6 +105,57 @@ TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   EXPECT_NEAR(levels.heading, 1, 0.05);
 }
 
+TEST(GreyBox, NodesOfAFloorThatNoRunComesNearFollowTheirNeighbours) {
+  constexpr int kNodes = 5;
+  const auto name = [](int i, int j) {
+    return "floor_friction_map.c_" + std::to_string(i) + "_" + std::to_string(j);
+  };
+  Model truth = craft();
+  truth.addEffect(makeEffect("floor_friction_map"));
+  std::vector<std::string> free = kFive;
+  const double drag = 0.2 * typical::force(truth.body) / typical::speed(truth.body);
+  Model start = truth;
+  for (int i = 0; i < kNodes; ++i)
+    for (int j = 0; j < kNodes; ++j) {
+      free.push_back(name(i, j));
+      truth.setValue(name(i, j), i >= 3 ? drag : 0.0);  // more to the north
+    }
+  std::vector<RunData> runs = disturbedRuns(truth, 0.01, 6);
+  const GreyBox box(runs, truth.body);
+  const GreyBoxFit fit = box.fit(box.start(start), far(free));
+  const auto found = [&](int i, int j) { return fit.point.model.value(name(i, j)); };
+  int seen = 0;
+  for (const FittedParameter& p : fit.parameters) {
+    EXPECT_TRUE(p.identified) << p.name;
+    EXPECT_LT(std::abs(p.value - truth.value(p.name)), 4 * p.deviation) << p.name;
+    if (p.deviation < 0.3 * drag) ++seen;
+  }
+  EXPECT_GE(seen, 3) << "the runs tell little of the floor";
+  // Where a craft has not been, only the prior acts: its slope is zero.
+  const auto unvisited = [&](int i, int j) {
+    for (const RunData& run : runs)
+      for (Eigen::Index k = 0; k < run.poses.rows(); ++k) {
+        const double x = std::clamp(run.poses(k, 0), -2.0, 2.0);  // as at the edge beyond it
+        const double y = std::clamp(run.poses(k, 1), -2.0, 2.0);
+        if (std::abs(x - (i - 2)) < 1 && std::abs(y - (j - 2)) < 1) return false;
+      }
+    return true;
+  };
+  int alone = 0;
+  for (int i = 0; i < kNodes; ++i)
+    for (int j = 0; j < kNodes; ++j) {
+      if (!unvisited(i, j)) continue;
+      ++alone;
+      double slope = found(i, j) / 9;
+      if (i > 0) slope += found(i, j) - found(i - 1, j);
+      if (j > 0) slope += found(i, j) - found(i, j - 1);
+      if (i < kNodes - 1) slope += found(i, j) - found(i + 1, j);
+      if (j < kNodes - 1) slope += found(i, j) - found(i, j + 1);
+      EXPECT_NEAR(slope, 0, 0.02 * drag) << i << ", " << j;
+    }
+  EXPECT_GE(alone, 1);
+}
+
 TEST(GreyBox, NoNeighbourIsLikelier) {
   const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
   const GreyBoxFit fit = box.fit(box.start(craft()), far());

@@ -107,19 +107,30 @@ class Ascent {
 
  private:
   double value(const GreyBoxPoint& point, double cap) {
-    return search_.evaluate(point, cap) + prior_(point);
+    const Eigen::VectorXd away = fromExpected(point.model);
+    return search_.evaluate(point, cap) + prior_(point) - 0.5 * away.dot(free_.prior * away);
+  }
+
+  /// The free parameters' coordinates over scale, from the mean of their prior.
+  Eigen::VectorXd fromExpected(const Model& model) const {
+    const std::vector<double> coordinates = model.coordinates();
+    Eigen::VectorXd away = -free_.expected;
+    for (std::size_t i = 0; i < free_.index.size(); ++i)
+      away(static_cast<Eigen::Index>(i)) += coordinates[free_.index[i]] / free_.scale[i];
+    return away;
   }
 
   void deriveParameters() {
     RunScores found = search_.scores(point_, free_);
-    score_ = found.score.colwise().sum().transpose();
+    score_ = found.score.colwise().sum().transpose() - free_.prior * fromExpected(point_.model);
     information_ = found.information;
-    if (unseen_.cols() == 0) return;
+    by_acceleration_ = found.by_acceleration;
     // What the recordings cannot tell stays as it was.
-    unseen_ = knownBy(search_.information(point_, free_)).unseen;
-    score_ -= unseen_ * (unseen_.transpose() * score_);
-    const Eigen::MatrixXd across = information_ * unseen_ * unseen_.transpose();
-    information_ += unseen_ * (unseen_.transpose() * across) - across - across.transpose();
+    const Eigen::MatrixXd unseen = knownBy(by_acceleration_).unseen;
+    if (unseen.cols() == 0) return;
+    score_ -= unseen * (unseen.transpose() * score_);
+    const Eigen::MatrixXd across = information_ * unseen * unseen.transpose();
+    information_ += unseen * (unseen.transpose() * across) - across - across.transpose();
   }
 
   /// Levels, then the loudness of each run: its derivatives are sums of those by the run's levels.
@@ -190,7 +201,6 @@ class Ascent {
       throw std::runtime_error("the model's motion along the recordings is not finite");
     // Slow and white parts stand in for each other: the levels' steps swing unless damped.
     Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
-    if (!scaled_.empty()) unseen_ = knownBy(search_.information(point_, free_)).unseen;
     int i = 0;
     for (; i < options_.max_iterations && !(parameters.settled && levels.settled); ++i) {
       if (!parameters.settled) {
@@ -268,8 +278,6 @@ class Ascent {
   }
 
   GreyBoxFit result() {
-    if (!free_.index.empty()) information_ = search_.information(point_, free_);
-    if (options_.levels) deriveLevels();
     GreyBoxFit fit;
     fit.point = point_;
     fit.by_run = search_.byRun();
@@ -279,10 +287,10 @@ class Ascent {
       const Eigen::Vector4d mean = filter.constants(), &sigma = filter.constantsSigma();
       fit.trims.push_back({mean.head<3>(), sigma.head<3>(), mean(3), sigma(3)});
     }
-    fit.information = information_;
+    fit.information = by_acceleration_;
     fit.scale = free_.scale;
     if (!scaled_.empty())
-      fit.parameters = estimatesBy(knownBy(information_), point_.model, free_, scaled_, {});
+      fit.parameters = estimatesBy(knownBy(by_acceleration_), point_.model, free_, scaled_, {});
     fit.level_information = level_information_;
     fit.iterations = iterations_;
     fit.converged = converged_;
@@ -296,7 +304,7 @@ class Ascent {
   Free free_;
   std::vector<double> scaled_;
   Eigen::VectorXd score_;
-  Eigen::MatrixXd information_, unseen_;
+  Eigen::MatrixXd information_, by_acceleration_;
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
   double best_ = 0;

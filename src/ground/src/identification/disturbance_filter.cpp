@@ -14,6 +14,8 @@ namespace ground::detail {
 namespace {
 
 constexpr int kN = kFilterStates;
+// From pose to pose errors stay far below their noise; twice the step of a simulation.
+constexpr double kStep = 0.01;  // [s]
 // Standard deviations of a stretch's first state, generously: pose as measured, velocity smoothed.
 constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, kFirstYawRate = 3.0;
 
@@ -248,7 +250,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
   Vector3<double> push = Vector3<double>::Zero();  // the Ornstein-Uhlenbeck wrench
   Eigen::Vector4d constant = Eigen::Vector4d::Zero();
   Covariance<double> covariance;
-  Simulation<Jet> simulation(dynamics, run_.inputs, {}, run_.times[0]);
+  Simulation<Jet> simulation(dynamics, run_.inputs, {}, run_.times[0], kStep);
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     FilterSample& s = samples_[k];
     s.starts = starts_[k];
@@ -410,9 +412,10 @@ void correctDeviation(const FilterSample& s, const double* unseen, double* x, do
 }  // namespace
 
 RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
-                                    std::vector<FilterBelief>* kept, Fixed fixed) const {
+                                    std::vector<FilterBelief>* kept) const {
   const int n = static_cast<int>(free.index.size());
-  const int groups = (n + Jet::kDirections - 1) / Jet::kDirections, count = groups * Jet::kDirections;
+  const int groups = (n + Jet::kDirections - 1) / Jet::kDirections, half = groups * Jet::kDirections;
+  const int count = 2 * half;  // columns: the disturbance's wrench stays, the acceleration does
   std::vector<Dynamics<Jet>> dynamics;
   std::vector<Matrix3<Jet>> mobility;
   const std::vector<double> base = model.coordinates();
@@ -426,10 +429,12 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
     mobility.push_back(dynamics.back().mass().inverse());
   }
   std::vector<Simulation<Jet>> simulations;
-  for (const auto& d : dynamics) simulations.emplace_back(d, run_.inputs, RigidState<Jet>(), run_.times[0]);
+  for (const auto& d : dynamics)
+    simulations.emplace_back(d, run_.inputs, RigidState<Jet>(), run_.times[0], kStep);
 
   const int blocks = blockCount(block);
-  RunScores result{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n)};
+  RunScores result;
+  result.score.setZero(blocks, n);
   std::vector<double> x(kN * count, 0.0), white(3 * count), unseen(3 * count), sums(n * count, 0.0);
   const Random<double> random = randomOf(levels_, run_.noise);
   std::size_t next = 0;  // belief to fill in
@@ -450,7 +455,8 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
       const Measurement<Jet> seen = dynamics[g].measure(here);
       for (int a = 0; a < 3; ++a)
         for (int j = 0; j < Jet::kDirections; ++j)
-          unseen[a * count + g * Jet::kDirections + j] = seen.eta(a).v[j];
+          for (const int side : {0, half})
+            unseen[a * count + side + g * Jet::kDirections + j] = seen.eta(a).v[j];
     }
     correctDeviation(s, distorts ? unseen.data() : nullptr, x.data(), white.data(), count);
     for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next) {
@@ -467,11 +473,12 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
             white[j] * e(0) + white[count + j] * e(1) + white[2 * count + j] * e(2);
       for (int a = 0; a < 3; ++a) {
         const double* row = white.data() + a * count;
-        for (int i = 0; i < n; ++i) {
-          const double factor = row[i];
-          double* sum = sums.data() + i * count;
-          for (int j = 0; j < count; ++j) sum[j] += factor * row[j];
-        }
+        for (int i = 0; i < n; ++i)
+          for (const int side : {0, half}) {
+            const double factor = row[side + i];
+            double* sum = sums.data() + i * count + side;
+            for (int j = 0; j < half; ++j) sum[j] += factor * row[side + j];
+          }
       }
     }
     if (s.dt <= 0) continue;
@@ -483,12 +490,13 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
       simulations[g].state() = here;
       simulations[g].advance(run_.times[k + 1]);
       const RigidState<Jet>& to = simulations[g].state();
-      Vector3<Jet> pushed = Vector3<Jet>::Constant(Jet(0.0));
-      if (fixed == Fixed::kWrench) pushed = mobility[g] * s.push.cast<Jet>();
+      const Vector3<Jet> pushed = mobility[g] * s.push.cast<Jet>();
       for (int j = 0; j < Jet::kDirections; ++j) {
         const int column = g * Jet::kDirections + j;
         for (int i = 0; i < 3; ++i) {
           double eta = to.eta(i).v[j], nu = to.nu(i).v[j];
+          x[i * count + half + column] += eta;
+          x[(3 + i) * count + half + column] += nu;
           for (int l = 0; l < 3; ++l) {
             eta += 0.5 * s.dt * s.motion[i][3 + l] * pushed(l).v[j];
             nu += 0.5 * s.dt * (s.motion[3 + i][3 + l] + (i == l ? 1 : 0)) * pushed(l).v[j];
@@ -499,8 +507,10 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
       }
     }
   }
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j) result.information(i, j) = sums[i * count + j];
+  const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>
+      both(sums.data(), n, count);
+  result.information = both.leftCols(n);
+  result.by_acceleration = both.middleCols(half, n);
   return result;
 }
 
@@ -508,7 +518,7 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) c
   constexpr int kLevels = DisturbanceLevels::kCount;
   constexpr int kPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
   constexpr int kColumns = kPasses * Lanes::kCount;
-  constexpr double kStep = 1e-3;
+  constexpr double kSmall = 1e-3;  // change of a logarithm
   // Rows of each sample: three of the whitened innovation's change, six of its covariance's.
   std::vector<std::array<double, kColumns>> rows(9 * samples_.size());
   for (int pass = 0; pass < kPasses; ++pass) {
@@ -516,7 +526,7 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) c
     for (int lane = 0; lane < Lanes::kCount; ++lane) {
       auto values = levels.values();
       const int level = pass * Lanes::kCount + lane;
-      if (level < kLevels) values[level] *= std::exp(kStep);
+      if (level < kLevels) values[level] *= std::exp(kSmall);
       const Random<double> one = randomOf(DisturbanceLevels::of(values), run_.noise);
       for (int i = 0; i < 3; ++i) {
         random.variance[i][lane] = one.variance[i];
@@ -573,10 +583,10 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) c
         auto* row = rows.data() + 9 * k;
         for (int lane = 0; lane < Lanes::kCount; ++lane) {
           const int column = pass * Lanes::kCount + lane;
-          for (int a = 0; a < 3; ++a) row[a][column] = de[a][lane] / kStep;
+          for (int a = 0; a < 3; ++a) row[a][column] = de[a][lane] / kSmall;
           int at = 3;
           for (int a = 0; a < 3; ++a)
-            for (int b = 0; b <= a; ++b) row[at++][column] = dS[a][b][lane] / kStep;
+            for (int b = 0; b <= a; ++b) row[at++][column] = dS[a][b][lane] / kSmall;
         }
       } else {
         for (int i = 0; i < 9; ++i)

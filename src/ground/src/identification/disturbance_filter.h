@@ -46,6 +46,10 @@ struct FilterBelief {
 struct RunScores {
   Eigen::MatrixXd score;        ///< a row a block
   Eigen::MatrixXd information;
+  /// The information if not the disturbance's wrench stays the same when parameters change but the
+  /// acceleration that was seen. A craft twice as heavy under twice the wrenches moves alike, and
+  /// the wrench's level is fitted: only by accelerations does the mass stay as unknown as it is.
+  Eigen::MatrixXd by_acceleration;
 };
 
 /// The same by the logarithms of the levels.
@@ -53,11 +57,6 @@ struct RunLevelScores {
   Eigen::VectorXd score;
   Eigen::MatrixXd information;
 };
-
-/// What of a disturbance stays the same when parameters change: its wrench, as the model has it, or
-/// the acceleration that was seen. A craft twice as heavy under twice the wrenches moves alike, and
-/// the wrench's level is fitted: only by accelerations does the mass stay as unknown as it is.
-enum class Fixed { kWrench, kAcceleration };
 
 class DisturbanceFilter {
  public:
@@ -72,8 +71,7 @@ class DisturbanceFilter {
   /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
   /// the beliefs in `kept`, in ascending order of their samples.
   RunScores scores(const Model& model, const Free& free, double block,
-                   std::vector<FilterBelief>* kept = nullptr,
-                   Fixed fixed = Fixed::kWrench) const;
+                   std::vector<FilterBelief>* kept = nullptr) const;
   /// By the logarithms of the levels, all samples together.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
   /// Whitened innovations' response to wrenches, held from sample to sample, (3 n, columns).

@@ -28,6 +28,14 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     if (infinite || free.lower.back() == std::numeric_limits<double>::min())
       free.lower.back() = 1e-6 * free.scale.back();
   }
+  const Eigen::Map<const Eigen::VectorXd> scale(free.scale.data(),
+                                                static_cast<Eigen::Index>(free.scale.size()));
+  free.prior = scale.asDiagonal() * model.penalty(names) * scale.asDiagonal();
+  free.expected = Eigen::VectorXd::Zero(scale.size());
+  for (Eigen::Index i = 0; i < scale.size(); ++i) {
+    const ParameterInfo& info = infos[free.index[static_cast<std::size_t>(i)]];
+    if (free.prior(i, i) > 0) free.expected(i) = info.toCoordinate(info.neutral) / scale(i);
+  }
   const auto has = [&names](const char* name) {
     return std::find(names.begin(), names.end(), name) != names.end();
   };

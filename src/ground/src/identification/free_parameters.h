@@ -1,6 +1,7 @@
 // Parameters that a fit may change, in numbers of order one.
 #pragma once
 
+#include <Eigen/Core>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,9 @@ struct Free {
   std::vector<int> index;
   std::vector<double> scale, lower, upper;  ///< bounds in coordinates
   std::vector<bool> reciprocal;             ///< the value is one over the coordinate
+  /// Precision and mean of their prior, by coordinates over scale.
+  Eigen::MatrixXd prior;
+  Eigen::VectorXd expected;
 
   std::vector<double> coordinates(const double* scaled) const {
     std::vector<double> all = base;

@@ -120,7 +120,7 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
     for (std::size_t r = 0; r < runs_.size(); ++r)
       point.loudness[r] += away(kLevels + static_cast<Eigen::Index>(r));
     search.evaluate(point, options.cap);
-    return knownBy(search.information(point, free));
+    return knownBy(search.scores(point, free).by_acceleration);
   };
   const auto& names = DisturbanceLevels::names();
   Eigen::MatrixXd slopes =

@@ -51,17 +51,10 @@ RunScores RunFilters::scores(const GreyBoxPoint& point, const Free& free) const 
   for (std::size_t i = 1; i < found.size(); ++i) {
     found[0].score += found[i].score;
     found[0].information += found[i].information;
+    found[0].by_acceleration += found[i].by_acceleration;
   }
-  return found[0];
-}
-
-Eigen::MatrixXd RunFilters::information(const GreyBoxPoint& point, const Free& free) const {
-  std::vector<Eigen::MatrixXd> found(filters_.size());
-  inParallel(filters_.size(), threads_, [&](std::size_t i) {
-    found[i] =
-        filters_[i].scores(point.model, free, 1e9, nullptr, Fixed::kAcceleration).information;
-  });
-  for (std::size_t i = 1; i < found.size(); ++i) found[0] += found[i];
+  found[0].information += free.prior;
+  found[0].by_acceleration += free.prior;
   return found[0];
 }
 

@@ -29,9 +29,8 @@ class RunFilters {
   /// The log-likelihood, not finite where the motion is not.
   double evaluate(const GreyBoxPoint& point, double cap);
 
+  /// One block a run; the information with the parameters' prior.
   RunScores scores(const GreyBoxPoint& point, const Free& free) const;
-  /// Of the free parameters as far as it does not take the disturbance's level for known.
-  Eigen::MatrixXd information(const GreyBoxPoint& point, const Free& free) const;
   /// Of each run.
   std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point) const;
 

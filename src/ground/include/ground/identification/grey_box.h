@@ -40,7 +40,7 @@ struct RunTrim {
 struct GreyBoxFit {
   GreyBoxPoint point;
   double log_likelihood = 0;           ///< of the poses
-  double log_posterior = 0;            ///< with the prior of the levels
+  double log_posterior = 0;            ///< with the priors of levels and parameters
   std::vector<double> by_run;          ///< log-likelihood
   std::vector<RunTrim> trims;
   Eigen::MatrixXd information;         ///< of the free parameters, in coordinates over scale
@@ -106,8 +106,8 @@ struct Forecast {
 /// noise of the poses. An extended Kalman filter runs along each recording; its innovations and
 /// their covariances give the likelihood. Parameters follow Gauss-Newton steps on the whitened
 /// innovations, the filter's gains held (they depend on the parameters only through the
-/// linearisation), levels the exact Fisher scoring; both at once, for their joint information is
-/// zero. After a gap the motion starts anew; what is constant in the run stays.
+/// linearisation), levels the exact Fisher scoring; in turn, for their joint information is zero.
+/// After a gap the motion starts anew; what is constant in the run stays.
 class GreyBox {
  public:
   /// The priors of the levels are in parts of the craft's full thrust. Throws std::invalid_argument

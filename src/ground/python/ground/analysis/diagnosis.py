@@ -32,6 +32,7 @@ MIN_INFLUENCE = 0.3
 MIN_NOISE_POWER = 0.08
 REFUSED = "it raises the error on the runs held out"
 MOST = 0.75  # least share of the held-out parts that memory has to make likelier
+WAITING = 4  # threads that share the work out and wait
 ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
 FLOORS = 5  # simulations that the noise floor is the mean of
 
@@ -90,7 +91,10 @@ class Diagnosis:
         self.budget = budget
         self.say = progress or (lambda text: None)
         self.kept = kept or Unfinished()
-        self.pool = ThreadPoolExecutor(threads or os.cpu_count())
+        threads = threads or os.cpu_count()
+        self.pool = ThreadPoolExecutor(threads)
+        # Threads of their own for work that waits for the pool's.
+        self.waiting = ThreadPoolExecutor(WAITING if threads > 1 else 1)
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -189,15 +193,14 @@ class Diagnosis:
         """The set without effects that do not hold on what they were not fitted to, or do not
         matter."""
         while found:
-            worst = None
-            for name in sorted(found):
-                why = self._objection(found, name)
-                ratio = self.search.ratio(found, found - {name})
-                if why and (worst is None or ratio < worst[0]):
-                    worst = ratio, name, why
-            if worst is None:
+            names = sorted(found)
+            self.judge(found)
+            self.search.without_each(found, names)
+            objections = self.waiting.map(lambda name: self._objection(found, name), names)
+            refused = [(name, why) for name, why in zip(names, objections) if why]
+            if not refused:
                 return found
-            _, name, why = worst
+            name, why = min(refused, key=lambda r: self.search.ratio(found, found - {r[0]}))
             self._drop(found, name, why)
             found = found - {name}
         return found
@@ -259,6 +262,8 @@ class Diagnosis:
         rest, stand_ins = found, []
         for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
             with_it = remembered.fit
+            if not self.search.may_go(with_it, name):
+                continue
             model = with_it.model.copy()
             model.remove_effect(name)
             free = tuple(p for p in with_it.free if p.split(".")[0] != name)
@@ -294,9 +299,11 @@ class Diagnosis:
 
     def _mark_equals(self):
         """Groups of effects that the data cannot tell from a chosen one."""
+        rivals = self.waiting.map(
+            lambda step: self.search.rivals(self.names, step.added), self.steps
+        )
         self.steps = [
-            replace(step, group=(step.added, *self.search.rivals(self.names, step.added)))
-            for step in self.steps
+            replace(step, group=(step.added, *names)) for step, names in zip(self.steps, rivals)
         ]
         first = self.steps[0].group if self.steps else ()
         refitted = [t.name for t in self.tried if t.refitted]
@@ -406,12 +413,17 @@ class Diagnosis:
 
         def choose(likelihood):
             search = Search(
-                likelihood, self.given, study.free_parameters, self.candidates, self.search.criteria
+                likelihood,
+                self.given,
+                study.free_parameters,
+                self.candidates,
+                self.search.criteria,
+                self.pool.map,
             )
             search.nominal(replace(self.search.nominal(), loudness=()))
             return search.fits[search.run(near=replace(self.fit, loudness=()))]
 
-        return float(self.folds.nested(choose).sum())
+        return float(self.folds.nested(choose, self.waiting.map).sum())
 
     def _bands(self, heldout):
         if heldout:

@@ -197,13 +197,14 @@ def where_of(diagnosis):
 
 
 def _unexplained(diagnosis, conclusion):
-    """How much of the error is above the noise, where it is, and a term that would lower it."""
+    """How much of the error is above the noise, where it is, and a term that would lower it on
+    held-out runs."""
     error = float(diagnosis.best.error.sum())
     if conclusion.memory:
-        entry = dict(
-            conclusion.memory.entry, error=_errors(diagnosis.folds.judge(conclusion.memory.fit))
-        )
-        return {"fraction": 0.0, "where": [], "proposal": entry}
+        judged = diagnosis.folds.judge(conclusion.memory.fit)
+        lower = judged.heldout.sum() < diagnosis.best.heldout.sum()
+        proposal = dict(conclusion.memory.entry, error=_errors(judged)) if lower else None
+        return {"fraction": 0.0, "where": [], "proposal": proposal}
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:
         candidate = candidates.from_entry(effect_entry(proposal), "the proposal")

@@ -82,10 +82,10 @@ class Folds:
             ),
         )
 
-    def nested(self, choose):
+    def nested(self, choose, each=map):
         """Mean |e|/s (3,) of each window by a model that neither choice nor fit has seen it:
-        choose(likelihood) gives the Fit for the Likelihood of the other parts."""
-        chosen = self.each(choose, self.fitted)
+        choose(likelihood) gives the Fit for the Likelihood of the other parts; each maps it."""
+        chosen = each(choose, self.fitted)
         return np.average(self._errors(list(chosen)), axis=0, weights=self._samples())
 
     def _errors(self, fits):

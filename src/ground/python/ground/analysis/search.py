@@ -241,34 +241,42 @@ class Search:
 
     def without(self, current, name):
         """A set without one of its effects, fitted."""
-        rest = current - {name}
-        if rest not in self.fits:
-            model = self.fits[current].model.copy()
+        return self.without_each(current, [name])[0]
+
+    def without_each(self, current, names):
+        """Sets without one of their effects each, fitted."""
+        start = self.fits[current]
+
+        def refit(name):
+            model = start.model.copy()
             model.remove_effect(name)
-            self.fits[rest] = self.likelihood.fit(model, self.free_of(model), self.fits[current])
-        return rest
+            return self.likelihood.fit(model, self.free_of(model), start)
+
+        wanted = [name for name in names if current - {name} not in self.fits]
+        for name, fit in zip(wanted, self.each(refit, wanted)):
+            self.fits[current - {name}] = fit
+        return [current - {name} for name in names]
 
     def _prune(self, current):
         """Takes out effects while that is better."""
         while True:
-            doubtful = [n for n in sorted(current) if self._may_go(current, n)]
-            others = [self.without(current, name) for name in doubtful]
+            doubtful = [n for n in sorted(current) if self.may_go(self.fits[current], n)]
+            others = self.without_each(current, doubtful)
             best = max(others, key=self.value, default=current)
             if self.value(best) <= self.value(current):
                 return current
             current = best
 
-    def _may_go(self, current, name):
-        """Whether a set may do without an effect, by the information of its fit (Wald): a refit
-        tells."""
-        ratio = self.fits[current].ratio_without(name)
-        return ratio < self.criteria.doubtful * self.threshold(name)
+    def may_go(self, fit, name):
+        """Whether a Fit may do without an effect, by its information (Wald): a refit tells."""
+        return fit.ratio_without(name) < self.criteria.doubtful * self.threshold(name)
 
     def _swap(self, current):
         """A better set with other effects in the place of some of its own; the same without one."""
-        names = current - self._swapped if len(current) > 1 else ()
+        names = sorted(current - self._swapped) if len(current) > 1 else []
         self._swapped |= set(names)
-        others = [s for name in sorted(names) for s in self.swaps(current, name)]
+        self.without_each(current, names)
+        others = [s for name in names for s in self.swaps(current, name)]
         best = max(others, key=self.value, default=current)
         return best if self.value(best) > self.value(current) else current
 

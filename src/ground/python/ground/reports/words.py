@@ -354,6 +354,11 @@ def unexplained(report):
             "proposal.yaml, ready for identify add."
             % (proposal["error"]["heldout"], "; ".join(terms), ", ".join(values))
         )
+    elif report["memory"]["kind"]:
+        yield (
+            "A term for what depends on the past (%s) makes the runs likelier but does not lower the "
+            "error on held-out runs: none is proposed." % report["memory"]["kind"]["name"]
+        )
 
 
 def extent(report):
