@@ -164,3 +164,55 @@ def test_the_budget_of_a_disturbed_crafts_error_adds_up():
     assert sum(shares.values()) == pytest.approx(1)
     assert shares["disturbance"] > 0.3 and abs(shares["rest"]) < 0.3, shares
     assert conclusion.budget.noise < 0.7 * conclusion.budget.measured
+
+
+@pytest.fixture(scope="module")
+def played_twice():
+    """Runs of a bench craft in which all commands are played twice: its model, and a function
+    that records them with a model and a random wrench of some part of full thrust."""
+    import hidden_cases
+    from ground.analysis import budget, study
+
+    case = hidden_cases.make("disturbed_null", 4)
+    fitted, _ = hidden_cases.record(case)
+    model = hidden_cases.given_model(case)
+    full = 2 * model.value("k")
+    levels = dict.fromkeys(["white_X", "white_Y", "white_N"], 0.0)
+    levels.update(time_X=0.3, time_Y=0.3, time_N=0.3)
+
+    def record(truth, part):
+        random = np.random.default_rng(3)
+        sizes = {"sigma_X": part * full, "sigma_Y": part * full, "sigma_N": part * full * 0.03}
+        return [
+            study.recorded(
+                run, truth, random, budget.wrench_of(run, {**levels, **sizes}, random), 0
+            )
+            for run in fitted
+            for _ in range(2)
+        ]
+
+    return model, record
+
+
+def test_a_random_wrench_does_not_repeat_with_the_commands(played_twice):
+    from ground.analysis import repeats
+    from ground.recordings import windows
+
+    model, record = played_twice
+    runs = record(model, 0.05)
+    found = repeats.repeats(runs, windows.cut(runs), model)
+    assert found.windows > 20 and found.deviation < 0.15
+    assert abs(found.share) < 3 * found.deviation, found
+
+
+def test_a_missing_effect_repeats_with_the_commands(played_twice):
+    from ground.analysis import candidates, repeats
+    from ground.recordings import windows
+
+    model, record = played_twice
+    truth = candidates.of_library("thrust_asymmetry").neutral(model)
+    truth.set_value("thrust_asymmetry.a", 0.15)
+    runs = record(truth, 0.005)
+    found = repeats.repeats(runs, windows.cut(runs), model)
+    assert found.share > 0.8, found
+    assert repeats.repeats(runs[::2], windows.cut(runs[::2]), model) is None  # played once

@@ -14,7 +14,17 @@ from typing import Any, List, Tuple
 
 import numpy as np
 
-from ground.analysis import bands, budget, held_out, look_alikes, memory, remains, study, trials
+from ground.analysis import (
+    bands,
+    budget,
+    held_out,
+    look_alikes,
+    memory,
+    remains,
+    repeats,
+    study,
+    trials,
+)
 from ground.analysis import varying
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.score_tests import UNSEEN
@@ -62,6 +72,7 @@ class Conclusion:
     history: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
     budget: Any = None  # budget.Budget
+    repeats: Any = None  # repeats.Repeats of the improved model's error
     bands: Any = ()  # bands.Bands of the grown model, one of each run held out
 
 
@@ -396,6 +407,7 @@ class Diagnosis:
             history,
             state,
             budget.budget(self.runs, self.cut, self.fit),
+            repeats.repeats(self.runs, self.cut, self.model),
             self._bands(heldout),
         )
 

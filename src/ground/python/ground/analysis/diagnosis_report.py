@@ -1,5 +1,7 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
+import dataclasses
+
 from ground.analysis import bands, candidates, next_experiment, study, unexplained
 
 SCHEMA = "ground/diagnosis/1"
@@ -53,6 +55,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
         "budget": _budget(conclusion.budget),
+        "repeats": conclusion.repeats and dataclasses.asdict(conclusion.repeats),
         "bands": bands.coverage(conclusion.bands),
         "next_experiment": _next_experiment(diagnosis, alike, thorough),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},

@@ -1,4 +1,5 @@
 """What a comparison or a diagnosis found, in sentences."""
+
 import math
 
 from ground.analysis import failure
@@ -200,7 +201,9 @@ def _varying(found):
 
 def _sized(effect):
     """An effect with the values of its parameters: "input_delay (delay 0.76 ms)"."""
-    values = ["%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in effect["parameters"].items()]
+    values = [
+        "%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in effect["parameters"].items()
+    ]
     return "%s (%s)" % (effect["effect"], ", ".join(values))
 
 
@@ -227,9 +230,11 @@ def apart(report):
             others = c["group"][1:]
             yield "These runs cannot show %s: %s." % (
                 c["effect"],
-                "with other values of %s the model does the same without" % _listed(others)
-                if others
-                else "on them it changes nothing",
+                (
+                    "with other values of %s the model does the same without" % _listed(others)
+                    if others
+                    else "on them it changes nothing"
+                ),
             )
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
@@ -241,9 +246,11 @@ def apart(report):
             "To %s, record%s: %s (identify simulate %s). One such run sets the models %.1f standard "
             "deviations apart."
             % (
-                "tell %s apart" % _listed(proposed["separates"])
-                if len(proposed["separates"]) > 1
-                else "show " + proposed["separates"][0],
+                (
+                    "tell %s apart" % _listed(proposed["separates"])
+                    if len(proposed["separates"]) > 1
+                    else "show " + proposed["separates"][0]
+                ),
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
                 proposed["arguments"],
@@ -277,11 +284,19 @@ def budget(report):
     if abs(share["trim"]) >= 0.005:
         parts.append("%.0f%% what differs between runs" % (100 * share["trim"]))
     rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than was measured"
-    return "Of its squared error (%.3f on the runs fitted to) %s; %s." % (
+    told = "Of its squared error (%.3f on the runs fitted to) %s; %s." % (
         error["measured"],
         _listed(parts),
         rest % (100 * abs(share["rest"])),
     )
+    again = report["repeats"]
+    if again:
+        told += (
+            " Where commands repeat (%d windows), %.0f%% of it repeats (standard error %.0f%%): no "
+            "effect of the commands alone explains more."
+            % (again["windows"], 100 * max(0.0, again["share"]), 100 * again["deviation"])
+        )
+    return told
 
 
 def bands(report):
