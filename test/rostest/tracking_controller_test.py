@@ -78,7 +78,7 @@ class TrackingTest(ControllerCase):
         harness.wait_for(
             lambda: abs(math.hypot(*reference.message.p) - 1) < 1e-6, 1, "a circle of 1 m"
         )
-        self.assertGreater(len(path.all), 1)
+        harness.wait_for(lambda: len(path.all) > 1, 1, "its path")
         client.update_configuration({"size": 2.0})
         client.close()
 

@@ -208,7 +208,7 @@ TEST(Experiment, TracksACircleAsWithTheExactStateWhenTheMocapIsExact) {
   params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
   params.mocap.rate = 1000;
   TrackingParams tracking = mvwtCircle();
-  tracking.rate = 500;
+  tracking.life.rate = 500;
   const double right = worst(trackReference(mvwt(), mvwt(), tracking, params), 40);
   EXPECT_NEAR(right, 11.588e-3, 0.1e-3);  // tracking_test
   Model wrong = mvwt();
@@ -238,15 +238,19 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   ExperimentParams params;
   params.mocap.gap_rate = 0.2;
   params.mocap.gap_length = 1;
-  const ExperimentLog log = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
+  const TrackingParams tracking = mvwtCircle();
+  const ExperimentLog log = trackReference(mvwt(), mvwt(), tracking, params);
   EXPECT_EQ(log.stopped, "the state is stale");
   EXPECT_LT(log.truth.back().time, 30);
   const double last_seen = log.references.back().time;
   for (const auto& c : log.commands)
     if (c.time > last_seen + 0.23) {
-      EXPECT_EQ(c.left + c.right + c.lift, 0) << c.time;
+      EXPECT_EQ(c.left + c.right, 0) << c.time;
+      EXPECT_EQ(c.lift, c.time < log.stopped_at ? 1 : 0) << c.time;
     }
-  EXPECT_NEAR(log.truth.back().time, last_seen + 0.2 + 0.5, 0.03);
+  const double timeout = tracking.life.state_timeout, recovery = tracking.life.recovery_time;
+  EXPECT_NEAR(log.stopped_at, last_seen + timeout + recovery, 0.03);
+  EXPECT_NEAR(log.truth.back().time, log.stopped_at + tracking.tail, 0.03);
 
   params.mocap.loss = 1;
   const ExperimentLog blind = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
@@ -306,7 +310,7 @@ TEST(Experiment, OffsetsOfTheMeasurementDoNotMisleadThePredictiveController) {
     ExperimentParams params;
     if (!estimate) {
       params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
-      params.mocap.rate = tracking.rate;
+      params.mocap.rate = tracking.life.rate;
     }
     const ExperimentLog log = trackReference(model, model, tracking, params);
     EXPECT_EQ(log.stopped, "");

@@ -36,7 +36,7 @@ class OpenLoopPRBS : public Controller {
         [this](const OpenLoopPRBSConfig& c) {
           const std::lock_guard<std::recursive_mutex> lock(mutex());
           params_ = params(c);
-          ControllerParams common;
+          LifecycleParams common;
           common.lift = c.lift;
           common.lift_time = c.lift_time;
           common.state_timeout = c.state_timeout;
@@ -48,18 +48,16 @@ class OpenLoopPRBS : public Controller {
     return {c.clock, c.left_low, c.left_high, c.right_low, c.right_high, c.duration};
   }
 
-  void activate(const ros::Time&) override {
+  void activate(double) override {
     signal_ = std::make_unique<PrbsSignal>(sequence_.rows, params_, sequence_.rows_per_bit);
     if (!csv_.empty())
       NODELET_INFO("%s: %s", csv_.c_str(), sequence_.describe(params_.clock).c_str());
   }
-  Vector2<double> update(double elapsed, const ros::Time&, const RigidState<double>&) override {
+  Vector2<double> update(double elapsed, double, const RigidState<double>&) override {
     return signal_->at(elapsed);
   }
-  bool finished(double elapsed) const override { return elapsed >= signal_->duration(); }
-  double nextChange(double elapsed) const override {
-    return signal_ ? signal_->nextChange(elapsed) : 0.0;
-  }
+  double end() const override { return signal_->duration(); }
+  double nextChange(double elapsed) const override { return signal_->nextChange(elapsed); }
 
   std::string csv_;  ///< empty when the sequence is made
   PrbsFile sequence_;

@@ -59,15 +59,20 @@ void bindSimulation(py::module_& module) {
       .def_readwrite("loss", &MocapParams::loss)
       .def_readwrite("gap_rate", &MocapParams::gap_rate)
       .def_readwrite("gap_length", &MocapParams::gap_length);
+  py::class_<LifecycleParams>(module, "LifecycleParams", "What all controllers are tuned with.")
+      .def(py::init<>())
+      .def_readwrite("lift", &LifecycleParams::lift)
+      .def_readwrite("lift_time", &LifecycleParams::lift_time)
+      .def_readwrite("state_timeout", &LifecycleParams::state_timeout)
+      .def_readwrite("recovery_time", &LifecycleParams::recovery_time)
+      .def_readwrite("rate", &LifecycleParams::rate);
   py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
       .def_readwrite("estimate", &TrackingParams::estimate)
-      .def_readwrite("rate", &TrackingParams::rate)
+      .def_readwrite("life", &TrackingParams::life)
       .def_readwrite("start", &TrackingParams::start)
-      .def_readwrite("lift", &TrackingParams::lift)
-      .def_readwrite("lift_time", &TrackingParams::lift_time)
       .def_readwrite("duration", &TrackingParams::duration)
       .def_readwrite("max_error", &TrackingParams::max_error)
       .def_readwrite("tail", &TrackingParams::tail);

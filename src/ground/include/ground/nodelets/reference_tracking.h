@@ -6,7 +6,7 @@
 #include <ground_msgs/Reference.h>
 #include <nav_msgs/Path.h>
 
-#include <algorithm>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <set>
@@ -17,9 +17,7 @@
 
 #include "ground/control/controllers.h"
 #include "ground/control/feasibility.h"
-#include "ground/control/tracking_controller.h"
-#include "ground/control/tracking_watch.h"
-#include "ground/model/drive_clock.h"
+#include "ground/control/reference_pilot.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/model_loading.h"
@@ -69,7 +67,6 @@ class ReferenceTracking : public Controller {
     model_ = loadModelAndWarn(file);
     const std::string refusal = effectUse(kind(), model_).refusal;
     if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
-    epoch_ = ros::Time::now();
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
     wanted_publisher_ = topics.advertise<ground_msgs::Controls>("controls/wanted", 4);
@@ -83,7 +80,7 @@ class ReferenceTracking : public Controller {
 
   void onDrive(const ground_msgs::Drive::ConstPtr& message) {
     const std::lock_guard<std::recursive_mutex> lock(mutex());
-    drive_.record(seconds(message->began), seconds(message->header.stamp));
+    pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
   }
 
   template <class AnyConfig>
@@ -130,9 +127,9 @@ class ReferenceTracking : public Controller {
   std::string wrong(const Config& c) {
     built_.reset();
     std::string reason = check(c);
-    if (!reason.empty() || (reference_ && shape(c) == shape(config_))) return reason;
+    if (!reason.empty() || (pilot_.reference() && shape(c) == shape(config_))) return reason;
     try {
-      if (!controller_) first_ = make(model_, c);
+      if (!pilot_.controller()) first_ = make(model_, c);
       built_ = makeReference(reference(c));
     } catch (const std::exception& error) {
       reason = error.what();
@@ -143,7 +140,7 @@ class ReferenceTracking : public Controller {
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> one(changing_);
     const bool changed = built_ != nullptr;
-    ReferencePtr reference = changed ? std::move(built_) : reference_;
+    ReferencePtr reference = changed ? std::move(built_) : pilot_.reference();
     built_.reset();
     std::string caution = caution_;
     if (changed) caution = judge(model_, *reference, c.reference);
@@ -152,23 +149,24 @@ class ReferenceTracking : public Controller {
     {
       const std::lock_guard<std::recursive_mutex> lock(mutex());
       config_ = c;
-      ControllerParams params;
+      LifecycleParams params;
       params.lift = c.lift;
       params.lift_time = c.lift_time;
       params.state_timeout = c.state_timeout;
       params.recovery_time = c.recovery_time;
       params.rate = c.rate;
       setParams(params);
-      if (!controller_) {
-        controller_ = std::move(first_);
+      if (first_) {
+        pilot_.swapController(first_, model_.body.input_max);
       } else {
-        tune(*controller_, c);
+        tune(*pilot_.controller(), c);
       }
-      watch_.setMaxError(max_error);
+      pilot_.setMaxError(max_error);
+      pilot_.setLift(c.lift);
+      pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
       caution_ = std::move(caution);
       if (changed) {
-        reference_.swap(reference);
-        reference_start_ = ros::Time();
+        pilot_.swapReference(reference);
         path_publisher_.publish(path);
       }
     }
@@ -178,9 +176,9 @@ class ReferenceTracking : public Controller {
   std::string take(const Model& model) {
     const std::lock_guard<std::mutex> one(changing_);
     std::unique_ptr<TrackingController> controller = make(model, config_);
-    const std::string caution = judge(model, *reference_, config_.reference);
+    const std::string caution = judge(model, *pilot_.reference(), config_.reference);
     const std::lock_guard<std::recursive_mutex> lock(mutex());
-    controller_.swap(controller);
+    pilot_.swapController(controller, model.body.input_max);
     model_ = model;
     caution_ = caution;
     return caution;
@@ -205,35 +203,18 @@ class ReferenceTracking : public Controller {
 
   std::string caution() const override { return caution_; }
 
-  void activate(const ros::Time&) override {
-    reference_start_ = ros::Time();
-    controller_->reset();
+  void activate(double stamp) override { pilot_.activate(stamp); }
+  std::string objection(double stamp, const RigidState<double>& state) override {
+    return pilot_.objection(stamp, state);
   }
-
-  double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }
-
-  std::string objection(const ros::Time& stamp, const RigidState<double>& state) override {
-    if (reference_start_.isZero()) {
-      reference_start_ = stamp;
-      watch_.restart();
-    }
-    const double t = std::max(0.0, secondsBetween(reference_start_, stamp));
-    return watch_.look(t, (controller_->position(state) - reference_->at(t).p).norm());
+  Vector2<double> update(double elapsed, double stamp, const RigidState<double>& state) override {
+    return pilot_.update(elapsed, stamp, state);
   }
+  double end() const override { return pilot_.end(); }
 
-  Vector2<double> update(double, const ros::Time& stamp, const RigidState<double>& state) override {
-    if (stamp != published_) publishReference(stamp);
-    Observation seen;
-    seen.stamp = seconds(stamp);
-    seen.now = std::max(seen.stamp, seconds(ros::Time::now()));
-    seen.state = state;
-    seen.reference = reference_.get();
-    seen.reference_start = seconds(reference_start_);
-    seen.drive_start = drive_.origin(seen.now);
-    seen.lift = config_.lift;
-    const Vector2<double> inputs = controller_->decide(seen) / model_.body.input_max;
-    publishWanted(controller_->wanted() / model_.body.input_max);
-    return inputs;
+  void decided(const ReferencePilot::Decision& decision) {
+    if (measuredAt() != published_) publishReference(decision.reference);
+    publishWanted(decision.wanted);
   }
 
   void publishWanted(const Vector2<double>& wanted) {
@@ -246,23 +227,12 @@ class ReferenceTracking : public Controller {
     wanted_publisher_.publish(message);
   }
 
-  void published(const ros::Time& stamp, double left, double right, double lift) override {
-    drive_.command(seconds(stamp), lift);
-    if (controller_)
-      controller_->commanded(seconds(stamp), model_.body.input_max * Vector2<double>(left, right),
-                             lift);
-  }
+  void published(double stamp, const Inputs& inputs) override { pilot_.commanded(stamp, inputs); }
 
-  bool finished(double elapsed) const override {
-    return config_.duration > 0 && elapsed >= config_.duration;
-  }
-
-  void publishReference(const ros::Time& stamp) {
-    published_ = stamp;
-    const double t = std::max(0.0, secondsBetween(reference_start_, stamp));
-    const ReferencePoint point = reference_->at(t);
+  void publishReference(const ReferencePoint& point) {
+    published_ = measuredAt();
     auto message = boost::make_shared<ground_msgs::Reference>();
-    message->header.stamp = stamp;
+    message->header.stamp = published_;
     message->header.frame_id = "world_ned";
     for (int i = 0; i < 2; ++i) {
       message->p[i] = point.p(i);
@@ -290,21 +260,17 @@ class ReferenceTracking : public Controller {
     return path;
   }
 
-  ros::Time epoch_;     ///< from which the controller's clock counts
   ReferencePtr built_;  ///< by wrong() for apply(), as the first controller is
   std::unique_ptr<TrackingController> first_;
-  /// Held while something is built and swapped in: who holds it may read the following five without
+  /// Held while something is built and swapped in: who holds it may read the following four without
   /// mutex(), and changes them with both.
   std::mutex changing_;
   Model model_;
   Config config_;
-  ReferencePtr reference_;
   std::string caution_;
-  std::unique_ptr<TrackingController> controller_;
-  TrackingWatch watch_;        ///< this and what follows are guarded by mutex()
-  ros::Time reference_start_;  ///< zero until the first update with this reference
-  DriveClock drive_;           ///< on the controller's clock
-  ros::Time published_;        ///< stamp of the newest message of the reference
+  ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
+                        [this](const ReferencePilot::Decision& d) { decided(d); }};
+  ros::Time published_;  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_, wanted_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

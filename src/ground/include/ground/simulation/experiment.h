@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
@@ -23,17 +24,15 @@ struct ExperimentParams {
   Disturbance disturbance = {};
 };
 
-/// A controller as the nodelets run it: lift alone first, then decisions at `rate` on the states
-/// that the estimator makes of the delivered frames.
+/// A controller as the nodelets run it, on the states that the estimator makes of the delivered
+/// frames.
 struct TrackingParams {
   ReferenceParams reference;
   ControllerChoice controller;
   EstimatorParams estimator;
   bool estimate = true;    ///< otherwise what an exact mocap sees at the frames' captures
-  double rate = 50.0;      ///< of control [Hz]
-  double start = 0.5;      ///< lift on, or later when there is no valid state yet [s]
-  double lift = 1.0;       ///< input of the lift fan, 0..1
-  double lift_time = 1.0;  ///< lift alone before the thrusters start [s]
+  LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
+  double start = 0.5;      ///< of the controller; lift on, or later when there is no valid state [s]
   double duration = 20.0;  ///< of tracking [s]
   /// Error beyond which TrackingWatch stops it [m]; 0: defaultMaxError, infinite: never.
   double max_error = 0;
@@ -60,6 +59,11 @@ struct ExperimentLog {
     Vector2<double> thrusters;  ///< inputs, in the model's units
     double computing;           ///< time of the processor that it took [s]
   };
+  struct Stage {
+    double time;  ///< at which it begins [s]
+    ControllerLifecycle::State state;
+    std::string reason;
+  };
   struct Reference {
     double time;  ///< stamp of the state that was compared with it [s]
     ReferencePoint point;
@@ -70,6 +74,7 @@ struct ExperimentLog {
   std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
   std::vector<Reference> references;  ///< when tracking
   std::vector<Decision> decisions;    ///< when tracking
+  std::vector<Stage> stages;          ///< of the controller's life, when tracking
   std::string stopped;    ///< why the controller stopped before its end; empty when it did not
   double stopped_at = 0;  ///< when it did [s]
 };
@@ -82,8 +87,7 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
                            const ExperimentParams& params);
 
 /// Tracks a reference with a controller that believes in `believed`. The log ends early when the
-/// controller stops itself: without a valid state for 0.2 s, or when the craft does not follow the
-/// reference (TrackingWatch), as the nodelet does. Throws alike.
+/// controller stops itself (ControllerLifecycle, ReferencePilot). Throws alike.
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params);
 

@@ -123,9 +123,9 @@ def run(
     controller.prbs.duration = task.until
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
-    params.rate, params.duration, params.max_error = rate, task.until, max_error
+    params.life.rate, params.duration, params.max_error = rate, task.until, max_error
     params.estimate = conditions.noise
-    params.start, params.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
+    params.start, params.life.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
     mocap = _core.MocapParams()
     mocap.loss = conditions.loss
     mocap.latency = conditions.delay

@@ -1,0 +1,163 @@
+#pragma once
+
+#include <functional>
+#include <limits>
+#include <optional>
+#include <string>
+
+#include "ground/model/dynamics.h"
+
+namespace ground {
+
+/// What all controllers are tuned with.
+struct LifecycleParams {
+  double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
+  double lift_time = 1.0;      ///< lift alone before the thrusters start [s]
+  double state_timeout = 0.2;  ///< oldest state with which to drive [s]
+  double recovery_time = 0.0;  ///< without a state that zero thrust bridges before a stop [s]
+  double rate = 50.0;          ///< of closed-loop control [Hz]
+  bool require_armed = true;   ///< whether it waits for an armed sender, and stops with it
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// Of the thrusters and the lift, 0..1.
+struct Inputs {
+  double left = 0, right = 0, lift = 0;
+};
+
+/// One instant on two clocks: the steady one, by which watchdogs run, and the one of stamps, which
+/// somebody may set. A simulation has one clock for both.
+struct Instant {
+  double steady, time;  ///< [s]
+};
+
+/// What the mocap says of the craft.
+struct MeasuredState {
+  double stamp = 0;  ///< when it was measured, on the clock of stamps [s]
+  RigidState<double> state;
+  bool valid = false;
+  std::string problem;  ///< why it is not valid
+};
+
+/// Says what to command while a controller drives. Times `elapsed` are seconds since it began.
+class Pilot {
+ public:
+  static constexpr double kByState = -1.0;
+
+  virtual ~Pilot() = default;
+  /// Driving begins at the time of `stamp`; what it throws refuses the start.
+  virtual void activate(double /*stamp*/) {}
+  /// Driving ends, for whatever reason.
+  virtual void deactivate() {}
+  /// Why it has to stop, empty when it may go on; asked before every update.
+  virtual std::string objection(double /*stamp*/, const RigidState<double>& /*state*/) {
+    return "";
+  }
+  /// Inputs left, right, 0..1.
+  virtual Vector2<double> update(double elapsed, double stamp, const RigidState<double>& state) = 0;
+  /// When it is done.
+  virtual double end() const { return std::numeric_limits<double>::infinity(); }
+  /// When an open-loop controller changes its inputs next; a closed-loop one is driven by the state
+  /// instead, at most at `rate`.
+  virtual double nextChange(double /*elapsed*/) const { return kByState; }
+  /// What whoever starts it should know; empty when nothing.
+  virtual std::string caution() const { return ""; }
+};
+
+/// The life of a controller: whether it may drive, and what goes out while it may not. The same
+/// object runs in the nodelets and in simulated experiments. Free of clocks; the caller serialises
+/// the calls.
+///
+/// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED;
+/// RECOVERING while the state is lost in between. Thrust goes out in RUNNING only, lift in LIFTING,
+/// RUNNING and RECOVERING. It stops when the state is stale or invalid for recovery_time, at once
+/// where that is 0 or the state is not finite, when the state jumps as no craft can, when the sender
+/// disarms, when the clock was set, when another controller takes over, when the pilot objects and
+/// when a command is not finite.
+class ControllerLifecycle {
+ public:
+  /// Numbers as in ground_msgs/ControllerStatus.
+  enum class State { kIdle, kWaiting, kLifting, kRunning, kDone, kStopped, kRecovering };
+  /// A command goes out.
+  using Send = std::function<void(const Inputs&)>;
+  /// State or reason have changed.
+  using Changed = std::function<void()>;
+
+  /// The pilot has to outlive it.
+  ControllerLifecycle(Pilot& pilot, Send send, Changed changed);
+
+  /// Takes effect at once.
+  void setParams(const LifecycleParams& params) { params_ = params; }
+  const LifecycleParams& params() const { return params_; }
+
+  /// Says why it cannot be started; empty when it is.
+  std::string start(Instant now);
+  void stop(Instant now, const std::string& reason);
+  /// The sender says whether it is armed, and why not.
+  void sender(Instant now, bool armed, const std::string& reason);
+  /// Another controller, named so, gives a command. While it does, this one is silent. The one that
+  /// was started last drives: this one stops, or takes the other's place with the lift on.
+  void otherDrives(Instant now, const std::string& name, double lift);
+  /// A state came in.
+  void state(Instant now, const MeasuredState& measured);
+  /// Zero inputs go out now, unless another controller drives.
+  void sendZero(Instant now) { send(now, {}); }
+  /// The clock of stamps was set.
+  void timeJumped(Instant now, const std::string& what);
+  /// Moves on to now.
+  void tick(Instant now);
+  /// By when on each clock tick() has to be called, as far as is known.
+  Instant due() const;
+
+  State current() const { return state_; }
+  const std::string& reason() const { return reason_; }
+  /// From its start to its end.
+  bool started() const {
+    return state_ == State::kWaiting || state_ == State::kLifting || driving();
+  }
+  /// The pilot is at work, be it that the state is lost for a moment.
+  bool driving() const { return state_ == State::kRunning || state_ == State::kRecovering; }
+  /// Seconds since it began to drive.
+  double elapsed(double time) const { return driving() ? time - running_since_ : 0; }
+
+ private:
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
+  std::string stateProblem(Instant now) const;
+  bool stateIsFinite() const;
+  std::string jumped(const MeasuredState& state) const;
+  bool bridge(Instant now, const std::string& problem);
+  void begin(Instant now);
+  void control(Instant now, double stamp);
+  void enter(Instant now, State state, const std::string& reason);
+  void change(State state, const std::string& reason);
+  void send(Instant now, const Inputs& inputs);
+  double liftAlone() const;
+  double liftedAt() const;
+  double repeatAt() const;
+
+  Pilot& pilot_;
+  Send send_;
+  Changed changed_;
+  LifecycleParams params_;
+  State state_ = State::kIdle;
+  std::string reason_ = "not started yet";
+  bool armed_ = false, open_loop_ = false;
+  std::optional<MeasuredState> measured_;
+  double measured_at_ = 0;              ///< steady clock [s]
+  std::optional<MeasuredState> known_;  ///< the last one with which it was driven
+  double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
+  std::optional<double> last_update_;             ///< stamp [s]
+  double change_at_ = 0;                          ///< of open-loop inputs, clock of stamps [s]
+  double started_at_ = 0;                         ///< steady clock [s]
+  double others_until_ = -kNever;  ///< how long another controller may be taken to drive [s]
+  bool lifted_ = false;            ///< by another controller, whose place is taken
+  double lost_since_ = 0;          ///< while RECOVERING, steady clock [s]
+  double next_keepalive_ = -kNever;  ///< steady clock [s]
+};
+
+/// As in messages and logs: "RUNNING".
+const char* nameOf(ControllerLifecycle::State state);
+
+}  // namespace ground

@@ -1,0 +1,226 @@
+#include "ground/control/controller_lifecycle.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <utility>
+
+#include "ground/estimation/jump.h"
+
+namespace ground {
+namespace {
+
+constexpr double kKeepalive = 0.02;  // between repeated commands [s]
+constexpr double kHandover = 0.2;    // after which a silent controller has gone [s]
+
+}  // namespace
+
+std::string LifecycleParams::validate() const {
+  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+  if (!within(lift, 0, 1)) return "lift must be between 0 and 1";
+  if (!within(lift_time, 0, 30)) return "lift_time must be between 0 and 30 s";
+  if (!within(state_timeout, 0.01, 5)) return "state_timeout must be between 0.01 and 5 s";
+  if (!within(recovery_time, 0, 5)) return "recovery_time must be between 0 and 5 s";
+  if (!within(rate, 10, 500)) return "the control rate must be between 10 and 500 Hz";
+  return "";
+}
+
+const char* nameOf(ControllerLifecycle::State state) {
+  static const char* names[] = {"IDLE", "WAITING", "LIFTING",   "RUNNING",
+                                "DONE", "STOPPED", "RECOVERING"};
+  return names[static_cast<int>(state)];
+}
+
+ControllerLifecycle::ControllerLifecycle(Pilot& pilot, Send send, Changed changed)
+    : pilot_(pilot), send_(std::move(send)), changed_(std::move(changed)) {}
+
+std::string ControllerLifecycle::start(Instant now) {
+  if (started()) return "it has been started already";
+  started_at_ = now.steady;
+  lifted_ = lifted_ && others_until_ > started_at_;
+  enter(now, State::kWaiting, "waits for a valid state and an armed sender");
+  return "";
+}
+
+void ControllerLifecycle::stop(Instant now, const std::string& reason) {
+  enter(now, State::kStopped, reason);
+}
+
+void ControllerLifecycle::sender(Instant now, bool armed, const std::string& reason) {
+  armed_ = armed;
+  if (params_.require_armed && !armed_ && (state_ == State::kLifting || driving()))
+    enter(now, State::kStopped, "the sender is not armed: " + reason);
+}
+
+void ControllerLifecycle::otherDrives(Instant now, const std::string& name, double lift) {
+  if (!started()) {
+    others_until_ = now.steady + kHandover;
+    lifted_ = lift > 0;
+  } else if (now.steady - started_at_ > kHandover) {  // until then it is the one that was replaced
+    others_until_ = now.steady + kHandover;
+    change(State::kStopped, name + " has taken over");  // without a word to the craft
+  }
+}
+
+void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
+  measured_ = measured;
+  measured_at_ = now.steady;
+  if (driving() && measured.valid && stateIsFinite()) {
+    const std::string jump = jumped(measured);
+    known_ = measured;
+    if (!jump.empty()) enter(now, State::kStopped, jump);
+  }
+  tick(now);
+  if (state_ != State::kRunning || open_loop_) return;
+  // A tenth of tolerance, so that jitter does not skip every other state.
+  if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate)
+    control(now, measured.stamp);
+}
+
+void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
+  if (state_ == State::kLifting || driving()) enter(now, State::kStopped, what);
+}
+
+void ControllerLifecycle::tick(Instant now) {
+  const std::string problem = stateProblem(now);
+  const bool ready = problem.empty() && (armed_ || !params_.require_armed);
+  if (state_ == State::kWaiting && ready) {
+    lifting_since_ = now.time;
+    enter(now, State::kLifting, "lift on");
+  }
+  const bool bridged = driving() && bridge(now, problem);
+  if ((state_ == State::kLifting || driving()) && !problem.empty() && !bridged)
+    enter(now, State::kStopped, problem);
+  if (state_ == State::kLifting && now.time >= liftedAt()) begin(now);
+  if (driving() && now.time >= running_since_ + pilot_.end())
+    enter(now, State::kDone, "came to its end");
+
+  if (state_ == State::kRunning && open_loop_) {
+    if (!last_update_ || now.time >= change_at_ || now.steady >= repeatAt()) control(now, now.time);
+  } else if (state_ == State::kRunning) {
+    // Without a new state it decides upon the last one, until that is stale.
+    if (now.steady >= repeatAt()) control(now, measured_->stamp);
+  } else if (now.steady >= repeatAt()) {
+    send(now, {0, 0, driving() ? params_.lift : liftAlone()});
+  }
+}
+
+Instant ControllerLifecycle::due() const {
+  Instant due{repeatAt(), kNever};
+  if (measured_ && (state_ == State::kLifting || state_ == State::kRunning)) {
+    due.steady = std::min(due.steady, measured_at_ + params_.state_timeout);
+    due.time = std::min(due.time, measured_->stamp + params_.state_timeout);
+  }
+  if (state_ == State::kLifting) due.time = std::min(due.time, liftedAt());
+  if (driving()) due.time = std::min(due.time, running_since_ + pilot_.end());
+  if (state_ == State::kRunning && open_loop_) due.time = std::min(due.time, change_at_);
+  if (state_ == State::kRecovering)
+    due.steady = std::min(due.steady, lost_since_ + params_.recovery_time);
+  return due;
+}
+
+std::string ControllerLifecycle::stateProblem(Instant now) const {
+  if (!measured_) return "there is no state";
+  if (!measured_->valid) return "the state is invalid: " + measured_->problem;
+  // A state may also come on time and be old.
+  if (now.steady >= measured_at_ + params_.state_timeout ||
+      now.time >= measured_->stamp + params_.state_timeout)
+    return "the state is stale";
+  if (!stateIsFinite()) return "the state is not finite";
+  return "";
+}
+
+bool ControllerLifecycle::stateIsFinite() const {
+  return measured_ && measured_->state.eta.allFinite() && measured_->state.nu.allFinite();
+}
+
+/// What is said of a state that the craft cannot have come to from the last one with which it was
+/// driven: it has been carried away, or the mocap sees something else; empty otherwise.
+std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
+  if (!known_) return "";
+  const Jump jump(known_->state, state.state, std::max(0.0, state.stamp - known_->stamp));
+  if (!jump.impossible()) return "";
+  char text[120];
+  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s",
+                jump.way, jump.turn, jump.dt);
+  return text;
+}
+
+/// Takes the thrust away while the state is lost; whether it may still come back.
+bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
+  if (problem.empty()) {
+    if (state_ == State::kRecovering) change(State::kRunning, "driving again");
+    return true;
+  }
+  if (!stateIsFinite() || params_.recovery_time == 0) return false;
+  if (state_ == State::kRunning) {
+    lost_since_ = now.steady;
+    change(State::kRecovering, "no thrust until the state is back: " + problem);
+    send(now, {0, 0, params_.lift});
+  }
+  return now.steady < lost_since_ + params_.recovery_time;
+}
+
+void ControllerLifecycle::begin(Instant now) {
+  running_since_ = now.time;
+  last_update_.reset();
+  known_ = measured_;
+  try {
+    pilot_.activate(now.time);
+    open_loop_ = pilot_.nextChange(0) != Pilot::kByState;
+  } catch (const std::exception& error) {
+    enter(now, State::kStopped, error.what());
+    return;
+  }
+  const std::string remark = pilot_.caution();
+  change(State::kRunning, remark.empty() ? "driving" : "driving; " + remark);
+}
+
+void ControllerLifecycle::control(Instant now, double stamp) {
+  // The state may be older than the start by the mocap's latency.
+  const double elapsed = std::max(0.0, stamp - running_since_);
+  const std::string reason = pilot_.objection(stamp, measured_->state);
+  if (!reason.empty()) return enter(now, State::kStopped, reason);
+  const Vector2<double> inputs = pilot_.update(elapsed, stamp, measured_->state);
+  last_update_ = stamp;
+  if (open_loop_) change_at_ = running_since_ + pilot_.nextChange(elapsed);
+  if (!inputs.allFinite()) return enter(now, State::kStopped, "the command is not finite");
+  send(now, {inputs.x(), inputs.y(), params_.lift});
+}
+
+void ControllerLifecycle::enter(Instant now, State state, const std::string& reason) {
+  change(state, reason);
+  send(now, {0, 0, liftAlone()});
+}
+
+void ControllerLifecycle::change(State state, const std::string& reason) {
+  const bool was_driving = driving();
+  state_ = state;
+  reason_ = reason;
+  if (was_driving && !driving()) pilot_.deactivate();
+  changed_();
+}
+
+void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
+  next_keepalive_ = now.steady + kKeepalive;
+  if (started() || now.steady >= others_until_) send_(inputs);
+}
+
+/// The lift's input while the thrusters are off; one that takes over leaves it on.
+double ControllerLifecycle::liftAlone() const {
+  const bool on = state_ == State::kLifting || (state_ == State::kWaiting && lifted_);
+  return on ? params_.lift : 0.0;
+}
+
+double ControllerLifecycle::liftedAt() const {
+  return lifting_since_ + (lifted_ ? 0 : params_.lift_time);
+}
+
+/// When a command has to be repeated. A closed-loop controller waits for the next state first.
+double ControllerLifecycle::repeatAt() const {
+  const bool waits = state_ == State::kRunning && !open_loop_;
+  return next_keepalive_ + (waits ? 1 / params_.rate : 0);
+}
+
+}  // namespace ground

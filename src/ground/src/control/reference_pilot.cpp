@@ -1,0 +1,71 @@
+#include "ground/control/reference_pilot.h"
+
+#include <algorithm>
+#include <ctime>
+#include <utility>
+
+namespace ground {
+namespace {
+
+/// Processor time of this thread [s]: what else the machine does is no part of it.
+double processorTime() {
+  timespec time;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+}  // namespace
+
+ReferencePilot::ReferencePilot(Clock clock, Decided decided)
+    : clock_(std::move(clock)), decided_(std::move(decided)) {}
+
+void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller,
+                                    double input_max) {
+  controller_.swap(controller);
+  input_max_ = input_max;
+}
+
+void ReferencePilot::swapReference(ReferencePtr& reference) {
+  reference_.swap(reference);
+  reference_start_.reset();
+}
+
+void ReferencePilot::commanded(double time, const Inputs& inputs) {
+  drive_.command(time, inputs.lift);
+  if (controller_)
+    controller_->commanded(time, input_max_ * Vector2<double>(inputs.left, inputs.right),
+                           inputs.lift);
+}
+
+void ReferencePilot::activate(double) {
+  reference_start_.reset();
+  controller_->reset();
+}
+
+std::string ReferencePilot::objection(double stamp, const RigidState<double>& state) {
+  if (!reference_start_) {
+    reference_start_ = stamp;
+    watch_.restart();
+  }
+  if (!controller_->follows()) return "";
+  const double error = (controller_->position(state) - at(stamp).p).norm();
+  return watch_.look(std::max(0.0, stamp - *reference_start_), error);
+}
+
+Vector2<double> ReferencePilot::update(double, double stamp, const RigidState<double>& state) {
+  const double before = processorTime();
+  const double now = std::max(stamp, clock_());
+  const Vector2<double> inputs =
+      controller_->decide(
+          {now, stamp, state, reference_.get(), *reference_start_, lift_, drive_.origin(now)}) /
+      input_max_;
+  decided_({now, stamp, at(stamp), inputs, controller_->wanted() / input_max_,
+            processorTime() - before});
+  return inputs;
+}
+
+ReferencePoint ReferencePilot::at(double stamp) const {
+  return reference_->at(std::max(0.0, stamp - *reference_start_));
+}
+
+}  // namespace ground
