@@ -232,6 +232,7 @@ class FaultsTest(unittest.TestCase):
     def drive(self):
         """A craft that tracks, armed and on its way."""
         S = ControllerStatus
+        harness.wait_for(lambda: self.status.message.state != S.RECOVERING, 5, "its recovery")
         if self.status.message.state != S.RUNNING or self.sender.message.state != 1:
             self.stop()
             harness.wait_for(lambda: self.status.message.state != S.RUNNING, 5, "a stop")

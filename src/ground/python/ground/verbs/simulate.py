@@ -208,7 +208,7 @@ def configure(parser):
     tracking.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
     _add_numbers(tracking, REFERENCE, defaults.reference)
     _add_numbers(tracking, GAINS, defaults.controller.gains)
-    _add_numbers(tracking, CONTROL, defaults)
+    _add_numbers(tracking, CONTROL, defaults.life)
     tracking.add_argument(
         "--max-error",
         type=_number,
@@ -340,10 +340,10 @@ def _tracking(arguments):
     params = _core.TrackingParams()
     params.start, params.tail = experiments.LEAD, experiments.TAIL
     params.duration = arguments.duration or DURATION
-    _filled(params, CONTROL, arguments)
+    _filled(params.life, CONTROL, arguments)
     params.max_error = np.inf if arguments.max_error is None else arguments.max_error
     for name, value in _given(arguments, LIFT).items():
-        setattr(params, name, value)
+        setattr(params.life, name, value)
     params.controller.kind = arguments.controller or params.controller.kind
     _filled(params.controller.gains, GAINS, arguments)
     reference = _filled(params.reference, REFERENCE, arguments)
