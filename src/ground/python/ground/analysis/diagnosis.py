@@ -186,7 +186,9 @@ class Diagnosis:
         missing effect may have looked like it, or hidden it."""
         found = self.search.run()
         for _ in range(ROUNDS):
-            fit = self.search.fits[found]
+            # What differs may also be why an effect was refused: runs were predicted without it.
+            likeliest = max([found, *self.search.refused(found)], key=self.search.value)
+            fit = self.search.fits[likeliest]
             differences = varying.differences(self.varied, fit)
             same = {d.kind for d in differences} == {d.kind for d in self.differences}
             if same:
@@ -481,9 +483,15 @@ class Diagnosis:
             self.steps.pop()
 
     def _held_out(self, heldout):
-        """Errors on runs held out, of the nominal model and after each step."""
-        fits = [self.nominal] + [step.fit for step in self.steps]
+        """Errors on runs held out, of the nominal model and after each step. What differs between
+        runs is told by the poses before each window, as in the folds."""
         if not heldout:
-            return [float(fit.heldout.sum()) for fit in fits]
+            judged = [self.nominal] + [step.fit for step in self.steps]
+            return [float(fit.heldout.sum()) for fit in judged]
         cut = windows.cut(heldout)
-        return [float(study.channel_errors(heldout, cut, fit.model).sum()) for fit in fits]
+        likelihood = Likelihood(heldout, self.given, self.likelihood.varying)
+        samples = [w.last - w.first + 1 for w in cut]
+        names = [c.name for c in self.chosen]
+        fits = [self.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
+        errors = [study.calibrated_errors(heldout, cut, likelihood, fit) for fit in fits]
+        return [float(np.average(e, axis=0, weights=samples).sum()) for e in errors]
