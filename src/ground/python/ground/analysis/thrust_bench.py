@@ -1,0 +1,161 @@
+"""Force against input of thrusters on a bench (thesis 3.2, figure 3.1): a model's thrust.
+
+The force of a thruster at input w (0..1) is k (1 + a) w^p on the left, k (1 - a) w^p on the right
+(effects thrust_asymmetry, thrust_curve). A curve or an asymmetry is taken only where the forces
+show it beyond chance.
+"""
+
+import csv
+from dataclasses import dataclass
+from typing import Dict
+
+import numpy as np
+from scipy import optimize, stats
+
+from ground.errors import IdentifyError
+
+SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
+LEVEL = 0.01  # chance of a curve or an asymmetry that is not there
+OFF = 1e-9  # input of a thruster that is off
+START = {"k": 1.0, "a": 0.0, "p": 1.0}  # k in parts of the largest force of a thruster
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measured forces, one row each."""
+
+    inputs: np.ndarray  # (n,) 0..1
+    left: np.ndarray  # (n,) 1 where the left thruster is at work, else 0
+    right: np.ndarray  # (n,)
+    forces: np.ndarray  # (n,) [N]
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """The fitted thrust."""
+
+    values: Dict[str, float]  # k [N], and those of a [-], p [-] that the forces show
+    intervals: Dict[str, tuple]  # 95%
+    p_values: Dict[str, float]  # of a and p, where they could be tested
+    residual: float  # standard deviation of a force from the fit [N]
+    scatter: float  # of repeated measurements from each other [N]; nan without any
+
+    def force(self, bench):
+        """Forces (n,) [N] that the fit expects on a Bench."""
+        return _force(self.values, bench)
+
+
+def read(path, off=0.0, full=1.0, unit=1.0):
+    """The Bench in a CSV file whose header names a column input and columns left, right or both
+    (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
+    values of input that mean 0 and 1; unit: newtons in one unit of force. Raises IdentifyError."""
+    try:
+        with open(path, newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise IdentifyError("%s: cannot be read: %s" % (path, error))
+    header = [name.strip() for name in rows[0]] if rows else []
+    columns = {i: name.split("_")[0] for i, name in enumerate(header) if i > 0}
+    if header[:1] != ["input"] or not columns or not set(columns.values()) <= set(SIDES):
+        raise IdentifyError(
+            "%s: line 1 must name the columns: input, then left, right or both, each perhaps with an "
+            "ending such as left_2" % path
+        )
+    found = []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            values = [float(text) for text in row]
+        except ValueError:
+            values = []
+        if len(values) != len(header) or not np.isfinite(values).all():
+            raise IdentifyError("%s: line %d: must be %d numbers" % (path, number, len(header)))
+        level = (values[0] - off) / (full - off)
+        if not -1e-6 <= level <= 1 + 1e-6:
+            raise IdentifyError(
+                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs"
+                % (path, number, values[0], off, full)
+            )
+        level = min(max(level, 0.0), 1.0)
+        found += [(level, *SIDES[side], unit * values[i]) for i, side in columns.items()]
+    if len({level for level, *_ in found if level > OFF}) < 2:
+        raise IdentifyError("%s: a fit needs forces at two inputs above zero" % path)
+    return Bench(*np.array(found).T)
+
+
+def fit(bench):
+    """The Thrust that a Bench shows."""
+    names = ["k"]
+    tested = ["a"] if bench.left.any() and bench.right.any() and _apart(bench) else []
+    if len(np.unique(bench.inputs[bench.inputs > OFF])) > 2:
+        tested.append("p")
+    p_values = {}
+    whole = _least_squares(bench, names + tested)
+    for name in tested:
+        without = _least_squares(bench, [n for n in names + tested if n != name])
+        p_values[name] = _chance(without.cost, whole.cost, len(bench.forces) - 1 - len(tested))
+    names += [name for name in tested if p_values[name] < LEVEL]
+    found = _least_squares(bench, names)
+    scale = _scale(bench)
+    freedom = len(bench.forces) - len(names)
+    variance = 2 * found.cost / freedom
+    covariance = variance * np.linalg.inv(found.jac.T @ found.jac)
+    away = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(covariance))
+    units = [scale if name == "k" else 1.0 for name in names]
+    return Thrust(
+        {n: float(u * x) for n, u, x in zip(names, units, found.x)},
+        {
+            n: (float(u * (x - d)), float(u * (x + d)))
+            for n, u, x, d in zip(names, units, found.x, away)
+        },
+        p_values,
+        float(scale * np.sqrt(variance)),
+        _scatter(bench),
+    )
+
+
+def _apart(bench):
+    """Whether some forces are of one thruster alone."""
+    return bool((bench.left != bench.right).any())
+
+
+def _force(values, bench):
+    a = values.get("a", 0.0)
+    sides = (1 + a) * bench.left + (1 - a) * bench.right
+    power = np.where(bench.inputs > OFF, bench.inputs, 0.0) ** values.get("p", 1.0)
+    return values["k"] * sides * power
+
+
+def _scale(bench):
+    """Largest force of one thruster [N]."""
+    largest = float(np.max(np.abs(bench.forces) / (bench.left + bench.right)))
+    if not largest > 0:
+        raise IdentifyError("all forces are zero")
+    return largest
+
+
+def _least_squares(bench, names):
+    scale = _scale(bench)
+
+    def residuals(x):
+        return _force(dict(zip(names, x)), bench) - bench.forces / scale
+
+    return optimize.least_squares(residuals, [START[n] for n in names], x_scale="jac")
+
+
+def _chance(without, whole, freedom):
+    """Chance of such a fall of the squares by one more parameter (F test)."""
+    if freedom < 1:
+        return 1.0
+    whole = max(whole, 1e-12 * max(without, 1e-300))
+    return float(stats.f.sf(max(0.0, without - whole) / (whole / freedom), 1, freedom))
+
+
+def _scatter(bench):
+    kinds = np.column_stack([bench.inputs, bench.left, bench.right])
+    _, group = np.unique(kinds, axis=0, return_inverse=True)
+    count = np.bincount(group)
+    freedom = len(group) - len(count)
+    if freedom < 1:
+        return float("nan")
+    mean = np.bincount(group, bench.forces) / count
+    return float(np.sqrt(((bench.forces - mean[group]) ** 2).sum() / freedom))

@@ -1,0 +1,134 @@
+"""identify thrust: thrust from forces that were measured on a bench."""
+
+import numpy as np
+
+from ground import files
+from ground.analysis import candidates, thrust_bench
+from ground.verbs import common
+
+NAME = "thrust"
+SUMMARY = "fits thrust, its curve and asymmetry to forces measured on a bench (thesis 3.2)"
+NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
+EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}
+MEANS = {
+    "k": "thrust of one thruster at full input",
+    "a": "left stronger than right",
+    "p": "exponent of the input",
+}
+REACH = 0.8  # input up to which forces must have been measured for k to be more than a guess
+
+
+def configure(parser):
+    parser.add_argument(
+        "table",
+        metavar="BENCH.csv",
+        help="columns input, then left, right or both thrusters, repeated ones as left_1, left_2",
+    )
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="whose thrust is replaced")
+    parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
+    parser.add_argument(
+        "--inputs",
+        type=float,
+        nargs=2,
+        default=(0.0, 1.0),
+        metavar=("OFF", "FULL"),
+        help="values of the column input that mean 0 and 1, such as microseconds of PWM (0 1)",
+    )
+    parser.add_argument("--unit", choices=sorted(NEWTONS), default="N", help="of the forces (N)")
+    parser.add_argument("--force", action="store_true", help="overwrite the model file")
+
+
+def run(arguments):
+    files.refuse_existing(arguments.output, arguments.force)
+    off, full = arguments.inputs
+    if not (np.isfinite([off, full]).all() and full != off):
+        arguments.refuse("--inputs needs two different numbers")
+    model = common.load(arguments.model)
+    bench = thrust_bench.read(arguments.table, off, full, NEWTONS[arguments.unit])
+    found = thrust_bench.fit(bench)
+    fitted, names = _put_into(model, found)
+    # a model's k is of an input of 1, that of a bench of the largest input
+    units = {n: 1 / model.input_max if n == "k" else 1.0 for n in found.values}
+    described = {
+        names[n]: {"ci95": [units[n] * x for x in found.intervals[n]], "identified": True}
+        for n in found.values
+    }
+    arguments.bags = [arguments.table]
+    error = {"bench": found.residual}
+    full_thrust = model.value("k") * model.input_max
+    before = thrust_bench.Thrust({"k": full_thrust}, {}, {}, 0.0, 0.0).force(bench)
+    common.write_model(
+        arguments,
+        fitted,
+        {"bench": float(np.sqrt(np.mean((before - bench.forces) ** 2)))},
+        error,
+        described,
+    )
+    reach = float(bench.inputs.max())
+    for line in _lines(arguments, model, found, reach):
+        common.say(arguments, line)
+    scatter = None if np.isnan(found.scatter) else found.scatter
+    return {
+        "model": arguments.output,
+        "parameters": {
+            n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()
+        },
+        "p_values": found.p_values,
+        "residual": found.residual,
+        "scatter": scatter,
+        "largest_input": reach,
+        "k_before": full_thrust,
+    }
+
+
+def _put_into(model, found):
+    """The model with the fitted thrust, and its parameters' names there."""
+    fitted, names = model.copy(), {"k": "k"}
+    for short, effect in EFFECTS.items():
+        if effect in fitted.effects:
+            fitted.remove_effect(effect)
+        if short in found.values:
+            fitted = candidates.of_library(effect).neutral(fitted)
+            names[short] = "%s.%s" % (effect, short)
+    for short, name in names.items():
+        value = found.values[short]
+        fitted.set_value(name, value / model.input_max if short == "k" else value)
+    return fitted, names
+
+
+def _lines(arguments, model, found, reach):
+    for name, value in found.values.items():
+        yield "%s = %.4g%s [%.4g, %.4g]  %s" % (
+            name,
+            value,
+            " N" if name == "k" else "",
+            *found.intervals[name],
+            MEANS[name],
+        )
+    if "a" in found.values:
+        k, a = found.values["k"], found.values["a"]
+        yield "left %.4g N, right %.4g N at full input" % (k * (1 + a), k * (1 - a))
+    for name, p_value in found.p_values.items():
+        if name not in found.values:
+            yield "no sign of %s (p %.2g)" % (EFFECTS[name], p_value)
+    yield "forces are %.2g N from the fit (standard deviation)%s" % (
+        found.residual,
+        "" if np.isnan(found.scatter) else ", repetitions %.2g N from each other" % found.scatter,
+    )
+    if found.scatter and found.residual > 2 * found.scatter:
+        yield "the fit misses more than repetitions scatter: thrust is no power of the input here"
+    if reach < REACH:
+        yield (
+            "no input above %.2g was measured: k at full input is an extrapolation, and may be far off"
+            % reach
+        )
+    before = model.value("k") * model.input_max
+    ratio = found.values["k"] / before
+    if abs(ratio - 1) > 0.05:
+        yield (
+            "%s has %.3g N at full input: the bench says %.2f times that. Thrust from motion is what is left in "
+            "flight, relative to the mass; a difference means losses at speed or at low battery, or a "
+            "mass or lever that is wrong. Fit runs with k free before you drive by the bench's."
+            % (arguments.model, before, ratio)
+        )
+    yield "written to %s" % arguments.output

@@ -1,0 +1,96 @@
+"""identify thrust: thrust of a model from forces that were measured on a bench."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, identify
+
+LEVELS = np.linspace(0, 1, 11)
+
+
+def table(path, force, columns=("left", "right"), noise=5e-4, repeat=3, seed=1, off=0.0, full=1.0):
+    """Writes what a bench would measure; force(column, w) [N]."""
+    random = np.random.default_rng(seed)
+    names = ["%s_%d" % (c, i + 1) for c in columns for i in range(repeat)]
+    lines = ["input," + ",".join(names)]
+    for w in LEVELS:
+        forces = [force(n.split("_")[0], w) + noise * random.normal() for n in names]
+        lines.append(",".join("%.6g" % x for x in [off + (full - off) * w] + forces))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def fitted(tmp_path, path, *options):
+    out = tmp_path / "thrust.yaml"
+    result = identify("thrust", path, "--model", MODEL, "-o", out, "--json", *options)
+    assert result.returncode == 0, result.stderr
+    from ground import _core
+
+    return json.loads(result.stdout), _core.load_model(str(out))
+
+
+def test_the_thesis_bench_is_a_line_with_an_asymmetry(tmp_path):
+    k = {"left": 0.103, "right": 0.100}  # thesis 3.2
+    report, model = fitted(tmp_path, table(tmp_path / "bench.csv", lambda side, w: k[side] * w))
+    assert set(report["parameters"]) == {"k", "a"}
+    assert model.value("k") == pytest.approx(0.1015, rel=0.005)
+    assert model.value("thrust_asymmetry.a") == pytest.approx(0.0148, abs=0.004)
+    low, high = report["parameters"]["a"]["ci95"]
+    assert low < 0.0148 < high
+    assert report["scatter"] == pytest.approx(5e-4, rel=0.4)
+    assert report["residual"] == pytest.approx(5e-4, rel=0.4)
+
+
+def test_a_curve_in_grams_over_pwm_of_both_thrusters_together(tmp_path):
+    path = table(
+        tmp_path / "bench.csv",
+        lambda side, w: 2 * 20 * w**1.7,
+        columns=("both",),
+        noise=0.2,
+        off=1000,
+        full=2000,
+    )
+    report, model = fitted(tmp_path, path, "--inputs", 1000, 2000, "--unit", "g")
+    assert set(report["parameters"]) == {"k", "p"}  # which of the two is stronger cannot be told
+    assert model.value("k") == pytest.approx(20 * 9.80665e-3, rel=0.01)
+    assert model.value("thrust_curve.p") == pytest.approx(1.7, abs=0.05)
+
+
+def test_equal_linear_thrusters_get_no_effects(tmp_path):
+    chosen = []
+    for seed in range(40):
+        path = table(tmp_path / ("%d.csv" % seed), lambda side, w: 0.1 * w, seed=seed)
+        from ground.analysis import thrust_bench
+
+        chosen += [n for n in thrust_bench.fit(thrust_bench.read(str(path))).values if n != "k"]
+    assert len(chosen) <= 4  # 1% of 80 in the mean
+
+
+def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("input,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n")
+    result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
+    assert result.returncode == 0, result.stderr
+    assert "extrapolation" in result.stdout and "the bench says 1.6" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("", "line 1 must name the columns"),
+        ("u,left\n0,0\n", "line 1 must name the columns"),
+        ("input,front\n0,0\n", "line 1 must name the columns"),
+        ("input,left\n0,0\n0.5,x\n", "line 3: must be 2 numbers"),
+        ("input,left\n0,0\n1500,0.1\n", "line 3: input 1500 is not between 0 and 1"),
+        ("input,left\n0,0\n1,0.1\n", "a fit needs forces at two inputs above zero"),
+        ("input,left\n0.5,0\n1,0\n", "all forces are zero"),
+    ],
+)
+def test_what_cannot_be_read_is_said_with_its_line(tmp_path, text, said):
+    path = tmp_path / "bench.csv"
+    path.write_text(text)
+    result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
+    assert result.returncode == 1
+    assert said in result.stderr and "Traceback" not in result.stderr
+    assert not (tmp_path / "thrust.yaml").exists()
