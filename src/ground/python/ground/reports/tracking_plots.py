@@ -9,11 +9,30 @@ from ground.simulation import tuning
 
 def tracked(path, run, task, result, force=False):
     """Path, error and inputs of a tracking.Tracked, with its numbers in the title."""
+    figure, inputs = _driven(run, run.wanted, (task.settled, task.until))
+    _draw_inputs(inputs, run.decisions)
+    title = "%s, %s" % (result["controller"], result["reference"])
+    _finish(path, figure, title, run.numbers, force)
+
+
+def recorded(path, track, numbers, title, settled, force=False):
+    """The same of a recorded tracks.Track, and what was wanted before the inputs were limited."""
+    figure, inputs = _driven(track, track.reference, (settled, track.times[-1]))
+    if len(track.wanted):
+        _draw_inputs(inputs, track.wanted, "wanted, ", alpha=0.35)
+        inputs.set_ylim(*np.clip([track.wanted[:, 1:].min(), track.wanted[:, 1:].max()], -1, 2))
+    _draw_inputs(inputs, track.inputs)
+    _finish(path, figure, title, numbers, force)
+
+
+def _driven(run, reference, counts):
+    """A figure with the path (run.eta) beside its reference and the error, which counts in a span
+    of time, and the axis that is left for the inputs."""
     figure = plt.figure(figsize=(13, 6.5))
     grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.4], hspace=0.12, wspace=0.18)
     axis = figure.add_subplot(grid[:, 0])
     axis.plot(
-        run.wanted[:, 1], run.wanted[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference"
+        reference[:, 1], reference[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference"
     )
     axis.plot(run.eta[:, 1], run.eta[:, 0], color=MEASURED, lw=1, label="craft")
     every = max(1, len(run.eta) // 24)
@@ -36,33 +55,37 @@ def tracked(path, run, task, result, force=False):
     axis.grid(alpha=0.3)
     error = figure.add_subplot(grid[0, 1])
     error.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
-    error.axvspan(task.settled, task.until, color=MODELS[2], alpha=0.12, label="counts")
+    error.axvspan(*counts, color=MODELS[2], alpha=0.12, label="counts")
     error.set_ylabel("error [m]")
     error.tick_params(labelbottom=False)
     error.legend(fontsize=8)
     error.grid(alpha=0.3)
     inputs = figure.add_subplot(grid[1, 1], sharex=error)
+    inputs.set_ylabel("input [-]")
+    inputs.set_xlabel("time since the reference began [s]")
+    inputs.grid(alpha=0.3)
+    return figure, inputs
+
+
+def _draw_inputs(axis, rows, prefix="", alpha=1.0):
+    """Rows of time, left, right."""
     for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
-        inputs.step(
-            run.decisions[:, 0],
-            run.decisions[:, column],
+        axis.step(
+            rows[:, 0],
+            rows[:, column],
             where="post",
             color=color,
             lw=0.7,
-            label=label,
+            alpha=alpha,
+            label=prefix + label,
         )
-    inputs.set_ylabel("input [-]")
-    inputs.set_xlabel("time since the reference began [s]")
-    inputs.legend(fontsize=8, loc="upper right")
-    inputs.grid(alpha=0.3)
+
+
+def _finish(path, figure, title, numbers, force):
+    figure.axes[-1].legend(fontsize=8, loc="upper right")
     figure.suptitle(
-        "%s, %s: error %s m rms, saturated %.0f%% of the time"
-        % (
-            result["controller"],
-            result["reference"],
-            number(run.numbers["rms"]),
-            100 * run.numbers["saturated_fraction"],
-        ),
+        "%s: error %s m rms, saturated %.0f%% of the time"
+        % (title, number(numbers["rms"]), 100 * (numbers["saturated_fraction"] or 0)),
         fontsize=11,
     )
     save(figure, path, force)

@@ -2,6 +2,6 @@
 
 A module has NAME, SUMMARY, configure(parser) and run(arguments); run returns what --json prints.
 """
-from ground.verbs import add, compare, diagnose, fit, import_csv, info, simulate, thrust
+from ground.verbs import add, compare, diagnose, fit, import_csv, info, simulate, thrust, tracking
 
-ALL = [import_csv, info, thrust, simulate, fit, compare, diagnose, add]
+ALL = [import_csv, info, thrust, simulate, fit, compare, diagnose, add, tracking]

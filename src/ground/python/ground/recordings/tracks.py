@@ -1,0 +1,119 @@
+"""How a recorded craft followed its reference."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ground.errors import IdentifyError
+from ground.recordings import recording as recordings
+from ground.recordings.bag_reader import BagReader
+
+PAUSE = 0.5  # without a reference, after which another drive begins [s]
+LONGEST = 0.1  # between poses that a position is interpolated in [s]
+SHORTEST = 1.0  # drive that is looked at [s]
+
+
+@dataclass(frozen=True)
+class Track:
+    """One drive along a reference. Times since it began [s]."""
+
+    times: np.ndarray  # (n,) of the poses
+    eta: np.ndarray  # (n, 3) measured x, y [m], psi [rad], world_ned
+    reference: np.ndarray  # (n, 2) x, y [m]
+    inputs: np.ndarray  # (k, 3) time, left, right, 0..1
+    wanted: np.ndarray  # (j, 3) the same before the inputs were limited; may be empty
+    controller: str  # node that drove; empty when that was not recorded
+    began: float  # on the clock of the poses' stamps [s]
+
+    @property
+    def errors(self):
+        """Distance from the reference (n,) [m]."""
+        return np.hypot(*(self.eta[:, :2] - self.reference).T)
+
+
+def read(path, axes=None, heading_offset=None):
+    """The recording in a bag and its Tracks; IdentifyError where nothing followed a reference."""
+    recording = recordings.read_bag(path, axes, heading_offset)
+    references, wanted, drivers = [], [], []
+    with BagReader(path) as bag:
+        topics = bag.get_type_and_topic_info().topics
+        ours = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Reference"]
+        commands = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Controls"]
+        for topic, message, _ in bag.read_messages(ours + commands):
+            stamp = message.header.stamp.to_sec()
+            if topic in ours:
+                references.append((stamp, *message.p, *message.p_dot))
+            elif topic.endswith("wanted"):
+                wanted.append((stamp, message.left, message.right))
+            elif message.header.frame_id:
+                drivers.append((stamp, message.header.frame_id))
+    if not references:
+        raise IdentifyError(
+            "%s: no reference was recorded: nothing was tracked, or the topic reference is missing"
+            % path
+        )
+    references = np.array(sorted(set(references)))
+    wanted = np.array(sorted(wanted)).reshape(-1, 3)
+    breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
+    tracks = [_track(recording, part, wanted, drivers) for part in np.split(references, breaks)]
+    tracks = [track for track in tracks if track]
+    if not tracks:
+        raise IdentifyError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
+    return recording, tracks
+
+
+def _track(recording, references, wanted, drivers):
+    began, ended = references[0, 0], references[-1, 0]
+    order = np.argsort(recording.pose_times, kind="stable")
+    times, eta = recording.pose_times[order], recording.eta[order]
+    inside = (times >= began) & (times <= ended)
+    if ended - began < SHORTEST or inside.sum() < 2:
+        return None
+    times, eta = times[inside], eta[inside]
+    # a reference is published with the state that it was compared with, at the rate of control
+    last = np.searchsorted(references[:, 0], times + 1e-6, side="right") - 1
+    ahead = (times - references[last, 0])[:, None]
+    near = ahead[:, 0] <= LONGEST
+    position = references[last, 1:3] + ahead * references[last, 3:5]
+    commands = np.column_stack([recording.control_times, recording.controls[:, :2]])
+    names = {name for stamp, name in drivers if began <= stamp <= ended}
+    return Track(
+        times[near] - began,
+        eta[near],
+        position[near],
+        _during(commands, began, ended),
+        _during(wanted, began, ended),
+        " and ".join(sorted(names)),
+        float(began),
+    )
+
+
+def _during(rows, began, ended):
+    kept = rows[(rows[:, 0] >= began) & (rows[:, 0] <= ended)]
+    return kept - [began, 0, 0]
+
+
+def numbers(track, settled=0.0):
+    """What a Track comes to, from `settled` [s] on: rms, max and final error [m], share of the time
+    in which an input is at a bound, mean square of the inputs, and of what was wanted the share
+    outside 0..1 and the largest (None where that was not recorded)."""
+    counts = track.times >= settled
+    if not counts.any():
+        raise IdentifyError("the drive ended before %g s" % settled)
+    inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
+    wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
+    at_bound = ((inputs <= 1e-6) | (inputs >= 1 - 1e-6)).any(axis=1)
+    outside = ((wanted < -1e-6) | (wanted > 1 + 1e-6)).any(axis=1)
+    errors = track.errors[counts]
+    return {
+        "began": track.began,
+        "duration": float(track.times[-1]),
+        "controller": track.controller or None,
+        "rms": float(np.sqrt(np.mean(errors**2))),
+        "max": float(errors.max()),
+        "final": float(errors[-1]),
+        "saturated_fraction": float(at_bound.mean()) if len(inputs) else None,
+        "effort": float(np.mean(inputs**2)) if len(inputs) else None,
+        "wanted_outside": float(outside.mean()) if len(wanted) else None,
+        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
+    }

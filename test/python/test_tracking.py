@@ -1,0 +1,80 @@
+"""identify tracking: how a recorded craft followed its reference."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, identify, write_bag
+
+CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "15"]
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    bag = tmp_path_factory.mktemp("tracking") / "circle.bag"
+    options = ["--controller", "ModelPredictive", "--json", "-o", bag]
+    result = identify("simulate", "--model", MODEL, *CIRCLE, *options)
+    assert result.returncode == 0, result.stderr
+    return bag, json.loads(result.stdout)
+
+
+def tracking(*arguments):
+    result = identify("tracking", *arguments, "--json")
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
+    bag, simulated = driven
+    picture = tmp_path / "drive.png"
+    found = tracking(bag, "--picture", picture)
+    (drive,) = found["runs"][0]["drives"]
+    # by mocap poses at 100 Hz in place of the truth at each decision
+    assert drive["rms"] == pytest.approx(simulated["tracking_error"], rel=0.02)
+    assert drive["duration"] == pytest.approx(15, abs=0.1)
+    assert 0 < drive["saturated_fraction"] < 1
+    assert drive["wanted_outside"] is None  # not recorded
+    assert picture.stat().st_size > 20000
+    (settled,) = tracking(bag, "--settled", 5)["runs"][0]["drives"]
+    assert settled["rms"] < 0.01 < drive["rms"]
+    assert settled["saturated_fraction"] < drive["saturated_fraction"]
+
+
+def test_what_was_wanted_and_who_drove_is_told(driven, tmp_path):
+    import rosbag
+    from ground_msgs.msg import Controls
+
+    path = tmp_path / "wanted.bag"
+    with rosbag.Bag(str(driven[0])) as source, rosbag.Bag(str(path), "w") as bag:
+        for topic, message, time in source.read_messages():
+            if topic == "/reference":
+                wanted = Controls(left=1.5, right=-0.25)
+                wanted.header.stamp = message.header.stamp
+                bag.write("/controls/wanted", wanted, time)
+            if topic == "/controls":
+                message.header.frame_id = "/tracking"
+            bag.write(topic, message, time)
+    (drive,) = tracking(path)["runs"][0]["drives"]
+    assert drive["controller"] == "/tracking"
+    assert drive["wanted_outside"] == 1.0
+    assert drive["wanted_largest"] == 1.5
+
+
+def test_a_pause_of_the_reference_parts_two_drives(driven):
+    from ground.recordings import tracks
+
+    recording, (whole,) = tracks.read(str(driven[0]))
+    references = np.column_stack([whole.times + whole.began, whole.reference, 0 * whole.reference])
+    pause = (whole.times < 6) | (whole.times > 7)
+    parts = np.split(references[pause], np.flatnonzero(np.diff(references[pause, 0]) > 0.5) + 1)
+    found = [tracks._track(recording, part, np.empty((0, 3)), []) for part in parts]
+    assert [round(track.times[-1]) for track in found] == [6, 8]
+
+
+def test_a_bag_without_a_reference_is_refused(tmp_path):
+    bag = write_bag(tmp_path / "prbs.bag")
+    result = identify("tracking", bag)
+    assert result.returncode == 1
+    assert "no reference was recorded" in result.stderr and "Traceback" not in result.stderr
+    result = identify("tracking", tmp_path / "nowhere.bag")
+    assert result.returncode == 1 and "no such file" in result.stderr.lower()
