@@ -260,6 +260,8 @@ class Diagnosis:
             self.slight = replace(trial, influence=influence)
             self.slight_sets = found, found - {name}
         else:
+            # refused more than once, beside other effects: the last word counts
+            self.dropped = [d for d in self.dropped if d.trial.name != name]
             self.dropped.append(Dropped(trial, why))
         told = "it is too small to matter" if why == "slight" else why
         self.say("%s is left out: %s" % (name, told))
