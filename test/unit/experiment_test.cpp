@@ -115,7 +115,9 @@ TEST(Experiment, TruthIsTheModelUnderTheCommandsOfTheLog) {
   ExperimentParams params;
   params.initial.eta << 0.3, -0.2, 1;
   params.initial.nu << 0.1, 0.05, -0.4;
-  const ExperimentLog log = playSchedule(model, prbs(6), 6, params);
+  InputSequence schedule = prbs(6);
+  schedule.lift.front() = 1;  // the floor brakes a craft without lift
+  const ExperimentLog log = playSchedule(model, schedule, 6, params);
   InputSequence inputs;
   for (const auto& c : log.commands) inputs.add(c.time, c.left, c.right, c.lift);
   const Dynamics<double> dynamics(model);

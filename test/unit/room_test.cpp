@@ -106,10 +106,36 @@ TEST(Room, WatchdogStopsTheMotorsOfACraftLeftAlone) {
   EXPECT_GT(room.derivative().nu.x(), 1.0);
   room.advance(0.3);
   EXPECT_TRUE(room.watchdogExpired());
-  EXPECT_LT(room.derivative().nu.x(), 0);  // only damping is left
   const Body<double> b = tinyWhoover().body;
   const double at_stop = 2 * b.k / b.X_u * (1 - std::exp(-b.X_u / b.m * 0.25));
-  EXPECT_NEAR(room.state().nu.x(), at_stop * std::exp(-b.X_u / b.m * 0.05), 1e-9);
+  const double braking = Room::Params().braking;  // and damping
+  EXPECT_NEAR(room.state().nu.x(), at_stop - 0.05 * braking, 0.05 * at_stop * b.X_u / b.m);
+  EXPECT_NEAR(room.derivative().nu.x(), -braking, room.state().nu.x() * b.X_u / b.m + 1e-9);
+  room.advance(0.3 + at_stop / braking);
+  EXPECT_EQ(room.state().nu, Vector3<double>::Zero());
+  EXPECT_EQ(room.derivative().nu, Vector3<double>::Zero());
+}
+
+TEST(Room, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
+  Room::Params params;
+  params.initial.nu << 0.6, -0.4, 3;
+  params.disturbance.time.setConstant(0.3);
+  params.disturbance.sigma = {0.02, 0.02, 5e-4};  // less than friction holds
+  Room room(tinyWhoover(), perfect(), params);
+  room.command(0, 0, 1);
+  room.command(0, 0, 0);
+  const double speed = params.initial.nu.head<2>().norm();
+  room.advance(2);
+  const Vector3<double> rest = room.state().eta;
+  EXPECT_NEAR(rest.head<2>().norm(), speed * speed / (2 * params.braking), 0.04);
+  for (int i = 0; i < 20; ++i) {
+    room.command(0, 0, 0);
+    room.advance(2 + 0.2 * (i + 1));
+  }
+  EXPECT_LT((room.state().eta - rest).norm(), 1e-3);
+  room.command(1, 1, 1);
+  room.advance(6.2);
+  EXPECT_GT(room.state().nu.x(), 0.2) << "lift frees it";
 }
 
 TEST(Room, MeasuresThroughTheModelsMeasurementEffects) {

@@ -27,8 +27,8 @@ namespace ground {
 /// what the mocap sees, in OptiTrack's frame. It owns the time: /clock runs at real_time_factor.
 ///
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
-/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), watchdog (0.25 s), start_time
-/// (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
+/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), watchdog (0.25 s), braking (by the
+/// floor without lift, 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
 /// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock. Service: ~load_model (moves
 /// the craft by another model file from now on).
 class Simulator : public nodelet::Nodelet {
@@ -62,13 +62,15 @@ class Simulator : public nodelet::Nodelet {
     room.seed = static_cast<unsigned long>(seed);
     room.start = optionalParameter<double>(nh, "start_time", 1000.0);
     room.watchdog = optionalParameter<double>(nh, "watchdog", 0.25);
+    room.braking = optionalParameter<double>(nh, "braking", room.braking);
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
         optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
     constexpr double kLatest = 4e9;  // that a ROS stamp holds, with some years to run [s]
     if (!(room.start > 0) || !(room.start < kLatest) || !(room.watchdog > 0) ||
-        !room.initial.eta.allFinite())
+        !(room.braking >= 0 && room.braking < 1e3) || !room.initial.eta.allFinite())
       throw std::runtime_error(
-          "start_time (below 4e9 s) and watchdog must be positive, x, y, psi finite");
+          "start_time (below 4e9 s) and watchdog must be positive, braking not negative, x, y, psi "
+          "finite");
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
     publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);

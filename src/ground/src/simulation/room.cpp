@@ -44,24 +44,53 @@ Model Room::onThisRun(Model model) const {
 RigidState<double> Room::derivative() const {
   RigidState<double> rate = moving_->simulation.derivative();
   if (source_) rate.nu += moving_->mobility * wrench_;
+  if (sits()) {
+    const Vector3<double> most = friction();
+    for (int i = 0; i < 3; ++i) {
+      const double nu = state().nu(i);
+      // at rest friction holds what it can
+      rate.nu(i) -= nu != 0 ? std::copysign(most(i), nu) : std::clamp(rate.nu(i), -most(i), most(i));
+    }
+  }
   return rate;
 }
 
-/// Moves the craft under the disturbance: between two changes of the wrench, half of its impulse
-/// acts before and half after.
+/// Decelerations that dry friction of the skirt reaches where the craft sits, along the velocity over
+/// the floor and against the yaw rate: m/s^2, m/s^2, rad/s^2. Its lever is about the thrusters'.
+Vector3<double> Room::friction() const {
+  const Vector3<double>& nu = state().nu;
+  const double speed = nu.head<2>().norm();
+  const Body<double>& body = model_.body;
+  const double turning = params_.braking * body.m * body.l / body.I_z;
+  const double along_u = speed > 0 ? std::abs(nu.x()) / speed : 1;
+  const double along_v = speed > 0 ? std::abs(nu.y()) / speed : 1;
+  return {params_.braking * along_u, params_.braking * along_v, turning};
+}
+
+/// Moves the craft under the disturbance and on the floor: between two changes of the wrench, half
+/// of its impulse acts before and half after; friction takes at most the velocity that there is.
 void Room::move(double time) {
   Simulation<double>& simulation = moving_->simulation;
-  while (source_ && simulation.time() < time) {
-    if (simulation.time() >= next_wrench_) {
-      wrench_ = source_->next();
-      next_wrench_ = params_.start + static_cast<double>(++drawn_) * kDefaultStep;
+  while ((source_ || sits()) && simulation.time() < time) {
+    double until = time;
+    Vector3<double> push = Vector3<double>::Zero();
+    if (source_) {
+      if (simulation.time() >= next_wrench_) {
+        wrench_ = source_->next();
+        next_wrench_ = params_.start + static_cast<double>(++drawn_) * kDefaultStep;
+      }
+      until = std::min(until, next_wrench_);
     }
-    const double until = std::min(time, next_wrench_);
-    const Vector3<double> push =
-        0.5 * (until - simulation.time()) * (moving_->mobility * wrench_);
-    simulation.state().nu += push;
-    simulation.advance(until);
-    simulation.state().nu += push;
+    if (sits()) until = std::min(until, simulation.time() + kDefaultStep);
+    const double dt = until - simulation.time();
+    if (source_) push = 0.5 * dt * (moving_->mobility * wrench_);
+    for (const bool before : {true, false}) {
+      Vector3<double>& nu = simulation.state().nu;
+      nu += push;
+      const Vector3<double> most = sits() ? (0.5 * dt * friction()).eval() : Vector3<double>::Zero();
+      for (int i = 0; i < 3; ++i) nu(i) -= std::clamp(nu(i), -most(i), most(i));
+      if (before) simulation.advance(until);
+    }
   }
   simulation.advance(time);
 }
@@ -94,6 +123,7 @@ void Room::command(double left, double right, double lift) {
   inputs_.add(time_, std::clamp(left, 0.0, most), std::clamp(right, 0.0, most),
               std::clamp(lift, 0.0, 1.0));
   last_command_ = time_;
+  if (lift_ || lift > 0) lift_ = std::clamp(lift, 0.0, 1.0);
   expired_ = false;
   forgetCommands();
 }
@@ -123,6 +153,7 @@ void Room::advance(double time) {
       next_frame_ += 1 / mocap_.rate;
     } else if (next == stop) {
       inputs_.add(stop, 0, 0, 0);
+      if (lift_) lift_ = 0;
       expired_ = true;
     } else {
       return;

@@ -45,6 +45,8 @@ class Room {
     double watchdog = 0.25;      ///< the craft stops its motors after this long without command [s]
     unsigned long seed = 1;
     Disturbance disturbance = {};  ///< acts on the craft; that of the model does not
+    /// Without lift the craft sits on the floor, whose dry friction brakes it by so much [m/s^2].
+    double braking = 2.0;
   };
 
   /// Throws std::invalid_argument when mocap parameters or the disturbance are bad.
@@ -96,6 +98,8 @@ class Room {
 
   Model onThisRun(Model model) const;
   void move(double time);
+  bool sits() const { return lift_ && *lift_ == 0; }
+  Vector3<double> friction() const;
   void capture();
   void forgetCommands();
   bool lost(double time);
@@ -113,6 +117,8 @@ class Room {
   std::normal_distribution<double> normal_;
   double time_;
   double last_command_;
+  /// That the craft has. None before its first lift: one that starts in motion hovers.
+  std::optional<double> lift_;
   bool expired_ = true;  ///< motors are off until the first command
   double next_frame_;
   double tracked_again_;
