@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kN = kFilterStates;
 // From pose to pose errors stay far below their noise; twice the step of a simulation.
-constexpr double kStep = 0.01;  // [s]
+constexpr double kFilterStep = 0.01;  // [s]
 // Standard deviations of a stretch's first state, generously: pose as measured, velocity smoothed.
 constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, kFirstYawRate = 3.0;
 
@@ -250,7 +250,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
   Vector3<double> push = Vector3<double>::Zero();  // the Ornstein-Uhlenbeck wrench
   Eigen::Vector4d constant = Eigen::Vector4d::Zero();
   Covariance<double> covariance;
-  Simulation<Jet> simulation(dynamics, run_.inputs, {}, run_.times[0], kStep);
+  Simulation<Jet> simulation(dynamics, run_.inputs, {}, run_.times[0], kFilterStep);
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     FilterSample& s = samples_[k];
     s.starts = starts_[k];
@@ -430,7 +430,7 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   }
   std::vector<Simulation<Jet>> simulations;
   for (const auto& d : dynamics)
-    simulations.emplace_back(d, run_.inputs, RigidState<Jet>(), run_.times[0], kStep);
+    simulations.emplace_back(d, run_.inputs, RigidState<Jet>(), run_.times[0], kFilterStep);
 
   const int blocks = blockCount(block);
   RunScores result;
