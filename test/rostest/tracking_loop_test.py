@@ -150,7 +150,10 @@ class TrackingLoopTest(unittest.TestCase):
         states = {m.state for _, m in self.sender.all[before:]}
         self.assertEqual(states, {SenderStatus.ARMED}, self.sender.message.reason)
 
-        # and back
+        # and back, from where its circle begins: from far away backstepping may diverge
+        line = {"x": 1.9, "y": 0.0, "end_x": 2.0, "end_y": 0.0, "speed": 0.1}
+        self.change("predictive", reference="line", **line)
+        self.settled(PREDICTIVE_BOUND, "the predictive controller where the circle begins")
         self.start("controller")
         self.expect("predictive", S.STOPPED, 5)
         self.settled(TUNED_BOUND, "tuned gains again")
