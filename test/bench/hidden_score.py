@@ -89,7 +89,7 @@ def made_worse(result):
 def intervals(result, effects=True):
     """Whether the interval of each identified parameter, of hidden effects or of the body, holds.
     What is chosen and not hidden stands for something else, and has no true value."""
-    asked = [p for p in result["found"]["parameters"] if p["identified"] and p["true"] is not None]
+    asked = [p for p in result["found"]["parameters"] if p["identified"] and p.get("true") is not None]
     if effects:
         asked = [p for p in asked if p["name"].split(".")[0] in result["hidden"]]
     else:

@@ -10,6 +10,7 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.unfinished import can_be_kept
+from ground.errors import IdentifyError
 
 FOLDS = 4  # largest number of parts that are held out one after the other
 
@@ -95,7 +96,10 @@ class Folds:
             inside = np.flatnonzero(self.fold_of == fold)
             if len(inside):
                 chosen = [self.cut[i] for i in inside]
-                heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
+                try:
+                    heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
+                except IdentifyError:  # its motion is not finite where it was not fitted to
+                    heldout[inside] = np.inf
         return heldout
 
     def _samples(self):
