@@ -69,7 +69,8 @@ def test_equal_linear_thrusters_get_no_effects(tmp_path):
 
 def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
     path = tmp_path / "bench.csv"
-    path.write_text("input,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n")
+    # as a spreadsheet writes it: a mark at the beginning, an empty line at the end
+    path.write_text("\ufeffinput,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n,\n", encoding="utf-8")
     result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
     assert result.returncode == 0, result.stderr
     assert "extrapolation" in result.stdout and "the bench says 1.6" in result.stdout
@@ -84,7 +85,8 @@ def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
         ("input,left\n0,0\n0.5,x\n", "line 3: must be 2 numbers"),
         ("input,left\n0,0\n1500,0.1\n", "line 3: input 1500 is not between 0 and 1"),
         ("input,left\n0,0\n1,0.1\n", "a fit needs forces at two inputs above zero"),
-        ("input,left\n0.5,0\n1,0\n", "all forces are zero"),
+        ("input,left\n0.5,0\n1,0\n", "no force is positive"),
+        ("input,left\n0.5,-0.04\n1,-0.1\n", "no force is positive"),
     ],
 )
 def test_what_cannot_be_read_is_said_with_its_line(tmp_path, text, said):

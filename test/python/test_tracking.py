@@ -61,9 +61,10 @@ def test_what_was_wanted_and_who_drove_is_told(driven, tmp_path):
 
 
 def test_a_pause_of_the_reference_parts_two_drives(driven):
-    from ground.recordings import tracks
+    from ground.recordings import recording as recordings, tracks
 
-    recording, (whole,) = tracks.read(str(driven[0]))
+    recording = recordings.read_bag(str(driven[0]))
+    (whole,) = tracks.read(str(driven[0]), recording)
     references = np.column_stack([whole.times + whole.began, whole.reference, 0 * whole.reference])
     pause = (whole.times < 6) | (whole.times > 7)
     parts = np.split(references[pause], np.flatnonzero(np.diff(references[pause, 0]) > 0.5) + 1)

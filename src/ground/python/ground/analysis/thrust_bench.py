@@ -17,7 +17,9 @@ from ground.errors import IdentifyError
 SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
 LEVEL = 0.01  # chance of a curve or an asymmetry that is not there
 OFF = 1e-9  # input of a thruster that is off
-START = {"k": 1.0, "a": 0.0, "p": 1.0}  # k in parts of the largest force of a thruster
+# Of a fit, k in parts of the largest force of a thruster: start and bounds.
+START = {"k": 1.0, "a": 0.0, "p": 1.0}
+BOUNDS = {"k": (1e-3, 1e3), "a": (-1.0, 1.0), "p": (0.2, 5.0)}
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,9 @@ class Thrust:
 
     values: Dict[str, float]  # k [N], and those of a [-], p [-] that the forces show
     intervals: Dict[str, tuple]  # 95%
-    p_values: Dict[str, float]  # of a and p, where they could be tested
-    residual: float  # standard deviation of a force from the fit [N]
-    scatter: float  # of repeated measurements from each other [N]; nan without any
+    p_values: Dict[str, float]  # chance of such an a or p where there is none; if it can be tested
+    residual: float  # standard deviation of the forces about the fit [N]
+    scatter: float  # standard deviation of repeated measurements [N]; nan without any
 
     def force(self, bench):
         """Forces (n,) [N] that the fit expects on a Bench."""
@@ -50,7 +52,7 @@ def read(path, off=0.0, full=1.0, unit=1.0):
     (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
     values of input that mean 0 and 1; unit: newtons in one unit of force. Raises IdentifyError."""
     try:
-        with open(path, newline="") as file:
+        with open(path, newline="", encoding="utf-8-sig") as file:  # as spreadsheets write it, too
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise IdentifyError("%s: cannot be read: %s" % (path, error))
@@ -63,6 +65,8 @@ def read(path, off=0.0, full=1.0, unit=1.0):
         )
     found = []
     for number, row in enumerate(rows[1:], 2):
+        if not "".join(row).strip():
+            continue
         try:
             values = [float(text) for text in row]
         except ValueError:
@@ -127,9 +131,9 @@ def _force(values, bench):
 
 def _scale(bench):
     """Largest force of one thruster [N]."""
-    largest = float(np.max(np.abs(bench.forces) / (bench.left + bench.right)))
+    largest = float(np.max(bench.forces / (bench.left + bench.right)))
     if not largest > 0:
-        raise IdentifyError("all forces are zero")
+        raise IdentifyError("no force is positive: thrusters push, so turn the sign or the table")
     return largest
 
 
@@ -139,7 +143,8 @@ def _least_squares(bench, names):
     def residuals(x):
         return _force(dict(zip(names, x)), bench) - bench.forces / scale
 
-    return optimize.least_squares(residuals, [START[n] for n in names], x_scale="jac")
+    bounds = np.array([BOUNDS[n] for n in names]).T
+    return optimize.least_squares(residuals, [START[n] for n in names], bounds=bounds, x_scale="jac")
 
 
 def _chance(without, whole, freedom):

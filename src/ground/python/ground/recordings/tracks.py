@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ground.errors import IdentifyError
-from ground.recordings import recording as recordings
 from ground.recordings.bag_reader import BagReader
 
 PAUSE = 0.5  # without a reference, after which another drive begins [s]
@@ -31,9 +30,9 @@ class Track:
         return np.hypot(*(self.eta[:, :2] - self.reference).T)
 
 
-def read(path, axes=None, heading_offset=None):
-    """The recording in a bag and its Tracks; IdentifyError where nothing followed a reference."""
-    recording = recordings.read_bag(path, axes, heading_offset)
+def read(path, recording):
+    """The Tracks of a Recording and the bag that it is of; IdentifyError where nothing followed a
+    reference."""
     references, wanted, drivers = [], [], []
     with BagReader(path) as bag:
         topics = bag.get_type_and_topic_info().topics
@@ -59,7 +58,7 @@ def read(path, axes=None, heading_offset=None):
     tracks = [track for track in tracks if track]
     if not tracks:
         raise IdentifyError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
-    return recording, tracks
+    return tracks
 
 
 def _track(recording, references, wanted, drivers):

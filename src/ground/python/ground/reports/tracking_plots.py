@@ -20,7 +20,8 @@ def recorded(path, track, numbers, title, settled, force=False):
     figure, inputs = _driven(track, track.reference, (settled, track.times[-1]))
     if len(track.wanted):
         _draw_inputs(inputs, track.wanted, "wanted, ", alpha=0.35)
-        inputs.set_ylim(*np.clip([track.wanted[:, 1:].min(), track.wanted[:, 1:].max()], -1, 2))
+        least, most = track.wanted[:, 1:].min(), track.wanted[:, 1:].max()
+        inputs.set_ylim(np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05)
     _draw_inputs(inputs, track.inputs)
     _finish(path, figure, title, numbers, force)
 

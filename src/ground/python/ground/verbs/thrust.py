@@ -126,9 +126,9 @@ def _lines(arguments, model, found, reach):
     ratio = found.values["k"] / before
     if abs(ratio - 1) > 0.05:
         yield (
-            "%s has %.3g N at full input: the bench says %.2f times that. Thrust from motion is what is left in "
-            "flight, relative to the mass; a difference means losses at speed or at low battery, or a "
-            "mass or lever that is wrong. Fit runs with k free before you drive by the bench's."
+            "%s has %.3g N at full input: the bench says %.2f times that. Thrust that is fitted to "
+            "motion is relative to the mass: losses at speed, a low battery, a wrong mass or a wrong "
+            "lever make the two differ. Fit runs with k free before you drive by this model."
             % (arguments.model, before, ratio)
         )
     yield "written to %s" % arguments.output

@@ -29,10 +29,9 @@ def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     runs, longest = [], None
-    for path in arguments.bags:
-        recording, found = tracks.read(path, arguments.axes, arguments.heading_offset)
+    for path, recording in zip(arguments.bags, common.read(arguments)):
         drives = []
-        for track in found:
+        for track in tracks.read(path, recording):
             numbers = tracks.numbers(track, arguments.settled)
             drives.append(numbers)
             if longest is None or numbers["duration"] > longest[1]["duration"]:
