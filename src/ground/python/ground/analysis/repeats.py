@@ -11,59 +11,67 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ground.analysis import residuals
 from ground.analysis.unfinished import can_be_kept
 from ground.errors import IdentifyError
 from ground.recordings import windows
 
-STEP = 0.01  # of the clock on which commands are compared [s]
+STEP = 0.01  # commands are compared at instants so far apart [s]
 BEFORE = 0.3  # commands before a window count as well [s]
-SAME = 0.15  # mean squared difference of the same commands, of the variance of one: edges jitter
-MOVING = 1e-3  # variance of commands that change
-MOST = 3  # repetitions that are looked at, of each window
-LEAST = 8  # windows with a repetition that an estimate needs
+# Largest mean squared difference of repeated commands, relative to their variance: edges jitter.
+MAX_DIFFERENCE = 0.15
+MIN_VARIANCE = 1e-3  # of commands: those that hardly change repeat everywhere
+MAX_REPETITIONS = 3  # of each window
+MIN_WINDOWS = 8  # with a repetition, that an estimate needs
+SLACK = 0.02  # poses do not fall on the same instants of the commands [s]
 
 
 @can_be_kept
 @dataclass(frozen=True)
 class Repeats:
-    """Of the squared error, relative to each run's standard deviations of u, v and r."""
+    """How much of the squared error repeats; errors are relative to each run's standard deviations."""
 
-    share: float  # that repeats; below 0 by chance
-    deviation: float  # its standard error
-    windows: int  # that have a repetition
+    share: float  # part that repeats; may be below 0 by chance
+    deviation: float  # standard error of the share
+    windows: int  # number of windows with a repetition
 
 
 def repeats(runs, cut, model):
     """The Repeats of a model's error over windows of runs (_core.RunData); None where commands
     do not repeat often enough to tell."""
-    pairs = [(w, other, lag) for w in cut for other, lag in _repetitions(runs, w)]
-    if len({id(w) for w, _, _ in pairs}) < LEAST:
+    repeated = [(window, _repetitions(runs, window)) for window in cut]
+    repeated = [(window, found) for window, found in repeated if found]
+    if len(repeated) < MIN_WINDOWS:
         return None
-    errors = _errors(runs, [w for pair in pairs for w in pair[:2]], model)
-    alike, whole = {}, {}  # sums over samples, by window
-    for i, (window, other, lag) in enumerate(pairs):
-        times = _times(runs, window)
+    sums = np.array([_products(runs, model, window, found) for window, found in repeated])
+    alike, whole = sums.sum(axis=0)
+    # The standard error by leaving out one window each (jackknife).
+    shares = (alike - sums[:, 0]) / (whole - sums[:, 1])
+    count = len(shares)
+    deviation = np.sqrt((count - 1) / count * ((shares - shares.mean()) ** 2).sum())
+    return Repeats(float(alike / whole), float(deviation), count)
+
+
+def _products(runs, model, window, found):
+    """Sums over samples of e e', and of (e^2 + e'^2)/2, of a window and its repetitions."""
+    first, *others = _errors(runs, [window] + [other for other, _ in found], model)
+    times, alike, whole = _times(runs, window), 0.0, 0.0
+    for (other, lag), second in zip(found, others):
         again = _times(runs, other) - lag
         inside = (times >= again[0]) & (times <= again[-1])
-        first = errors[2 * i][inside]
-        second = np.column_stack([np.interp(times[inside], again, e) for e in errors[2 * i + 1].T])
-        alike[id(window)] = alike.get(id(window), 0.0) + (first * second).sum()
-        both = 0.5 * ((first**2).sum() + (second**2).sum())
-        whole[id(window)] = whole.get(id(window), 0.0) + both
-    alike, whole = np.array(list(alike.values())), np.array(list(whole.values()))
-    share = alike.sum() / whole.sum()
-    left_out = (alike.sum() - alike) / (whole.sum() - whole)  # one window each (jackknife)
-    count = len(alike)
-    deviation = np.sqrt((count - 1) / count * ((left_out - left_out.mean()) ** 2).sum())
-    return Repeats(float(share), float(deviation), count)
+        e = first[inside]
+        e_again = np.column_stack([np.interp(times[inside], again, c) for c in second.T])
+        alike += (e * e_again).sum()
+        whole += 0.5 * ((e**2).sum() + (e_again**2).sum())
+    return alike, whole
 
 
 def _repetitions(runs, window):
     """Windows in which the commands of one are played again, and how much later [s]."""
     run, times = runs[window.run], _times(runs, window)
-    wanted = _commands(run, np.arange(times[0] - BEFORE, times[-1], STEP))
+    wanted = residuals.held(run, np.arange(times[0] - BEFORE, times[-1], STEP))
     spread = wanted.var(axis=0).sum()
-    if spread < MOVING:
+    if spread < MIN_VARIANCE:
         return []
     found = []
     for index, other in enumerate(runs):
@@ -71,24 +79,19 @@ def _repetitions(runs, window):
         if len(clock) < len(wanted):
             continue
         lags = clock[: len(clock) - len(wanted) + 1] + BEFORE - times[0]
-        unlike = _unlike(_commands(other, clock), wanted)
+        unlike = _unlike(residuals.held(other, clock), wanted)
         if index == window.run:
             unlike[np.abs(lags) < times[-1] - times[0] + BEFORE] = np.inf
-        while len(unlike):
+        while unlike.min() < MAX_DIFFERENCE * spread:
             best = int(np.argmin(unlike))
-            if not unlike[best] < SAME * spread:
-                break
             start = times[0] + lags[best]
             end = start + times[-1] - times[0]
-            # a sample more: poses do not fall on the same instants of the commands
-            again = windows.cut_part(
-                other, index, start - 0.02, end + 0.02, times[-1] - times[0] - 0.02
-            )
+            again = windows.cut_part(other, index, start - SLACK, end + SLACK, end - start - SLACK)
             if again:
                 found.append((unlike[best], again[0], lags[best]))
             unlike[np.abs(lags - lags[best]) < end - start] = np.inf
     found.sort(key=lambda f: f[0])
-    return [(again, lag) for _, again, lag in found[:MOST]]
+    return [(again, lag) for _, again, lag in found[:MAX_REPETITIONS]]
 
 
 def _unlike(commands, wanted):
@@ -99,13 +102,6 @@ def _unlike(commands, wanted):
         squares = np.concatenate([[0.0], np.cumsum(a**2)])
         total += squares[count:] - squares[:-count] - 2 * np.correlate(a, b) + (b**2).sum()
     return np.maximum(0.0, total / count)
-
-
-def _commands(run, clock):
-    """Left, right and lift (n, 3) that hold at times [s]; off before the first command."""
-    inputs = np.array(run.inputs)
-    at = np.searchsorted(inputs[:, 0], clock, side="right") - 1
-    return np.where(at[:, None] < 0, 0.0, inputs[np.maximum(at, 0), 1:4])
 
 
 def _times(runs, window):
