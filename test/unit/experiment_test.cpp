@@ -203,6 +203,15 @@ TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
   }
   EXPECT_NEAR(driven, 250, 25);  // at 50 Hz
   EXPECT_NEAR(log.references.size(), 250, 3);
+
+  using State = ControllerLifecycle::State;
+  const std::vector<std::pair<State, double>> expected = {
+      {State::kWaiting, 0.5}, {State::kLifting, 0.5}, {State::kRunning, 1.5}, {State::kDone, 6.5}};
+  ASSERT_EQ(log.stages.size(), expected.size());
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_EQ(log.stages[i].state, expected[i].first) << i;
+    EXPECT_NEAR(log.stages[i].time, expected[i].second, 0.011) << i;
+  }
 }
 
 TEST(Experiment, TracksACircleAsWithTheExactStateWhenTheMocapIsExact) {

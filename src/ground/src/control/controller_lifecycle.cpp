@@ -11,7 +11,6 @@
 namespace ground {
 namespace {
 
-constexpr double kKeepalive = 0.02;  // between repeated commands [s]
 constexpr double kHandover = 0.2;    // after which a silent controller has gone [s]
 
 }  // namespace

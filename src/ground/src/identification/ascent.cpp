@@ -216,7 +216,7 @@ class Ascent {
     converged_ = parameters.settled && levels.settled;
   }
 
-  /// Of the parameters, or of the levels.
+  /// Ascent of the parameters alone, or of the levels alone.
   struct Turn {
     bool absent;
     double damping, least;  ///< at the start, at the least

@@ -22,7 +22,8 @@ Known knownBy(const Eigen::MatrixXd& information) {
   const Eigen::MatrixXd even =
       size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
-  constexpr double kUnseen = 1e-10, kTakesPart = 1e-12;  // of the largest eigenvalue; of a direction
+  constexpr double kUnseen = 1e-10;      // eigenvalue, as a share of the largest
+  constexpr double kTakesPart = 1e-12;  // squared share of a parameter in a direction
   Eigen::Index first = 0;  // direction that is seen
   while (first < n && !(eigen.eigenvalues()(first) > kUnseen * eigen.eigenvalues()(n - 1))) ++first;
   const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.eigenvectors();

@@ -31,7 +31,7 @@ class RunFilters {
 
   /// One block a run; the information with the parameters' prior.
   RunScores scores(const GreyBoxPoint& point, const Free& free) const;
-  /// Of each run.
+  /// Level scores of each run.
   std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point) const;
 
   const std::vector<DisturbanceFilter>& filters() const { return filters_; }

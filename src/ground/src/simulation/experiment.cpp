@@ -16,7 +16,6 @@ namespace {
 
 using Command = ExperimentLog::Command;
 
-constexpr double kKeepalive = 0.02;  // between repeated commands [s]
 constexpr double kPatience = 10.0;   // for a first valid state [s]
 
 /// Whoever commands the craft.
@@ -43,7 +42,7 @@ class Player : public Driver {
   std::vector<Command> act(double now) override {
     if (now < due_ || now >= duration_) return {};
     while (next_ < schedule_.size() && schedule_.times[next_] <= now) ++next_;
-    due_ = now + kKeepalive;
+    due_ = now + ControllerLifecycle::kKeepalive;
     if (next_ < schedule_.size()) due_ = std::min(due_, schedule_.times[next_]);
     const Vector2<double>& thrusters = schedule_.thrusters[next_ - 1];
     return {{now, thrusters.x(), thrusters.y(), schedule_.lift[next_ - 1]}};

@@ -68,7 +68,7 @@ Vector3<double> Room::friction() const {
 }
 
 /// Moves the craft under the disturbance and on the floor: between two changes of the wrench, half
-/// of its impulse acts before and half after; friction takes at most the velocity that there is.
+/// of its impulse acts before and half after; friction removes at most the present velocity.
 void Room::move(double time) {
   Simulation<double>& simulation = moving_->simulation;
   while ((source_ || sits()) && simulation.time() < time) {

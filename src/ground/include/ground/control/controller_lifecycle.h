@@ -9,19 +9,19 @@
 
 namespace ground {
 
-/// What all controllers are tuned with.
+/// Parameters that all controllers share.
 struct LifecycleParams {
   double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
   double lift_time = 1.0;      ///< lift alone before the thrusters start [s]
   double state_timeout = 0.2;  ///< oldest state with which to drive [s]
-  double recovery_time = 0.0;  ///< without a state that zero thrust bridges before a stop [s]
+  double recovery_time = 0.0;  ///< zero thrust bridges such a loss of the state [s]
   double rate = 50.0;          ///< of closed-loop control [Hz]
   bool require_armed = true;   ///< whether it waits for an armed sender, and stops with it
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
 
-/// Of the thrusters and the lift, 0..1.
+/// Inputs of the two thrusters and of the lift fan, 0..1.
 struct Inputs {
   double left = 0, right = 0, lift = 0;
 };
@@ -43,7 +43,7 @@ struct MeasuredState {
 /// Says what to command while a controller drives. Times `elapsed` are seconds since it began.
 class Pilot {
  public:
-  static constexpr double kByState = -1.0;
+  static constexpr double kByState = -1.0;  ///< nextChange() of a closed-loop controller
 
   virtual ~Pilot() = default;
   /// Driving begins at the time of `stamp`; what it throws refuses the start.
@@ -83,6 +83,7 @@ class ControllerLifecycle {
   using Send = std::function<void(const Inputs&)>;
   /// State or reason have changed.
   using Changed = std::function<void()>;
+  static constexpr double kKeepalive = 0.02;  ///< between repeated commands [s]
 
   /// The pilot has to outlive it.
   ControllerLifecycle(Pilot& pilot, Send send, Changed changed);

@@ -31,6 +31,7 @@ struct TrackingParams {
   ControllerChoice controller;
   EstimatorParams estimator;
   bool estimate = true;    ///< otherwise what an exact mocap sees at the frames' captures
+  /// Defaults of the tracking nodelets, except that no sender has to be armed.
   LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
   double start = 0.5;      ///< of the controller; lift on, or later when there is no valid state [s]
   double duration = 20.0;  ///< of tracking [s]

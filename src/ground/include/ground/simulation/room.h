@@ -117,7 +117,7 @@ class Room {
   std::normal_distribution<double> normal_;
   double time_;
   double last_command_;
-  /// That the craft has. None before its first lift: one that starts in motion hovers.
+  /// Input of the lift fan; none before the first lift: a craft that starts in motion hovers.
   std::optional<double> lift_;
   bool expired_ = true;  ///< motors are off until the first command
   double next_frame_;

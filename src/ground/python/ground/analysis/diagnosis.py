@@ -42,7 +42,7 @@ MIN_INFLUENCE = 0.3
 MIN_NOISE_POWER = 0.08
 REFUSED = "it raises the error on the runs held out"
 MOST = 0.75  # least share of the held-out parts that memory has to make likelier
-WAITING = 4  # threads that share the work out and wait
+WAITING = 4  # threads that hand work to the pool and wait for it
 ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
 FLOORS = 5  # simulations that the noise floor is the mean of
 
@@ -104,7 +104,7 @@ class Diagnosis:
         self.kept = kept or Unfinished()
         threads = threads or os.cpu_count()
         self.pool = ThreadPoolExecutor(threads)
-        # Threads of their own for work that waits for the pool's.
+        # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING if threads > 1 else 1)
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
