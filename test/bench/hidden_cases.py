@@ -112,7 +112,7 @@ def schedule(drive):
     """The experiments.Schedule of a run's drive."""
     if drive["input"] == "prbs":
         clock, levels = drive["clock"], drive["levels"]
-        rows = experiments.prbs(DRIVEN, clock, levels, 9, drive["number"])
+        rows = experiments.rows("prbs", DRIVEN, clock=clock, levels=levels, seed=drive["number"])
     else:
         random = random_of("levels", drive["number"])
         edges = np.arange(0, DRIVEN, drive["hold"])

@@ -239,9 +239,9 @@ def _schedule(excitation, i, seed):
     length = DURATION - 1.0  # of which lift alone
     number = 10 * seed + i
     if excitation == "prbs":
-        return experiments.with_lift(experiments.prbs(length, 10, (0, 1), 9, number), length)
+        return experiments.with_lift(experiments.rows("prbs", length, clock=10, levels=(0, 1), seed=number), length)
     if excitation == "slow":
-        return experiments.with_lift(experiments.prbs(length, 0.5, (0, 1), 9, number), length)
+        return experiments.with_lift(experiments.rows("prbs", length, clock=0.5, levels=(0, 1), seed=number), length)
     if excitation == "straight":
         random = np.random.default_rng(_number("straight", number))
         edges = np.arange(0, length, 0.5)
@@ -254,7 +254,7 @@ def _schedule(excitation, i, seed):
         (15, (0, 1), 0.7),
         (20, (0, 0.6), 0.85),
     ][i]
-    return experiments.with_lift(experiments.prbs(length, clock, levels, 9, number), length, lift)
+    return experiments.with_lift(experiments.rows("prbs", length, clock=clock, levels=levels, seed=number), length, lift)
 
 
 def calibrate(effects, seeds, excitation):

@@ -200,7 +200,7 @@ def test_the_function_gives_what_the_bag_has(tmp_path):
     path, _ = simulate(tmp_path, "spin", "--seed", 7, "--loss", 0.1, "--duration", 5)
     mocap = _core.MocapParams()
     mocap.loss = 0.1
-    drive = experiments.with_lift(experiments.spin(5), 5)
+    drive = experiments.with_lift(experiments.rows("spin", 5), 5)
     run = experiments.simulate(_core.load_model(str(MODEL)), drive, mocap=mocap, seed=7)
     assert isinstance(run, Recording)
     read = read_bag(str(path))
@@ -518,7 +518,7 @@ def experiment(model=None, duration=60.0, **options):
     from ground.simulation import experiments
 
     model = _core.load_model(str(MODEL)) if model is None else model
-    schedule = experiments.with_lift(experiments.prbs(duration), duration)
+    schedule = experiments.with_lift(experiments.rows("prbs", duration), duration)
     return experiments.simulate(model, schedule, **options)
 
 

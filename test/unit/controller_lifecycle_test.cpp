@@ -31,9 +31,9 @@ struct FakePilot : Pilot {
   }
   void deactivate() override { ++deactivated; }
   std::string objection(double, const RigidState<double>&) override { return objects; }
-  Vector2<double> update(double elapsed, double, const RigidState<double>&) override {
+  Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
     updates.push_back(elapsed);
-    return inputs;
+    return {inputs.x(), inputs.y(), lift};
   }
   double end() const override { return ends; }
   double nextChange(double elapsed) const override {

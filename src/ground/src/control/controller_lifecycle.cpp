@@ -71,7 +71,13 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
     if (!jump.empty()) enter(now, State::kStopped, jump);
   }
   tick(now);
-  if (state_ != State::kRunning || open_loop_) return;
+  if (state_ == State::kRunning && change_at_) {
+    const std::string reason = pilot_.objection(measured.stamp, measured.state);
+    if (!reason.empty()) return enter(now, State::kStopped, reason);
+    schedule(elapsed(now.time));
+    if (!change_at_) last_update_.reset();  // from now on it goes by the state
+  }
+  if (state_ != State::kRunning || change_at_) return;
   // A tenth of tolerance, so that jitter does not skip every other state.
   if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate)
     control(now, measured.stamp);
@@ -88,15 +94,18 @@ void ControllerLifecycle::tick(Instant now) {
     lifting_since_ = now.time;
     enter(now, State::kLifting, "lift on");
   }
-  const bool bridged = driving() && bridge(now, problem);
-  if ((state_ == State::kLifting || driving()) && !problem.empty() && !bridged)
+  if ((state_ == State::kLifting || driving()) && !bridge(now, problem))
     enter(now, State::kStopped, problem);
-  if (state_ == State::kLifting && now.time >= liftedAt()) begin(now);
+  if (state_ == State::kLifting || driving()) {
+    const std::string leaving = fenceProblem(now);
+    if (!leaving.empty()) enter(now, State::kStopped, leaving);
+  }
+  if (state_ == State::kLifting && problem.empty() && now.time >= liftedAt()) begin(now);
   if (driving() && now.time >= running_since_ + pilot_.end())
     enter(now, State::kDone, "came to its end");
 
-  if (state_ == State::kRunning && open_loop_) {
-    if (!last_update_ || now.time >= change_at_ || now.steady >= repeatAt()) control(now, now.time);
+  if (state_ == State::kRunning && change_at_) {
+    if (now.time >= *change_at_ || now.steady >= repeatAt()) control(now, now.time);
   } else if (state_ == State::kRunning) {
     // Without a new state it decides upon the last one, until that is stale.
     if (now.steady >= repeatAt()) control(now, measured_->stamp);
@@ -107,15 +116,15 @@ void ControllerLifecycle::tick(Instant now) {
 
 Instant ControllerLifecycle::due() const {
   Instant due{repeatAt(), kNever};
-  if (measured_ && (state_ == State::kLifting || state_ == State::kRunning)) {
+  const bool lost = lost_since_.has_value();
+  if (measured_ && !lost && (state_ == State::kLifting || state_ == State::kRunning)) {
     due.steady = std::min(due.steady, measured_at_ + params_.state_timeout);
     due.time = std::min(due.time, measured_->stamp + params_.state_timeout);
   }
-  if (state_ == State::kLifting) due.time = std::min(due.time, liftedAt());
+  if (state_ == State::kLifting && !lost) due.time = std::min(due.time, liftedAt());
   if (driving()) due.time = std::min(due.time, running_since_ + pilot_.end());
-  if (state_ == State::kRunning && open_loop_) due.time = std::min(due.time, change_at_);
-  if (state_ == State::kRecovering)
-    due.steady = std::min(due.steady, lost_since_ + params_.recovery_time);
+  if (state_ == State::kRunning && change_at_) due.time = std::min(due.time, *change_at_);
+  if (lost) due.steady = std::min(due.steady, *lost_since_ + params_.recovery_time);
   return due;
 }
 
@@ -146,19 +155,31 @@ std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
   return text;
 }
 
-/// Takes the thrust away while the state is lost; whether it may still come back.
+/// Takes the thrust away while the state is lost; false when it has been lost for too long.
 bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   if (problem.empty()) {
+    lost_since_.reset();
     if (state_ == State::kRecovering) change(State::kRunning, "driving again");
     return true;
   }
   if (!stateIsFinite() || params_.recovery_time == 0) return false;
+  if (!lost_since_) lost_since_ = now.steady;
   if (state_ == State::kRunning) {
-    lost_since_ = now.steady;
     change(State::kRecovering, "no thrust until the state is back: " + problem);
     send(now, {0, 0, params_.lift});
   }
-  return now.steady < lost_since_ + params_.recovery_time;
+  return now.steady < *lost_since_ + params_.recovery_time;
+}
+
+/// Why the craft has to be stopped to stay inside; empty when it may go on.
+std::string ControllerLifecycle::fenceProblem(Instant now) const {
+  if (!fence_ || !measured_ || !stateIsFinite()) return "";
+  return fence_->objection(measured_->state, now.time - measured_->stamp);
+}
+
+void ControllerLifecycle::schedule(double elapsed) {
+  const double next = pilot_.nextChange(elapsed);
+  change_at_ = next == Pilot::kByState ? std::nullopt : std::make_optional(running_since_ + next);
 }
 
 void ControllerLifecycle::begin(Instant now) {
@@ -167,7 +188,8 @@ void ControllerLifecycle::begin(Instant now) {
   known_ = measured_;
   try {
     pilot_.activate(now.time);
-    open_loop_ = pilot_.nextChange(0) != Pilot::kByState;
+    schedule(0);
+    if (change_at_) change_at_ = now.time;  // its first inputs are due at once
   } catch (const std::exception& error) {
     enter(now, State::kStopped, error.what());
     return;
@@ -179,13 +201,16 @@ void ControllerLifecycle::begin(Instant now) {
 void ControllerLifecycle::control(Instant now, double stamp) {
   // The state may be older than the start by the mocap's latency.
   const double elapsed = std::max(0.0, stamp - running_since_);
-  const std::string reason = pilot_.objection(stamp, measured_->state);
-  if (!reason.empty()) return enter(now, State::kStopped, reason);
-  const Vector2<double> inputs = pilot_.update(elapsed, stamp, measured_->state);
+  if (!change_at_) {
+    const std::string reason = pilot_.objection(stamp, measured_->state);
+    if (!reason.empty()) return enter(now, State::kStopped, reason);
+  }
+  const Inputs inputs = pilot_.update(elapsed, stamp, measured_->state, params_.lift);
   last_update_ = stamp;
-  if (open_loop_) change_at_ = running_since_ + pilot_.nextChange(elapsed);
-  if (!inputs.allFinite()) return enter(now, State::kStopped, "the command is not finite");
-  send(now, {inputs.x(), inputs.y(), params_.lift});
+  schedule(elapsed);
+  if (!std::isfinite(inputs.left + inputs.right + inputs.lift))
+    return enter(now, State::kStopped, "the command is not finite");
+  send(now, inputs);
 }
 
 void ControllerLifecycle::enter(Instant now, State state, const std::string& reason) {
@@ -197,6 +222,7 @@ void ControllerLifecycle::change(State state, const std::string& reason) {
   const bool was_driving = driving();
   state_ = state;
   reason_ = reason;
+  if (!driving() && state_ != State::kLifting) lost_since_.reset();
   if (was_driving && !driving()) pilot_.deactivate();
   changed_();
 }
@@ -218,7 +244,7 @@ double ControllerLifecycle::liftedAt() const {
 
 /// When a command has to be repeated. A closed-loop controller waits for the next state first.
 double ControllerLifecycle::repeatAt() const {
-  const bool waits = state_ == State::kRunning && !open_loop_;
+  const bool waits = state_ == State::kRunning && !change_at_;
   return next_keepalive_ + (waits ? 1 / params_.rate : 0);
 }
 

@@ -46,8 +46,15 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
   }
   plan_->setWeights(params.weights);
   other_->setWeights(params.weights);
+  setWalls(walls_);
   observer_.setParams(params.observer);
   params_ = params;
+}
+
+void PredictiveControl::setWalls(const std::optional<PlanWalls>& walls) {
+  walls_ = walls;
+  plan_->setWalls(walls);
+  other_->setWalls(walls);
 }
 
 void PredictiveControl::reset() {

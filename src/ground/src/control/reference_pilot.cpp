@@ -52,16 +52,17 @@ std::string ReferencePilot::objection(double stamp, const RigidState<double>& st
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);
 }
 
-Vector2<double> ReferencePilot::update(double, double stamp, const RigidState<double>& state) {
+Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state,
+                              double lift) {
   const double before = processorTime();
   const double now = std::max(stamp, clock_());
   const Vector2<double> inputs =
       controller_->decide(
-          {now, stamp, state, reference_.get(), *reference_start_, lift_, drive_.origin(now)}) /
+          {now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)}) /
       input_max_;
   decided_({now, stamp, at(stamp), inputs, controller_->wanted() / input_max_,
             processorTime() - before});
-  return inputs;
+  return {inputs.x(), inputs.y(), lift};
 }
 
 ReferencePoint ReferencePilot::at(double stamp) const {

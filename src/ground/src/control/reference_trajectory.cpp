@@ -33,6 +33,16 @@ ReferencePoint at(const Vector2<double>& p) {
   return {p, zero, zero, zero};
 }
 
+class StandingStill : public ReferenceTrajectory {
+ public:
+  explicit StandingStill(const Vector2<double>& point) : point_(point) {}
+  ReferencePoint at(double) const override { return ground::at(point_); }
+  double extent() const override { return 1; }
+
+ private:
+  Vector2<double> point_;
+};
+
 class Circle : public ReferenceTrajectory {
  public:
   Circle(const Vector2<double>& centre, double radius, double rate)
@@ -287,6 +297,8 @@ Cells cellsOf(const char* begin, const char* end) {
 bool turns(double rate) { return std::isfinite(rate) && rate != 0; }
 
 }  // namespace
+
+ReferencePtr makePoint(const Vector2<double>& point) { return std::make_shared<StandingStill>(point); }
 
 ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rate) {
   require(radius > 0 && turns(rate), "a circle needs a positive radius and a rate other than 0");

@@ -152,8 +152,15 @@ double TrajectoryOptimizer::stateCost(int k, const State& state) const {
   const double position = end ? 1 + weights_.end_position : 1;
   const double velocity = weights_.velocity + (end ? weights_.end_velocity : 0);
   const Vector2<double> over_floor = bodyToWorld<double>(state(2), {state(3), state(4)});
-  return position * (state.head<2>() - reference.p).squaredNorm() +
-         velocity * (over_floor - reference.p_dot).squaredNorm();
+  double cost = position * (state.head<2>() - reference.p).squaredNorm() +
+                velocity * (over_floor - reference.p_dot).squaredNorm();
+  if (walls_) {
+    Eigen::Matrix<double, 1, 5> unused;
+    const double excess =
+        walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, unused);
+    cost += walls_->weight * excess * excess;
+  }
+  return cost;
 }
 
 double TrajectoryOptimizer::inputCost(const Vector2<double>& input) const {
@@ -214,6 +221,17 @@ bool TrajectoryOptimizer::backward() {
     by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
     gradient.segment<3>(2).noalias() += velocity * by.transpose() * slip;
     curvature.block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
+
+    if (walls_) {
+      Eigen::Matrix<double, 1, 5> derivative;
+      const double excess =
+          walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
+      if (excess > 0) {
+        const double weight = 2 * step_ * walls_->weight;
+        gradient.head<5>() += weight * excess * derivative.transpose();
+        curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
+      }
+    }
 
     const Square& A = linear_[i].A;
     const Drive& B = linear_[i].B;

@@ -11,7 +11,6 @@
 #include <cstring>
 #include <functional>
 #include <map>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -20,70 +19,13 @@
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
+#include "ground/model/yaml_reader.h"
 
 namespace ground {
 namespace {
 
 constexpr char kSchema[] = "ground/model/1";
 constexpr std::size_t kLargestFile = 1000000;  // [bytes]; a model takes some thousand
-
-/// Reads YAML strictly; every complaint names source, line and key.
-class Reader {
- public:
-  explicit Reader(std::string source) : source_(std::move(source)) {}
-
-  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
-    std::ostringstream text;
-    text << source_;
-    if (node.Mark().line >= 0) text << ", line " << node.Mark().line + 1;
-    text << ": " << message;
-    throw std::runtime_error(text.str());
-  }
-
-  using Visit = std::function<void(const std::string& key, const YAML::Node& value)>;
-
-  /// Visits the entries of a map; a key that comes twice is an error.
-  void each(const YAML::Node& map, const std::string& what, const Visit& visit) const {
-    if (!map.IsMap()) fail(map, what + " must be a map of key: value");
-    std::set<std::string> seen;
-    for (const auto& entry : map) {
-      if (!entry.first.IsScalar()) fail(entry.first, "a key in " + what + " is not a word");
-      const std::string key = entry.first.Scalar();
-      if (!seen.insert(key).second)
-        fail(entry.first, "key '" + shortened(key) + "' comes twice in " + what);
-      visit(key, entry.second);
-    }
-  }
-
-  [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,
-                            const std::string& known) const {
-    fail(node, "unknown key '" + shortened(key) + "' in " + what + "; allowed are " + known);
-  }
-
-  double number(const YAML::Node& node, const std::string& key) const {
-    double value = 0;
-    if (!node.IsScalar() || !YAML::convert<double>::decode(node, value))
-      fail(node, key + " must be a number");
-    if (std::isnan(value)) fail(node, key + " must not be NaN");
-    return value;
-  }
-
-  /// A number inside the parameter's range.
-  double number(const YAML::Node& node, const ParameterInfo& parameter) const {
-    const double value = number(node, parameter.name);
-    const std::string wrong = checkValue(parameter, value);
-    if (!wrong.empty()) fail(node, wrong);
-    return value;
-  }
-
-  std::string text(const YAML::Node& node, const std::string& key) const {
-    if (!node.IsScalar()) fail(node, key + " must be a text");
-    return node.Scalar();
-  }
-
- private:
-  std::string source_;
-};
 
 ParameterInfo inputMaxInfo() {
   ParameterInfo info;
@@ -103,7 +45,7 @@ std::string names(const std::vector<ParameterInfo>& parameters) {
 /// Lines at which the values of a body stand in their file, counted from 1.
 using BodyLines = std::map<std::string, int>;
 
-void readBody(const Reader& reader, const YAML::Node& node, Model& model, BodyLines& lines) {
+void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, BodyLines& lines) {
   std::vector<double> values(bodyParameters().size(), NAN);
   bool has_input_max = false;
   reader.each(node, "body", [&](const std::string& key, const YAML::Node& value) {
@@ -128,7 +70,7 @@ void readBody(const Reader& reader, const YAML::Node& node, Model& model, BodyLi
   model.setValues(values);
 }
 
-ParameterInfo readExpressionParameter(const Reader& reader, const std::string& name,
+ParameterInfo readExpressionParameter(const YamlReader& reader, const std::string& name,
                                       const YAML::Node& node, double& value, double& scale) {
   ParameterInfo info;
   info.name = name;
@@ -168,7 +110,7 @@ ParameterInfo readExpressionParameter(const Reader& reader, const std::string& n
 }
 
 /// Formulas of the components of an effect, by their names.
-void readComponents(const Reader& reader, const YAML::Node& node,
+void readComponents(const YamlReader& reader, const YAML::Node& node,
                     ExpressionDefinition& definition) {
   const std::string what = "expression of " + definition.name;
   reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
@@ -187,7 +129,7 @@ void readComponents(const Reader& reader, const YAML::Node& node,
 }
 
 /// A state: the formula of its derivative, or a map of that and its initial value.
-ExpressionDefinition::State readState(const Reader& reader, const std::string& name,
+ExpressionDefinition::State readState(const YamlReader& reader, const std::string& name,
                                       const YAML::Node& node) {
   if (!node.IsMap()) return {name, reader.text(node, name), 0};
   ExpressionDefinition::State state{name, "", 0};
@@ -204,7 +146,7 @@ ExpressionDefinition::State readState(const Reader& reader, const std::string& n
   return state;
 }
 
-void readExpression(const Reader& reader, const std::string& name, const YAML::Node& node,
+void readExpression(const YamlReader& reader, const std::string& name, const YAML::Node& node,
                     Model& model) {
   ExpressionDefinition definition;
   definition.name = name;
@@ -241,7 +183,7 @@ void readExpression(const Reader& reader, const std::string& name, const YAML::N
   model.effects.back().values = values;
 }
 
-void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
+void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) {
   if (!node.IsMap() || !node["name"]) reader.fail(node, "an effect must be a map with its name");
   const std::string name = reader.text(node["name"], "name");
   if (name.size() > kLongestName)
@@ -273,7 +215,7 @@ void readEffect(const Reader& reader, const YAML::Node& node, Model& model) {
 }
 
 /// Numbers by channel, those that are not there zero; `thrust` where there is such a channel.
-void readChannels(const Reader& reader, const std::string& what, const YAML::Node& node,
+void readChannels(const YamlReader& reader, const std::string& what, const YAML::Node& node,
                   Vector3<double>& channels, double* thrust = nullptr) {
   reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
     const std::size_t channel = std::string("XYN").find(key);
@@ -287,7 +229,7 @@ void readChannels(const Reader& reader, const std::string& what, const YAML::Nod
   });
 }
 
-void readDisturbance(const Reader& reader, const YAML::Node& node, Disturbance& disturbance) {
+void readDisturbance(const YamlReader& reader, const YAML::Node& node, Disturbance& disturbance) {
   reader.each(node, "disturbance", [&](const std::string& key, const YAML::Node& value) {
     const std::string what = key + " of disturbance";
     if (key == "sigma") {
@@ -306,7 +248,7 @@ void readDisturbance(const Reader& reader, const YAML::Node& node, Disturbance& 
   if (!wrong.empty()) reader.fail(node, "disturbance: " + wrong);
 }
 
-void readProvenance(const Reader& reader, const YAML::Node& node, Provenance& provenance) {
+void readProvenance(const YamlReader& reader, const YAML::Node& node, Provenance& provenance) {
   const auto numbers = [&](const YAML::Node& map, const std::string& what) {
     std::map<std::string, double> result;
     reader.each(map, what, [&](const std::string& key, const YAML::Node& value) {
@@ -479,21 +421,9 @@ bool moveToNewName(const std::string& temporary, const std::string& path) {
   return false;
 }
 
-YAML::Node parseYaml(const std::string& yaml, const std::string& source) {
-  YAML::Node root;
-  try {
-    root = YAML::Load(yaml);
-  } catch (const YAML::ParserException& error) {
-    throw std::runtime_error(source + ", line " + std::to_string(error.mark.line + 1) + ": " +
-                             error.msg);
-  }
-  if (root.IsNull()) throw std::runtime_error(source + ": it is empty");
-  return root;
-}
-
 Model parse(const std::string& yaml, const std::string& source, BodyLines& lines) {
-  const Reader reader(source);
-  const YAML::Node root = parseYaml(yaml, source);
+  const YamlReader reader(source);
+  const YAML::Node root = reader.parse(yaml);
   Model model;
   const std::string top = "the model file";
   if (!root.IsMap()) reader.fail(root, top + " must be a map with schema, name, body, effects");
@@ -539,8 +469,8 @@ Model loadModel(const std::string& path, std::vector<std::string>* warnings) {
 }
 
 Model withEffect(Model model, const std::string& yaml, const std::string& source) {
-  const Reader reader(source);
-  const YAML::Node root = parseYaml(yaml, source);
+  const YamlReader reader(source);
+  const YAML::Node root = reader.parse(yaml);
   const YAML::Node node = root.IsSequence() && root.size() == 1 ? root[0] : root;
   if (!node.IsMap() || !node["name"] || node["body"])
     reader.fail(node, "it must be one effect with a name, as model files list them");

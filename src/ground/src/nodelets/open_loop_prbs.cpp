@@ -53,8 +53,9 @@ class OpenLoopPRBS : public Controller {
     if (!csv_.empty())
       NODELET_INFO("%s: %s", csv_.c_str(), sequence_.describe(params_.clock).c_str());
   }
-  Vector2<double> update(double elapsed, double, const RigidState<double>&) override {
-    return signal_->at(elapsed);
+  Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
+    const Vector2<double> inputs = signal_->at(elapsed);
+    return {inputs.x(), inputs.y(), lift};
   }
   double end() const override { return signal_->duration(); }
   double nextChange(double elapsed) const override { return signal_->nextChange(elapsed); }

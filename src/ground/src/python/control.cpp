@@ -6,7 +6,9 @@
 #include "bindings.h"
 #include "ground/control/controllers.h"
 #include "ground/control/effect_use.h"
+#include "ground/control/excitation_pilot.h"
 #include "ground/control/feasibility.h"
+#include "ground/control/fence.h"
 #include "ground/control/prbs.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_watch.h"
@@ -85,6 +87,63 @@ void bindControl(py::module_& module) {
       .def_readwrite("prbs", &ControllerChoice::prbs)
       .def_readwrite("prbs_seed", &ControllerChoice::prbs_seed);
   module.def("controller_names", &controllerNames);
+  py::class_<RoomPlan>(module, "RoomPlan", "The floor that a craft may be on, world_ned.")
+      .def(py::init<>())
+      .def_readwrite("name", &RoomPlan::name)
+      .def_readwrite("corners", &RoomPlan::corners)
+      .def_readwrite("margin", &RoomPlan::margin)
+      .def_readwrite("home", &RoomPlan::home)
+      .def_readwrite("braking", &RoomPlan::braking)
+      .def_readwrite("latency", &RoomPlan::latency)
+      .def("validate", &RoomPlan::validate)
+      .def("clearance",
+           py::overload_cast<const Vector2<double>&>(&RoomPlan::clearance, py::const_),
+           py::arg("point"), "Distance from the nearest wall [m], negative outside.");
+  module.def("load_room", &loadRoomPlan, py::arg("path"));
+  module.def(
+      "leaves_room",
+      [](const ReferenceParams& params, const RoomPlan& room) {
+        return leavesRoom(*makeReference(params), room);
+      },
+      py::arg("reference"), py::arg("room"),
+      "Why a reference does not fit into a room; empty when it does.");
+  py::class_<DesignParams>(module, "DesignParams", "An input design by its name.")
+      .def(py::init<>())
+      .def_readwrite("kind", &DesignParams::kind)
+      .def_readwrite("clock", &DesignParams::clock)
+      .def_readwrite("levels", &DesignParams::levels)
+      .def_readwrite("order", &DesignParams::order)
+      .def_readwrite("seed", &DesignParams::seed)
+      .def_readwrite("hold", &DesignParams::hold)
+      .def_readwrite("file", &DesignParams::file)
+      .def_readwrite("rows_per_bit", &DesignParams::rows_per_bit);
+  py::class_<DesignInfo>(module, "DesignInfo", "What a design is.")
+      .def_readonly("name", &DesignInfo::name)
+      .def_readonly("text", &DesignInfo::text)
+      .def_readonly("takes", &DesignInfo::takes);
+  module.def("design_table", &designTable);
+  py::class_<InputSignal>(module, "InputSignal", "Inputs over time, each held until the next.")
+      .def_readonly("end", &InputSignal::end)
+      .def_readonly("has_lift", &InputSignal::has_lift)
+      .def_readonly("description", &InputSignal::description)
+      .def_property_readonly(
+          "rows",
+          [](const InputSignal& signal) {
+            Eigen::MatrixXd rows(static_cast<Eigen::Index>(signal.times.size()), 4);
+            for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+              const auto at = static_cast<std::size_t>(i);
+              const Inputs& inputs = signal.inputs[at];
+              rows.row(i) << signal.times[at], inputs.left, inputs.right, inputs.lift;
+            }
+            return rows;
+          },
+          "Time [s], left, right, lift (0..1).");
+  module.def("make_design", &makeDesign, py::arg("params"), py::arg("duration"));
+  py::class_<ReturnParams>(module, "ReturnParams", "How an excitation is kept inside a room.")
+      .def(py::init<>())
+      .def_readwrite("burst", &ReturnParams::burst)
+      .def_readwrite("arrival", &ReturnParams::arrival)
+      .def_readwrite("predictive", &ReturnParams::predictive);
   module.def(
       "effect_use",
       [](const std::string& kind, const Model& model) {
@@ -102,11 +161,6 @@ void bindControl(py::module_& module) {
 
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");
-  py::class_<PrbsFile>(module, "PrbsFile", "A binary sequence as a file has it.")
-      .def_readonly("rows", &PrbsFile::rows, "Pairs (left, right).")
-      .def_readonly("rows_per_bit", &PrbsFile::rows_per_bit)
-      .def("describe", &PrbsFile::describe, py::arg("clock"));
-  module.def("read_prbs", &readPrbs, py::arg("path"), py::arg("rows_per_bit") = 0);
 }
 
 }  // namespace ground

@@ -32,6 +32,14 @@ py::dict toDict(const ExperimentLog& log) {
   d["decisions"] = toRows(log.decisions, 4, [](const ExperimentLog::Decision& c) {
     return Eigen::RowVector4d(c.time, c.thrusters.x(), c.thrusters.y(), c.computing);
   });
+  py::list marks;
+  for (const ExcitationPilot::Mark& mark : log.marks)
+    marks.append(py::make_tuple(mark.time, mark.number, mark.burst, mark.reason));
+  d["marks"] = marks;
+  py::list stages;
+  for (const ExperimentLog::Stage& stage : log.stages)
+    stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
+  d["stages"] = stages;
   d["stopped"] = log.stopped;
   d["stopped_at"] = log.stopped_at;
   return d;
@@ -58,7 +66,8 @@ void bindSimulation(py::module_& module) {
       .def_readwrite("latency", &MocapParams::latency)
       .def_readwrite("loss", &MocapParams::loss)
       .def_readwrite("gap_rate", &MocapParams::gap_rate)
-      .def_readwrite("gap_length", &MocapParams::gap_length);
+      .def_readwrite("gap_length", &MocapParams::gap_length)
+      .def_readwrite("gaps_vary", &MocapParams::gaps_vary);
   py::class_<LifecycleParams>(module, "LifecycleParams", "What all controllers are tuned with.")
       .def(py::init<>())
       .def_readwrite("lift", &LifecycleParams::lift)
@@ -66,16 +75,24 @@ void bindSimulation(py::module_& module) {
       .def_readwrite("state_timeout", &LifecycleParams::state_timeout)
       .def_readwrite("recovery_time", &LifecycleParams::recovery_time)
       .def_readwrite("rate", &LifecycleParams::rate);
-  py::class_<TrackingParams>(module, "TrackingParams", "The tracking controller of an experiment.")
+  py::class_<DriveParams>(module, "DriveParams", "A controller and its life.")
+      .def_readwrite("estimate", &DriveParams::estimate)
+      .def_readwrite("life", &DriveParams::life)
+      .def_readwrite("start", &DriveParams::start)
+      .def_readwrite("duration", &DriveParams::duration)
+      .def_readwrite("tail", &DriveParams::tail)
+      .def_readwrite("room", &DriveParams::room);
+  py::class_<TrackingParams, DriveParams>(module, "TrackingParams",
+                                          "The tracking controller of an experiment.")
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
-      .def_readwrite("estimate", &TrackingParams::estimate)
-      .def_readwrite("life", &TrackingParams::life)
-      .def_readwrite("start", &TrackingParams::start)
-      .def_readwrite("duration", &TrackingParams::duration)
-      .def_readwrite("max_error", &TrackingParams::max_error)
-      .def_readwrite("tail", &TrackingParams::tail);
+      .def_readwrite("max_error", &TrackingParams::max_error);
+  py::class_<ExcitationParams, DriveParams>(
+      module, "ExcitationParams", "An input design; with a room, in bursts between returns.")
+      .def(py::init<>())
+      .def_readwrite("design", &ExcitationParams::design)
+      .def_readwrite("returns", &ExcitationParams::returns);
   module.def(
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
@@ -113,6 +130,23 @@ void bindSimulation(py::module_& module) {
       "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
       "p_dddot), decisions (time, left, right, processor time), why it stopped early, empty when "
       "it did not, and when.");
+  module.def(
+      "excite",
+      [](const Model& model, const Model& believed, const ExcitationParams& excitation,
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+         unsigned long seed, const Disturbance& disturbance) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = excite(model, believed, excitation, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("believed"), py::arg("excitation"), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
+      "The same with an input design; besides, marks (time, number, whether a burst or a return "
+      "begins, why).");
 }
 
 }  // namespace ground

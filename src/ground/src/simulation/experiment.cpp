@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -57,28 +58,27 @@ class Player : public Driver {
   std::size_t next_ = 0;  ///< first command that has not been issued
 };
 
-/// Estimator, controller and its life, as nodelets MocapState and Controller have them.
-class Tracker : public Driver {
+/// A pilot and its life on what the estimator makes of the mocap's frames, as nodelets MocapState and
+/// Controller have them.
+class LivePilot : public Driver {
  public:
-  Tracker(const Model& believed, const TrackingParams& params, ExperimentLog& log)
-      : input_max_(believed.body.input_max),
-        params_(params),
-        estimator_(makeKalmanEstimator(params.estimator)),
-        log_(log),
-        pilot_([this] { return now_; },
-               [this](const ReferencePilot::Decision& decision) { note(decision); }),
-        life_(
-            pilot_, [this](const Inputs& inputs) { send(inputs); },
-            [this] { log_.stages.push_back({now_, life_.current(), life_.reason()}); }) {
-    std::unique_ptr<TrackingController> controller = makeController(believed, params.controller);
-    ReferencePtr reference = makeReference(params.reference);
-    pilot_.setMaxError(params.max_error > 0 ? params.max_error : defaultMaxError(*reference));
-    pilot_.setLift(params.life.lift);
-    pilot_.setDuration(params.duration);
-    pilot_.swapController(controller, input_max_);
-    pilot_.swapReference(reference);
-    life_.setParams(params.life);
+  /// Told of every command; the pilot of the same craft.
+  using Commanded = std::function<void(double now, const Inputs& inputs)>;
+
+  LivePilot(const DriveParams& params, ExperimentLog& log)
+      : params_(params), estimator_(makeKalmanEstimator(params.estimator)), log_(log) {}
+
+  /// Hands over the pilot, which may ask now() from then on.
+  void take(Pilot& pilot, Commanded commanded) {
+    commanded_ = std::move(commanded);
+    life_ = std::make_unique<ControllerLifecycle>(
+        pilot, [this](const Inputs& inputs) { send(inputs); },
+        [this] { log_.stages.push_back({now_, life_->current(), life_->reason()}); });
+    life_->setParams(params_.life);
+    if (params_.room) life_->setFence(Fence(*params_.room, params_.room->margin));
   }
+
+  double now() const { return now_; }
 
   void see(double now, const MocapFrame& frame) override {
     now_ = now;
@@ -92,19 +92,19 @@ class Tracker : public Driver {
                                       [&](const auto& t) { return t.time <= frame.captured; });
       measured.state = truth->measured;
     }
-    life_.state({now, now}, measured);
+    life_->state({now, now}, measured);
   }
 
   std::vector<Command> act(double now) override {
     now_ = now;
     const Instant instant{now, now};
-    if (life_.current() == Stage::kIdle && now >= params_.start) life_.start(instant);
-    if (life_.current() == Stage::kWaiting && now >= params_.start + kPatience)
-      life_.stop(instant, "there was no valid state to start with");
-    life_.tick(instant);
+    if (life_->current() == Stage::kIdle && now >= params_.start) life_->start(instant);
+    if (life_->current() == Stage::kWaiting && now >= params_.start + kPatience)
+      life_->stop(instant, "there was no valid state to start with");
+    life_->tick(instant);
     if (!std::isfinite(end_) &&
-        (life_.current() == Stage::kDone || life_.current() == Stage::kStopped)) {
-      log_.stopped = life_.current() == Stage::kStopped ? life_.reason() : "";
+        (life_->current() == Stage::kDone || life_->current() == Stage::kStopped)) {
+      log_.stopped = life_->current() == Stage::kStopped ? life_->reason() : "";
       log_.stopped_at = now;
       end_ = now + params_.tail;
     }
@@ -112,10 +112,10 @@ class Tracker : public Driver {
   }
 
   double wakesAt() const override {
-    const Instant due = life_.due();
+    const Instant due = life_->due();
     double wakes = std::min(due.steady, due.time);
-    if (life_.current() == Stage::kIdle) wakes = std::min(wakes, params_.start);
-    if (life_.current() == Stage::kWaiting) wakes = std::min(wakes, params_.start + kPatience);
+    if (life_->current() == Stage::kIdle) wakes = std::min(wakes, params_.start);
+    if (life_->current() == Stage::kWaiting) wakes = std::min(wakes, params_.start + kPatience);
     return std::max(wakes, now_);  // a first command is due at once
   }
 
@@ -126,25 +126,24 @@ class Tracker : public Driver {
 
   void send(const Inputs& inputs) {
     commands_.push_back({now_, inputs.left, inputs.right, inputs.lift});
-    pilot_.commanded(now_, inputs);
+    commanded_(now_, inputs);
   }
 
-  void note(const ReferencePilot::Decision& decision) {
-    log_.decisions.push_back({decision.now, input_max_ * decision.inputs, decision.computing});
-    if (log_.references.empty() || decision.stamp > log_.references.back().time)
-      log_.references.push_back({decision.stamp, decision.reference});
-  }
-
-  double input_max_;
-  TrackingParams params_;
+  DriveParams params_;
   std::unique_ptr<VelocityEstimator> estimator_;
   ExperimentLog& log_;
-  ReferencePilot pilot_;
-  ControllerLifecycle life_;
+  Commanded commanded_;
+  std::unique_ptr<ControllerLifecycle> life_;
   double now_ = 0;                 ///< [s]
   std::vector<Command> commands_;  ///< that have not been handed out
   double end_ = std::numeric_limits<double>::infinity();
 };
+
+void note(const ReferencePilot::Decision& decision, double input_max, ExperimentLog& log) {
+  log.decisions.push_back({decision.now, input_max * decision.inputs, decision.computing});
+  if (log.references.empty() || decision.stamp > log.references.back().time)
+    log.references.push_back({decision.stamp, decision.reference});
+}
 
 void note(const Room& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
@@ -194,13 +193,26 @@ void require(const std::string& wrong) {
 
 }  // namespace
 
-std::string TrackingParams::validate() const {
+std::string DriveParams::validate() const {
   const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
   if (!within(start, 0, 3600)) return "start must be between 0 and 3600 s";
   if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
-  if (!(max_error >= 0)) return "max_error must not be negative";
   if (!within(tail, 0, 3600)) return "tail must be between 0 and 3600 s";
-  for (const std::string& wrong : {life.validate(), controller.validate(), estimator.validate()})
+  for (const std::string& wrong :
+       {life.validate(), estimator.validate(), room ? room->validate() : std::string()})
+    if (!wrong.empty()) return wrong;
+  return "";
+}
+
+std::string TrackingParams::validate() const {
+  if (!(max_error >= 0)) return "max_error must not be negative";
+  for (const std::string& wrong : {DriveParams::validate(), controller.validate()})
+    if (!wrong.empty()) return wrong;
+  return "";
+}
+
+std::string ExcitationParams::validate() const {
+  for (const std::string& wrong : {DriveParams::validate(), design.validate()})
     if (!wrong.empty()) return wrong;
   return "";
 }
@@ -225,8 +237,43 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params) {
   require(tracking.validate());
   ExperimentLog log;
-  Tracker tracker(believed, tracking, log);
-  run(model, tracker, params, log);
+  LivePilot live(tracking, log);
+  const double input_max = believed.body.input_max;
+  ReferencePilot pilot(
+      [&live] { return live.now(); },
+      [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
+  std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
+  ReferencePtr reference = makeReference(tracking.reference);
+  pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
+  pilot.setDuration(tracking.duration);
+  pilot.swapController(controller, input_max);
+  pilot.swapReference(reference);
+  live.take(pilot,
+            [&pilot](double now, const Inputs& inputs) { pilot.commanded(now, inputs); });
+  run(model, live, params, log);
+  return log;
+}
+
+ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
+                     const ExperimentParams& params) {
+  require(excitation.validate());
+  ExperimentLog log;
+  LivePilot live(excitation, log);
+  const double input_max = believed.body.input_max;
+  ExcitationPilot pilot(
+      makeDesign(excitation.design, excitation.duration), excitation.duration,
+      [&live] { return live.now(); },
+      [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); });
+  if (excitation.room) {
+    ReturnParams returns = excitation.returns;
+    returns.room = *excitation.room;
+    pilot.returnHome(believed, returns, [&log, input_max](const ReferencePilot::Decision& d) {
+      log.decisions.push_back({d.now, input_max * d.inputs, d.computing});
+    });
+  }
+  live.take(pilot,
+            [&pilot](double now, const Inputs& inputs) { pilot.commanded(now, inputs); });
+  run(model, live, params, log);
   return log;
 }
 

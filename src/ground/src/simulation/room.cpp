@@ -180,7 +180,7 @@ bool Room::lost(double time) {
   const double single = uniform(random_), begins = uniform(random_), length = uniform(random_);
   if (time < tracked_again_) return true;
   if (begins < 1 - std::exp(-mocap_.gap_rate / mocap_.rate)) {
-    tracked_again_ = time - mocap_.gap_length * std::log1p(-length);
+    tracked_again_ = time + mocap_.gap_length * (mocap_.gaps_vary ? -std::log1p(-length) : 1);
     return true;
   }
   return single < mocap_.loss;

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
 
 namespace ground {
@@ -43,23 +44,25 @@ struct MeasuredState {
 /// Says what to command while a controller drives. Times `elapsed` are seconds since it began.
 class Pilot {
  public:
-  static constexpr double kByState = -1.0;  ///< nextChange() of a closed-loop controller
+  static constexpr double kByState = -1.0;  ///< nextChange() while it is driven by the state
 
   virtual ~Pilot() = default;
   /// Driving begins at the time of `stamp`; what it throws refuses the start.
   virtual void activate(double /*stamp*/) {}
   /// Driving ends, for whatever reason.
   virtual void deactivate() {}
-  /// Why it has to stop, empty when it may go on; asked before every update.
+  /// Why it has to stop, empty when it may go on; asked with every state and before every update
+  /// that goes by the state.
   virtual std::string objection(double /*stamp*/, const RigidState<double>& /*state*/) {
     return "";
   }
-  /// Inputs left, right, 0..1.
-  virtual Vector2<double> update(double elapsed, double stamp, const RigidState<double>& state) = 0;
+  /// The inputs from now on; `lift`: that of the life cycle's parameters, 0..1.
+  virtual Inputs update(double elapsed, double stamp, const RigidState<double>& state,
+                        double lift) = 0;
   /// When it is done.
   virtual double end() const { return std::numeric_limits<double>::infinity(); }
   /// When an open-loop controller changes its inputs next; a closed-loop one is driven by the state
-  /// instead, at most at `rate`.
+  /// instead, at most at `rate`. Asked anew after every state and update.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
   /// What whoever starts it should know; empty when nothing.
   virtual std::string caution() const { return ""; }
@@ -70,11 +73,11 @@ class Pilot {
 /// the calls.
 ///
 /// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED;
-/// RECOVERING while the state is lost in between. Thrust goes out in RUNNING only, lift in LIFTING,
+/// RECOVERING while the state is lost in between (LIFTING goes on meanwhile). Thrust goes out in RUNNING only, lift in LIFTING,
 /// RUNNING and RECOVERING. It stops when the state is stale or invalid for recovery_time, at once
-/// where that is 0 or the state is not finite, when the state jumps as no craft can, when the sender
-/// disarms, when the clock was set, when another controller takes over, when the pilot objects and
-/// when a command is not finite.
+/// where that is 0 or the state is not finite, when the state jumps as no craft can, when the craft
+/// would leave the room, when the sender disarms, when the clock was set, when another controller
+/// takes over, when the pilot objects and when a command is not finite.
 class ControllerLifecycle {
  public:
   /// Numbers as in ground_msgs/ControllerStatus.
@@ -91,6 +94,8 @@ class ControllerLifecycle {
   /// Takes effect at once.
   void setParams(const LifecycleParams& params) { params_ = params; }
   const LifecycleParams& params() const { return params_; }
+  /// Keeps the craft inside; nothing for no bounds. Takes effect with the next state.
+  void setFence(std::optional<Fence> fence) { fence_ = std::move(fence); }
 
   /// Says why it cannot be started; empty when it is.
   std::string start(Instant now);
@@ -129,6 +134,8 @@ class ControllerLifecycle {
   bool stateIsFinite() const;
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
+  std::string fenceProblem(Instant now) const;
+  void schedule(double elapsed);
   void begin(Instant now);
   void control(Instant now, double stamp);
   void enter(Instant now, State state, const std::string& reason);
@@ -144,17 +151,20 @@ class ControllerLifecycle {
   LifecycleParams params_;
   State state_ = State::kIdle;
   std::string reason_ = "not started yet";
-  bool armed_ = false, open_loop_ = false;
+  std::optional<Fence> fence_;
+  bool armed_ = false;
   std::optional<MeasuredState> measured_;
   double measured_at_ = 0;              ///< steady clock [s]
   std::optional<MeasuredState> known_;  ///< the last one with which it was driven
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
-  double change_at_ = 0;                          ///< of open-loop inputs, clock of stamps [s]
+  /// When open-loop inputs change, clock of stamps [s]; none while the pilot goes by the state.
+  std::optional<double> change_at_;
   double started_at_ = 0;                         ///< steady clock [s]
   double others_until_ = -kNever;  ///< how long another controller may be taken to drive [s]
   bool lifted_ = false;            ///< by another controller, whose place is taken
-  double lost_since_ = 0;          ///< while RECOVERING, steady clock [s]
+  /// Since when there has been no state to lift or drive by, steady clock [s].
+  std::optional<double> lost_since_;
   double next_keepalive_ = -kNever;  ///< steady clock [s]
 };
 

@@ -43,14 +43,19 @@ class PredictiveControl : public TrackingController {
 
   /// Takes effect with the next decision; allocates when the horizon changes. Throws alike.
   void setParams(const PredictiveParams& params);
+  /// Plans that keep away from walls; none for a floor without bounds. Takes effect with the next
+  /// decision.
+  void setWalls(const std::optional<PlanWalls>& walls);
   void reset() override;
   void commanded(double time, const Vector2<double>& thrusters, double lift) override;
   Vector2<double> position(const RigidState<double>& measured) const override;
   Vector2<double> decide(const Observation& observation) override;
   Vector2<double> wanted() const override { return wanted_; }
 
-  /// Of the last decision.
+  /// Improvements of plans in the last decision.
   int improvements() const { return improvements_; }
+  /// The plan of the last decision.
+  const TrajectoryOptimizer& plan() const { return *plan_; }
 
  private:
   /// The beginning of a plan: a turn, as fast as it can be, and then thrust.
@@ -78,6 +83,7 @@ class PredictiveControl : public TrackingController {
   std::array<Seed, 14> seeds_;
   std::size_t next_seed_ = 0;
   int improvements_ = 0;
+  std::optional<PlanWalls> walls_;
   Vector2<double> wanted_ = Vector2<double>::Zero();
 };
 

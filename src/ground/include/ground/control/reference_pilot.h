@@ -37,8 +37,6 @@ class ReferencePilot : public Pilot {
   void swapReference(ReferencePtr& reference);
   /// Error that is a reason to stop when it lasts [m].
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
-  /// Input of the lift fan, 0..1.
-  void setLift(double lift) { lift_ = lift; }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
   TrackingController* controller() const { return controller_.get(); }
@@ -51,7 +49,8 @@ class ReferencePilot : public Pilot {
 
   void activate(double stamp) override;
   std::string objection(double stamp, const RigidState<double>& state) override;
-  Vector2<double> update(double elapsed, double stamp, const RigidState<double>& state) override;
+  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
+                double lift) override;
   double end() const override { return duration_; }
 
  private:
@@ -60,7 +59,7 @@ class ReferencePilot : public Pilot {
   Clock clock_;
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
-  double input_max_ = 1, lift_ = 1;
+  double input_max_ = 1;
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< none until the first state with this reference [s]

@@ -25,6 +25,8 @@ class ReferenceTrajectory {
 
 using ReferencePtr = std::shared_ptr<const ReferenceTrajectory>;
 
+/// Stands still at `point` [m].
+ReferencePtr makePoint(const Vector2<double>& point);
 /// (x, y) + R (cos wt, sin wt); R [m], w [rad/s].
 ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rate);
 /// From start to end at `speed` [m/s], then standing still. Smooth: three times continuously

@@ -162,7 +162,6 @@ class ReferenceTracking : public Controller {
         tune(*pilot_.controller(), c);
       }
       pilot_.setMaxError(max_error);
-      pilot_.setLift(c.lift);
       pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
       caution_ = std::move(caution);
       if (changed) {
@@ -207,8 +206,9 @@ class ReferenceTracking : public Controller {
   std::string objection(double stamp, const RigidState<double>& state) override {
     return pilot_.objection(stamp, state);
   }
-  Vector2<double> update(double elapsed, double stamp, const RigidState<double>& state) override {
-    return pilot_.update(elapsed, stamp, state);
+  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
+                double lift) override {
+    return pilot_.update(elapsed, stamp, state, lift);
   }
   double end() const override { return pilot_.end(); }
 

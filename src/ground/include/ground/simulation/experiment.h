@@ -1,11 +1,13 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
+#include "ground/control/excitation_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/simulation/room.h"
@@ -26,18 +28,33 @@ struct ExperimentParams {
 
 /// A controller as the nodelets run it, on the states that the estimator makes of the delivered
 /// frames.
-struct TrackingParams {
-  ReferenceParams reference;
-  ControllerChoice controller;
+struct DriveParams {
   EstimatorParams estimator;
   bool estimate = true;    ///< otherwise what an exact mocap sees at the frames' captures
   /// Defaults of the tracking nodelets, except that no sender has to be armed.
   LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
   double start = 0.5;      ///< of the controller; lift on, or later when there is no valid state [s]
-  double duration = 20.0;  ///< of tracking [s]
+  double duration = 20.0;  ///< of driving [s]
+  double tail = 0.5;       ///< recorded after the end [s]
+  std::optional<RoomPlan> room;  ///< in which the life cycle keeps the craft
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// A controller that follows a reference.
+struct TrackingParams : DriveParams {
+  ReferenceParams reference;
+  ControllerChoice controller;
   /// Error beyond which TrackingWatch stops it [m]; 0: defaultMaxError, infinite: never.
   double max_error = 0;
-  double tail = 0.5;       ///< recorded after the end [s]
+
+  std::string validate() const;  ///< what is wrong; empty when nothing is
+};
+
+/// An input design; with a room, in bursts between returns to its home.
+struct ExcitationParams : DriveParams {
+  DesignParams design;
+  ReturnParams returns;  ///< but for the room, which is `room`
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
@@ -75,7 +92,8 @@ struct ExperimentLog {
   std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
   std::vector<Reference> references;  ///< when tracking
   std::vector<Decision> decisions;    ///< when tracking
-  std::vector<Stage> stages;          ///< of the controller's life, when tracking
+  std::vector<Stage> stages;          ///< of the controller's life, when one drives
+  std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
   std::string stopped;    ///< why the controller stopped before its end; empty when it did not
   double stopped_at = 0;  ///< when it did [s]
 };
@@ -91,5 +109,10 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 /// controller stops itself (ControllerLifecycle, ReferencePilot). Throws alike.
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params);
+
+/// Plays an input design as the nodelet Excitation does; returns are driven by a controller that
+/// believes in `believed`. Ends early and throws alike.
+ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
+                     const ExperimentParams& params);
 
 }  // namespace ground

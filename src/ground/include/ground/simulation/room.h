@@ -22,6 +22,7 @@ struct MocapParams {
   double loss = 0.0;             ///< share of single frames lost, 0..1
   double gap_rate = 0.0;         ///< losses of tracking per second [1/s]
   double gap_length = 0.2;       ///< mean duration of a loss of tracking [s]
+  bool gaps_vary = true;         ///< exponentially distributed; otherwise all of one length
 
   /// Says what is wrong; empty when nothing is.
   std::string validate() const;

@@ -89,23 +89,21 @@ def _experiments(duration):
                     % (clock, low, high, at_lift),
                     "--input prbs --clock %g --levels %g %g%s" % (clock, low, high, option),
                     experiments.with_lift(
-                        experiments.prbs(duration, clock, (low, high)), duration, lift
+                        experiments.rows("prbs", duration, clock=clock, levels=[low, high]),
+                        duration,
+                        lift,
                     ),
                 )
-        for name, words, pattern in (
-            ("steps", "both thrusters in steps from rest to full", experiments.steps),
-            ("coast-down", "full thrust, then none: coasting down", experiments.coast_down),
-            ("spin", "one thruster, then none: spinning down", experiments.spin),
-            (
-                "single-thruster",
-                "one thruster after the other in steps",
-                experiments.single_thruster,
-            ),
+        for name, words in (
+            ("steps", "both thrusters in steps from rest to full"),
+            ("coast-down", "full thrust, then none: coasting down"),
+            ("spin", "one thruster, then none: spinning down"),
+            ("single-thruster", "one thruster after the other in steps"),
         ):
             yield (
                 words + at_lift,
                 "--input %s --hold %g%s" % (name, HOLD, option),
-                experiments.with_lift(pattern(duration, HOLD), duration, lift),
+                experiments.with_lift(experiments.rows(name, duration, hold=HOLD), duration, lift),
             )
 
 

@@ -12,6 +12,7 @@ POSE = "/vrpn_client_node/hovercraft/pose"
 SETTINGS = "/mocap_state/settings"
 CONTROLS = "/controls"
 DRIVE = "/drive"
+BURSTS = "/bursts"
 TRUTH = "/simulator/truth"
 REFERENCE = "/reference"
 REFERENCE_PATH = "/path/reference"
@@ -65,7 +66,7 @@ def _in_order(run, axes, heading_offset):
     from ground_msgs.msg import MocapSettings
 
     start = run.truth_times[:1]
-    drives = _drives(run)
+    drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
     series = [
         (SETTINGS, start, start, [MocapSettings(axes=axes, heading_offset=heading_offset)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
@@ -73,6 +74,7 @@ def _in_order(run, axes, heading_offset):
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
         (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
         (DRIVE, drives[:, 1], drives[:, 1], _drive_records(drives)),
+        (BURSTS, marks, marks, _bursts(run)),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
     received = np.concatenate([s[1] for s in series])
@@ -102,6 +104,13 @@ def _controls(run):
 
     for left, right, lift in run.controls:
         yield Controls(left=left, right=right, lift=lift)
+
+
+def _bursts(run):
+    from ground_msgs.msg import Burst
+
+    for _, number, burst, reason in run.marks:
+        yield Burst(number=number, burst=burst, reason=reason)
 
 
 def _drives(run):

@@ -3,7 +3,6 @@
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
 Everything runs in process, without ROS, and depends on nothing but its arguments.
 """
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,8 +15,6 @@ START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # recorded at rest, before the lift is on [s]
 TAIL = 0.5  # recorded after the thrusters are off [s]
 LONGEST = 3600.0  # that an input may last [s]
-CLOCK = 15.0  # bits per second of a binary sequence [Hz]
-GOLDEN = 0.6180339887498949
 
 
 @dataclass
@@ -31,6 +28,8 @@ class SimulatedRun(Recording):
     truth_nu_dot: np.ndarray = field(default=None)  # (k, 3) their derivatives
     truth_wrench: np.ndarray = field(default=None)  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: np.ndarray = field(default=None)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
+    marks: list = field(default_factory=list)  # (time, number, burst or return, why) of excitations
+    stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
     stopped: str = ""  # why the controller stopped before its end
 
 
@@ -42,55 +41,30 @@ class Schedule:
     end: float
 
 
-def prbs(duration, clock=CLOCK, levels=(0.0, 1.0), order=9, seed=1):
-    """Rows time, left, right of a maximum-length binary sequence of 2^order - 1 bits.
+def design(kind, duration, **options):
+    """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
-    The seed says where in its period the sequence starts, far apart for neighbouring seeds. Raises
-    ValueError on an order outside 2..20.
+    options: members of _core.DesignParams. Raises ValueError on bad ones, IdentifyError when a file
+    cannot be read.
     """
-    start = int(seed * GOLDEN % 1 * (2**order - 1))
-    return bits(_core.make_prbs(order, start), duration, clock, levels)
+    try:
+        return _core.make_design(design_params(kind, **options), duration)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
 
 
-def bits(sequence, duration, clock=CLOCK, levels=(0.0, 1.0), rows_per_bit=1):
-    """Rows time, left, right of pairs (left, right), `rows_per_bit` of which make a bit, at `clock`
-    bits per second [Hz], repeated as often as needed."""
-    low, high = levels
-    row_rate = clock * rows_per_bit
-    edges = np.arange(math.ceil(duration * row_rate - 1e-9))
-    chosen = np.array(sequence, bool)[edges % len(sequence)]
-    return np.column_stack([edges / row_rate, np.where(chosen, high, low)])
+def design_params(kind, **options):
+    """The _core.DesignParams of a design and its options."""
+    params = _core.DesignParams()
+    params.kind = kind
+    for name, value in options.items():
+        setattr(params, name, value)
+    return params
 
 
-def steps(duration, hold=1.0, levels=(0.0, 0.25, 0.5, 0.75, 1.0)):
-    """Both thrusters through the levels in turn, each held for `hold` [s]."""
-    return _pattern([(level, level) for level in levels], duration, hold)
-
-
-def coast_down(duration, hold=1.0, levels=(0.0, 1.0)):
-    """Both thrusters high for `hold` [s], then low for three times that, again and again."""
-    low, high = levels
-    return _pattern([(high, high)] + 3 * [(low, low)], duration, hold)
-
-
-def spin(duration, hold=1.0, levels=(0.0, 1.0)):
-    """Left high for `hold` [s], then both low for three times that; then the right one alike."""
-    low, high = levels
-    return _pattern(
-        [(high, low)] + 3 * [(low, low)] + [(low, high)] + 3 * [(low, low)], duration, hold
-    )
-
-
-def single_thruster(duration, hold=1.0, levels=(0.0, 1.0)):
-    """The left thruster alone through the levels, each held for `hold` [s], then the right one."""
-    pairs = [(level, 0.0) for level in levels] + [(0.0, level) for level in levels]
-    return _pattern(pairs, duration, hold)
-
-
-def _pattern(pairs, duration, hold):
-    count = math.ceil(duration / hold - 1e-9)
-    inputs = np.array([pairs[i % len(pairs)] for i in range(count)], float)
-    return np.column_stack([hold * np.arange(count), inputs])
+def rows(kind, duration, **options):
+    """Rows time [s], left, right of a design; arguments are those of `design`."""
+    return design(kind, duration, **options).rows[:, :3]
 
 
 def with_lift(rows, duration, lift=1.0, lift_time=1.0):
@@ -137,8 +111,9 @@ def simulate(
 ):
     """Runs an experiment and gives its SimulatedRun.
 
-    drive: a Schedule, or _core.TrackingParams for the tracking controller in the loop, which then
-    believes in the model `believed` (by default the one that moves the craft). pose: initial x, y
+    drive: a Schedule; or _core.TrackingParams for a tracking controller in the loop, or
+    _core.ExcitationParams for bursts between returns home: these believe in the model `believed` (by
+    default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
     of the model does not act by itself. Raises ValueError on bad parameters, IdentifyError when
@@ -151,6 +126,8 @@ def simulate(
     try:
         if isinstance(drive, Schedule):
             log = _core.play_schedule(model, drive.rows, drive.end, *where)
+        elif isinstance(drive, _core.ExcitationParams):
+            log = _core.excite(model, believed or model, drive, *where)
         else:
             log = _core.track_reference(model, believed or model, drive, *where)
     except RuntimeError as error:
@@ -177,63 +154,7 @@ def simulate(
         truth_nu_dot=truth[:, 7:10],
         truth_wrench=truth[:, 10:],
         references=references,
+        marks=[(START + mark[0],) + mark[1:] for mark in log["marks"]],
+        stages=[(START + stage[0],) + stage[1:] for stage in log["stages"]],
         stopped=log["stopped"],
     )
-
-
-def read_schedule(path, rows_per_bit=0):
-    """A CSV file of inputs: bits, or rows with a header time,left,right or time,left,right,lift.
-
-    Gives ("bits", _core.PrbsFile), or ("timed", rows) without and ("lifted", rows) with a column lift.
-    `rows_per_bit` rows make a bit, 0: as many as the file shows. Raises IdentifyError that names file
-    and line.
-    """
-    try:
-        with open(path) as file:
-            lines = file.read().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
-    header = [cell.strip() for cell in lines[0].split(",")] if lines else []
-    if header[:1] == ["time"]:
-        rows = _timed_rows(path, header, lines)
-        return ("lifted" if rows.shape[1] == 4 else "timed"), rows
-    try:
-        return "bits", _core.read_prbs(path, rows_per_bit)
-    except RuntimeError as error:
-        raise IdentifyError(
-            "%s; a schedule needs a first line time,left,right or time,left,right,lift" % error
-        )
-
-
-def _timed_rows(path, header, lines):
-    if header not in (["time", "left", "right"], ["time", "left", "right", "lift"]):
-        raise IdentifyError(
-            "%s, line 1: the columns are %s, not time,left,right or time,left,right,lift"
-            % (path, ",".join(header))
-        )
-    rows = []
-    for number, line in enumerate(lines[1:], 2):
-        if not line.strip():
-            continue
-        where = "%s, line %d" % (path, number)
-        try:
-            row = [float(cell) for cell in line.split(",")]
-        except ValueError:
-            raise IdentifyError("%s: '%s' is not all numbers" % (where, line))
-        if len(row) != len(header):
-            raise IdentifyError("%s: %d values for %d columns" % (where, len(row), len(header)))
-        if not all(math.isfinite(value) for value in row):
-            raise IdentifyError("%s: a value is not finite" % where)
-        if row[0] < 0 or (rows and row[0] <= rows[-1][0]):
-            raise IdentifyError("%s: times have to grow from 0 or more on" % where)
-        if min(row[1:]) < 0 or max(row[1:]) > 1:
-            raise IdentifyError("%s: inputs have to be between 0 and 1" % where)
-        rows.append(row)
-    if len(rows) < 2:
-        raise IdentifyError("%s: only %d rows" % (path, len(rows)))
-    if rows[-1][0] > LONGEST:
-        raise IdentifyError(
-            "%s: the last time is %g s, but inputs may last %g s; they are counted from the run's "
-            "start" % (path, rows[-1][0], LONGEST)
-        )
-    return np.array(rows)

@@ -146,6 +146,14 @@ def load(path):
     return model
 
 
+def load_room(path):
+    """The _core.RoomPlan in a file; IdentifyError names file, line and key."""
+    try:
+        return _core.load_room(path)
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+
+
 def prepare(arguments, model, bags=None, others=()):
     """Every bag (of the arguments, if none are given) read and repaired; `others`: as for read.
     Warns of what the repair of a recording may have got wrong.

@@ -13,27 +13,20 @@ from ground.verbs import common
 
 NAME = "simulate"
 SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
-PATTERNS = {
-    "steps": experiments.steps,
-    "coast-down": experiments.coast_down,
-    "spin": experiments.spin,
-    "single-thruster": experiments.single_thruster,
-}
-KINDS = ["prbs"] + list(PATTERNS) + ["tracking"]
-STAIRS = ["steps", "single-thruster"]  # take any number of levels
+DESIGNS = {info.name: info for info in _core.design_table()}
+KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
 
-DETAILS = """
-inputs:
-  prbs             both thrusters by a binary sequence at --clock between two --levels
-  steps            both thrusters through the --levels in turn, each for --hold
-  coast-down       both thrusters high for --hold, off for three times that, and again
-  spin             left high for --hold, off for three times that, then right, and again
-  single-thruster  the left one alone through the --levels, then the right one
-  tracking         a controller follows a reference, on what the mocap delivers
-  FILE.csv         bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
-                   rows under time,left,right or time,left,right,lift, each held until the next;
-                   a bit that was recorded as several equal lines is one bit (--rows-per-bit)
+DETAILS = (
+    "\ninputs:\n"
+    + "".join("  %-18s %s\n" % (name, info.text) for name, info in DESIGNS.items() if name in KINDS)
+    + """  tracking           a controller follows a reference, on what the mocap delivers
+  FILE.csv           bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
+                     rows under time,left,right or time,left,right,lift, each held until the next;
+                     a bit that was recorded as several equal lines is one bit (--rows-per-bit)
+
+With --room a design is played in bursts, and between them ModelPredictive drives the craft home, so
+that it stays inside; a tracking controller stops before it would leave.
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
@@ -41,6 +34,7 @@ same bag, bit by bit. The topics are those of record.launch; simulator/truth has
 
 A disturbance in the model file acts only with --disturbance; without it, a line says so.
 """
+)
 
 # option, its place in _core's parameters, metavar, help
 MOCAP = [
@@ -75,18 +69,19 @@ def _dest(option):
 CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
 LIFT = ["lift", "lift_time"]
 PATTERN = ["clock", "order", "levels", "hold", "rows_per_bit"]
+BURSTS = ["room", "burst"]
 TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model", "max_error"] + [
     _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
 ]
-# which of these options an input takes; bits, timed and lifted are what a CSV file may hold
-TAKES = {
-    "prbs": ["clock", "order", "levels"] + LIFT,
-    "tracking": TRACKING + LIFT,
-    "bits": ["clock", "levels", "rows_per_bit"] + LIFT,
-    "timed": LIFT,
-    "lifted": [],
-}
-TAKES.update({kind: ["hold", "levels"] + LIFT for kind in PATTERNS})
+
+
+def _takes(kind):
+    """Which of these options an input takes; lifted: a CSV file with a column lift."""
+    if kind == "tracking":
+        return TRACKING + LIFT + ["room"]
+    if kind == "lifted":
+        return []
+    return [name for name in DESIGNS[kind].takes if name in PATTERN] + LIFT + BURSTS
 
 
 def configure(parser):
@@ -139,10 +134,10 @@ def configure(parser):
     )
     pattern = parser.add_argument_group("input")
     pattern.add_argument(
-        "--clock", type=_between(0.1, 500), metavar="HZ", help="bits per second: prbs, bits (15)"
+        "--clock", type=_between(0.1, 500), metavar="HZ", help="bits per second (15)"
     )
     pattern.add_argument(
-        "--order", type=int, choices=range(2, 21), metavar="2..20", help="prbs: 2^N - 1 bits (9)"
+        "--order", type=int, choices=range(2, 21), metavar="2..20", help="of a sequence of 2^N - 1 bits (9)"
     )
     pattern.add_argument(
         "--rows-per-bit",
@@ -155,14 +150,23 @@ def configure(parser):
         type=_between(0, 1),
         nargs="+",
         metavar="LEVEL",
-        help="inputs, 0..1: low and high, for steps and single-thruster any number "
-        "(0 1; steps 0 0.25 0.5 0.75 1)",
+        help="inputs, 0..1: low and high; any number for steps, single-thruster and "
+        "multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
     )
     pattern.add_argument(
         "--hold",
-        type=_between(0.01, experiments.LONGEST),
+        type=_between(0.02, 100),
         metavar="S",
         help="how long a level is held [s] (1)",
+    )
+    pattern.add_argument(
+        "--room", metavar="ROOM.yaml", help="bursts of the input between returns home, inside a room"
+    )
+    pattern.add_argument(
+        "--burst",
+        type=_between(0.1, experiments.LONGEST),
+        metavar="S",
+        help="with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
     )
     disturbance = parser.add_argument_group("disturbance")
     disturbance.add_argument(
@@ -243,12 +247,13 @@ def run(arguments):
     result = {
         "bag": arguments.output,
         "input": arguments.input,
-        "sequence": sequence,
+        "sequence": sequence or None,
         "seed": arguments.seed,
         "disturbance": _described(disturbance),
         "duration": float(run.truth_times[-1] - run.truth_times[0]),
         "messages": counts,
         "frames_not_delivered": len(run.truth_times) - len(run.pose_times),
+        "bursts": sum(burst for _, _, burst, _ in run.marks),
         "stopped": run.stopped or None,
         "tracking_error": _tracking_error(run),
     }
@@ -265,6 +270,8 @@ def run(arguments):
     )
     if sequence:
         common.say(arguments, "%s: %s" % (arguments.input, sequence))
+    if run.marks:
+        common.say(arguments, _bursts(run))
     if disturbance is None and not model.disturbance.empty():
         common.say(
             arguments,
@@ -278,29 +285,45 @@ def run(arguments):
 
 
 def _drive(arguments):
-    """What drives the craft, and one line on how a file of bits is played (else None); ends with bad
+    """What drives the craft, and one line on how a file of bits is played (else empty); ends with bad
     usage when an option does not go with the input."""
-    kind, content, sequence = arguments.input, None, None
-    if kind not in KINDS:
-        kind, content = experiments.read_schedule(arguments.input, arguments.rows_per_bit or 0)
-    _refuse_unused(arguments, kind)
+    kind = arguments.input
+    room = common.load_room(arguments.room) if arguments.room else None
     if kind == "tracking":
-        return _tracking(arguments), None
-    duration = arguments.duration or DURATION
-    options = _given(arguments, [name for name in TAKES[kind] if name in PATTERN])
-    if kind == "prbs":
-        rows = experiments.prbs(duration, seed=arguments.seed, **options)
-    elif kind == "bits":
-        options["rows_per_bit"] = content.rows_per_bit
-        rows = experiments.bits(content.rows, duration, **options)
-        sequence = content.describe(options.get("clock", experiments.CLOCK))
-    elif kind in ("timed", "lifted"):
-        rows, duration = content, arguments.duration or content[-1, 0]
-    else:
-        rows = PATTERNS[kind](duration, **options)
-    if kind == "lifted":
-        return experiments.as_given(rows, duration), None
-    return experiments.with_lift(rows, duration, **_given(arguments, LIFT)), sequence
+        _refuse_unused(arguments, kind)
+        return _tracking(arguments, room), ""
+    options = {"seed": arguments.seed}
+    if kind not in KINDS:
+        kind, options = "file", {"file": arguments.input}
+    options.update(_given(arguments, PATTERN))
+    try:
+        signal = experiments.design(kind, arguments.duration or DURATION, **options)
+    except ValueError as error:
+        arguments.refuse(str(error))
+    _refuse_unused(arguments, "lifted" if signal.has_lift else kind)
+    duration = arguments.duration or signal.end
+    if room is None:
+        if arguments.burst is not None:
+            arguments.refuse("--burst needs --room")
+        if signal.has_lift:
+            return experiments.as_given(signal.rows, duration), ""
+        lift = _given(arguments, LIFT)
+        return experiments.with_lift(signal.rows[:, :3], duration, **lift), signal.description
+    params = _core.ExcitationParams()
+    params.design = experiments.design_params(kind, **options)
+    if arguments.burst is not None:
+        params.returns.burst = arguments.burst
+    return _with_life(params, arguments, duration, room), signal.description
+
+
+def _with_life(params, arguments, duration, room):
+    """The DriveParams with what all controllers take."""
+    params.start, params.tail = experiments.LEAD, experiments.TAIL
+    params.duration, params.room = duration, room
+    for name, value in _given(arguments, LIFT).items():
+        setattr(params.life, name, value)
+    _filled(params.life, CONTROL, arguments)
+    return params
 
 
 def _disturbance(arguments, model):
@@ -336,14 +359,10 @@ def _described(disturbance):
     return dict(found, trim_thrust=disturbance.trim_thrust)
 
 
-def _tracking(arguments):
+def _tracking(arguments, room):
     params = _core.TrackingParams()
-    params.start, params.tail = experiments.LEAD, experiments.TAIL
-    params.duration = arguments.duration or DURATION
-    _filled(params.life, CONTROL, arguments)
+    _with_life(params, arguments, arguments.duration or DURATION, room)
     params.max_error = np.inf if arguments.max_error is None else arguments.max_error
-    for name, value in _given(arguments, LIFT).items():
-        setattr(params.life, name, value)
     params.controller.kind = arguments.controller or params.controller.kind
     _filled(params.controller.gains, GAINS, arguments)
     reference = _filled(params.reference, REFERENCE, arguments)
@@ -351,7 +370,22 @@ def _tracking(arguments):
     for name, value in _given(arguments, ["origin", "end"]).items():
         setattr(reference, name, value)
     reference.kind = arguments.reference or reference.kind
+    if room is not None:
+        leaves = _core.leaves_room(reference, room)
+        if leaves:
+            arguments.refuse("the reference does not fit into %s: %s" % (arguments.room, leaves))
     return params
+
+
+def _bursts(run):
+    """One line on the bursts of an excitation."""
+    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, 2] > 0][-1]]
+    driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
+    return "%d bursts, %.1f s of %.1f s; between them the craft returned home" % (
+        sum(mark[2] for mark in run.marks),
+        driven,
+        times[-1] - times[0],
+    )
 
 
 def _tracking_error(run):
@@ -383,16 +417,12 @@ def _given(arguments, names):
 
 
 def _refuse_unused(arguments, kind):
-    for name in PATTERN + TRACKING + LIFT:
+    for name in PATTERN + BURSTS + TRACKING + LIFT:
         value = getattr(arguments, name)
-        if name not in TAKES[kind] and value is not None and value is not False:
+        if name not in _takes(kind) and value is not None and value is not False:
             arguments.refuse(
                 "--%s does not go with --input %s" % (name.replace("_", "-"), arguments.input)
             )
-    levels = arguments.levels
-    if levels is not None and kind not in STAIRS:
-        if len(levels) != 2 or levels[0] > levels[1]:
-            arguments.refuse("--levels: --input %s takes LOW and HIGH" % arguments.input)
 
 
 def _kind(text):

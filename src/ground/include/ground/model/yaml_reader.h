@@ -1,0 +1,37 @@
+#pragma once
+
+#include <yaml-cpp/yaml.h>
+
+#include <functional>
+#include <string>
+
+#include "ground/model/effect.h"
+
+namespace ground {
+
+/// Reads YAML strictly: every complaint is a std::runtime_error that names source, line and key.
+class YamlReader {
+ public:
+  using Visit = std::function<void(const std::string& key, const YAML::Node& value)>;
+
+  explicit YamlReader(std::string source) : source_(std::move(source)) {}
+
+  /// The root of a document. An empty one is an error.
+  YAML::Node parse(const std::string& yaml) const;
+  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const;
+  [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,
+                            const std::string& known) const;
+
+  /// Visits the entries of the map `what`; a duplicate key is an error.
+  void each(const YAML::Node& map, const std::string& what, const Visit& visit) const;
+  /// A number, which may be infinite but not NaN.
+  double number(const YAML::Node& node, const std::string& key) const;
+  /// A number inside the parameter's range.
+  double number(const YAML::Node& node, const ParameterInfo& parameter) const;
+  std::string text(const YAML::Node& node, const std::string& key) const;
+
+ private:
+  std::string source_;
+};
+
+}  // namespace ground

@@ -1,0 +1,122 @@
+#include "ground/control/excitation_pilot.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+namespace ground {
+
+std::string ReturnParams::validate() const {
+  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+  if (!within(burst, 0.1, 3600)) return "burst must be between 0.1 and 3600 s";
+  if (!within(arrival, 0, 100)) return "arrival must be between 0 and 100 m";
+  for (const std::string& wrong : {room.validate(), predictive.validate()})
+    if (!wrong.empty()) return wrong;
+  return "";
+}
+
+ExcitationPilot::ExcitationPilot(InputSignal signal, double duration, ReferencePilot::Clock clock,
+                                 Marked marked)
+    : signal_(std::move(signal)),
+      duration_(duration),
+      clock_(clock),
+      marked_(std::move(marked)),
+      home_(clock, nullptr) {}
+
+void ExcitationPilot::returnHome(const Model& model, const ReturnParams& params,
+                                 ReferencePilot::Decided decided) {
+  const std::string wrong = params.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+  auto control = std::make_unique<PredictiveControl>(model, params.predictive);
+  control->setWalls(PlanWalls{Fence(params.room, params.room.margin), kLoss});
+  control_ = control.get();
+  std::unique_ptr<TrackingController> controller = std::move(control);
+  ReferencePtr reference = makePoint(params.room.home);
+  home_ = ReferencePilot(clock_, [this, decided](const ReferencePilot::Decision& decision) {
+    if (!bursting_) decided(decision);
+  });
+  home_.swapController(controller, model.body.input_max);
+  home_.swapReference(reference);
+  home_.setMaxError(std::numeric_limits<double>::infinity());
+  returns_ = params;
+  if (params.arrival == 0) returns_->arrival = 0.5 * params.room.clearance(params.room.home);
+}
+
+void ExcitationPilot::activate(double stamp) {
+  activated_ = stamp;
+  number_ = 0;
+  played_ = 0;
+  ended_ = std::numeric_limits<double>::infinity();
+  checked_ = -ended_;
+  if (returns_) home_.activate(stamp);
+  begin(true, "the first one");
+}
+
+std::string ExcitationPilot::objection(double stamp, const RigidState<double>& state) {
+  if (!returns_) return "";
+  const std::string reason = home_.objection(stamp, state);
+  if (!reason.empty() || !bursting_ || stamp < checked_ + kCheck) return reason;
+  checked_ = stamp;
+  home_.update(0, stamp, state, lift_);  // the plan alone
+  const double elapsed = clock_() - activated_;
+  if (spare() < 0) {
+    begin(false, "the way home would come close to a wall");
+  } else if (elapsed - began_ >= returns_->burst) {
+    begin(false, "the burst has lasted long enough");
+  }
+  return "";
+}
+
+Inputs ExcitationPilot::update(double elapsed, double stamp, const RigidState<double>& state,
+                               double lift) {
+  lift_ = lift;
+  if (!bursting_) {
+    const Inputs inputs = home_.update(elapsed, stamp, state, lift);
+    if (home(state) && spare() > 0) begin(true, "the craft is home");
+    return inputs;
+  }
+  due_ = false;
+  const double at = played_ + elapsed - began_;
+  if (at >= signal_.end) ended_ = elapsed;
+  Inputs inputs = signal_.at(at);
+  if (!signal_.has_lift) inputs.lift = lift;
+  return inputs;
+}
+
+double ExcitationPilot::nextChange(double elapsed) const {
+  if (!bursting_) return kByState;
+  if (due_) return began_;
+  return began_ + signal_.nextChange(played_ + elapsed - began_) - played_;
+}
+
+/// Clearance that the planned way home has beyond what it needs [m].
+double ExcitationPilot::spare() const {
+  const std::vector<TrajectoryOptimizer::State>& way = control_->plan().states();
+  const Vector2<double> here = way.front().head<2>();
+  const Fence fence(returns_->room, returns_->room.margin);
+  double least = std::numeric_limits<double>::infinity();
+  for (const TrajectoryOptimizer::State& planned : way) {
+    const Vector2<double> rest = fence.rest({planned.head<3>(), planned.segment<3>(3)}, kLoss);
+    least = std::min(least, returns_->room.clearance(here + (1 + kModelError) * (rest - here)));
+  }
+  return least - returns_->room.margin;
+}
+
+bool ExcitationPilot::home(const RigidState<double>& state) const {
+  return (state.eta.head<2>() - returns_->room.home).norm() <= returns_->arrival;
+}
+
+void ExcitationPilot::begin(bool burst, const std::string& reason) {
+  const double elapsed = std::max(0.0, clock_() - activated_);
+  // What the return cut off is not played again: the signal goes on.
+  if (!burst) played_ = signal_.nextChange(played_ + elapsed - began_);
+  bursting_ = due_ = burst;
+  if (burst) {
+    began_ = elapsed;
+    ++number_;
+  }
+  marked_({clock_(), number_, burst, reason});
+}
+
+}  // namespace ground

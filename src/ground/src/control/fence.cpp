@@ -1,0 +1,80 @@
+#include "ground/control/fence.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <limits>
+
+namespace ground {
+namespace {
+
+constexpr int kSamplesOfReference = 5000;
+constexpr double kExtents = 10;  // a sinusoid goes on for ever
+
+}  // namespace
+
+double Fence::coasting(double speed, double age) const {
+  return std::max(0.0, age) + room_.latency + 0.5 * speed / room_.braking;
+}
+
+Vector2<double> Fence::rest(const RigidState<double>& state, double age) const {
+  const Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
+  return state.eta.head<2>() + coasting(velocity.norm(), age) * velocity;
+}
+
+double Fence::excess(const RigidState<double>& state, double age,
+                     Eigen::Matrix<double, 1, 5>& derivative) const {
+  Vector2<double> away;
+  const double excess = distance_ - room_.clearance(rest(state, age), away);
+  if (!(excess > 0)) return 0;
+  const Rotation<double> heading(state.eta.z());
+  const Vector2<double> velocity = heading.toWorld(state.nu.head<2>().eval());
+  const double speed = velocity.norm(), time = coasting(speed, age);
+  Eigen::Matrix<double, 2, 5> rest_by;
+  rest_by << 1, 0, -time * velocity.y(), time * heading.c, -time * heading.s,  //
+      0, 1, time * velocity.x(), time * heading.s, time * heading.c;
+  if (speed > 0)
+    rest_by.rightCols<2>() +=
+        0.5 / (room_.braking * speed) * velocity * state.nu.head<2>().transpose();
+  derivative = -away.transpose() * rest_by;
+  return excess;
+}
+
+std::string Fence::objection(const RigidState<double>& state, double age) const {
+  const Vector2<double> here = state.eta.head<2>();
+  const double now = room_.clearance(here);
+  char text[160] = "";
+  if (now < 0) {
+    std::snprintf(text, sizeof text, "the craft is %.2f m outside of the room", -now);
+  } else if (now < distance_) {
+    std::snprintf(text, sizeof text, "the craft is %.2f m from a wall of the room", now);
+  } else {
+    const double then = room_.clearanceOfWay(here, rest(state, age));
+    if (then < distance_)
+      std::snprintf(text, sizeof text,
+                    "the craft would come to rest %.2f m %s of the room if it were stopped later",
+                    std::abs(then), then < 0 ? "outside" : "from a wall");
+  }
+  return text;
+}
+
+std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room) {
+  double least = std::numeric_limits<double>::infinity(), when = 0;
+  for (int i = 0; i <= kSamplesOfReference; ++i) {
+    const double t = kExtents * reference.extent() * i / kSamplesOfReference;
+    const double clearance = room.clearance(reference.at(t).p);
+    if (clearance >= least) continue;
+    least = clearance;
+    when = t;
+  }
+  if (least >= room.margin) return "";
+  char text[160];
+  if (least < 0) {
+    std::snprintf(text, sizeof text, "it leaves the room by %.2f m after %.1f s", -least, when);
+  } else {
+    std::snprintf(text, sizeof text, "it comes to %.2f m of a wall after %.1f s; margin is %.2f m",
+                  least, when, room.margin);
+  }
+  return text;
+}
+
+}  // namespace ground

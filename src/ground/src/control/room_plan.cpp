@@ -1,0 +1,137 @@
+#include "ground/control/room_plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+
+#include "ground/model/text_file.h"
+#include "ground/model/yaml_reader.h"
+
+namespace ground {
+namespace {
+
+constexpr char kRoomSchema[] = "ground/room/1";
+constexpr std::size_t kLargestRoom = 1000000;  // [bytes]
+constexpr std::size_t kMostCorners = 1000;
+constexpr double kLeastAdvance = 0.005;  // between samples of a way [m]
+
+using Position = Vector2<double>;
+
+double cross(const Position& a, const Position& b) { return a.x() * b.y() - a.y() * b.x(); }
+
+/// From the nearest point of a wall.
+Position fromWall(const Position& point, const Position& from, const Position& to) {
+  const Position along = to - from;
+  const double share = std::clamp((point - from).dot(along) / along.squaredNorm(), 0.0, 1.0);
+  return point - (from + share * along);
+}
+
+/// Whether two walls touch or cross.
+bool meet(const Position& a, const Position& b, const Position& c, const Position& d) {
+  const auto side = [](const Position& p, const Position& q, const Position& r) {
+    return cross(q - p, r - p);
+  };
+  if (side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0) return true;
+  return fromWall(a, c, d).isZero(0) || fromWall(b, c, d).isZero(0) ||
+         fromWall(c, a, b).isZero(0) || fromWall(d, a, b).isZero(0);
+}
+
+Position readPosition(const YamlReader& reader, const YAML::Node& node, const std::string& key) {
+  if (!node.IsSequence() || node.size() != 2) reader.fail(node, key + " must be [x, y] in metres");
+  return {reader.number(node[0], key), reader.number(node[1], key)};
+}
+
+}  // namespace
+
+std::string RoomPlan::validate() const {
+  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+  if (corners.size() < 3 || corners.size() > kMostCorners)
+    return "a room needs between 3 and 1000 corners";
+  for (const Position& corner : corners)
+    if (!corner.allFinite() || corner.norm() > 1e4) return "a corner is farther than 10 km away";
+  const std::size_t n = corners.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Position &a = corners[i], &b = corners[(i + 1) % n];
+    if ((b - a).norm() < 1e-3) return "two neighbouring corners are the same";
+    for (std::size_t j = i + 2; j < n; ++j)
+      if ((j + 1) % n != i && meet(a, b, corners[j], corners[(j + 1) % n]))
+        return "walls cross: list the corners in order";
+  }
+  if (!within(margin, 0, 100)) return "margin must be between 0 and 100 m";
+  if (!within(braking, 0.05, 50)) return "braking must be between 0.05 and 50 m/s^2";
+  if (!within(latency, 0, 2)) return "latency must be between 0 and 2 s";
+  if (!home.allFinite() || !(clearance(home) > margin))
+    return "home must be inside, farther than margin from the walls";
+  return "";
+}
+
+double RoomPlan::clearance(const Position& point, Position& away) const {
+  double nearest = std::numeric_limits<double>::infinity();
+  bool inside = false;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Position &a = corners[i], &b = corners[(i + 1) % corners.size()];
+    const Position from_wall = fromWall(point, a, b);
+    if (from_wall.squaredNorm() < nearest) {
+      nearest = from_wall.squaredNorm();
+      away = from_wall;
+    }
+    // A ray to the right of the point crosses this wall.
+    if ((a.y() > point.y()) != (b.y() > point.y()) &&
+        point.x() < a.x() + (b.x() - a.x()) * (point.y() - a.y()) / (b.y() - a.y()))
+      inside = !inside;
+  }
+  const double distance = inside ? std::sqrt(nearest) : -std::sqrt(nearest);
+  if (distance != 0) away /= distance;
+  return distance;
+}
+
+double RoomPlan::clearance(const Position& point) const {
+  Position away;
+  return clearance(point, away);
+}
+
+double RoomPlan::clearanceOfWay(const Position& from, const Position& to) const {
+  const double length = (to - from).norm();
+  double least = std::min(clearance(from), clearance(to));
+  // Clearance changes by one metre a metre at most: the next sample is where it may be less.
+  for (double way = 0; way < length;) {
+    const double here = clearance(from + way / length * (to - from));
+    least = std::min(least, here);
+    way += std::max(kLeastAdvance, here - least);
+  }
+  return least;
+}
+
+RoomPlan loadRoomPlan(const std::string& path) {
+  const YamlReader reader(path);
+  const YAML::Node root = reader.parse(readTextFile(path, kLargestRoom));
+  const std::string top = "the room file";
+  if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() ||
+      root["schema"].Scalar() != kRoomSchema)
+    reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
+  RoomPlan room;
+  reader.each(root, top, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "name") {
+      room.name = reader.text(value, key);
+    } else if (key == "corners") {
+      if (!value.IsSequence()) reader.fail(value, "corners must be a list of [x, y]");
+      for (const YAML::Node& corner : value) room.corners.push_back(readPosition(reader, corner, key));
+    } else if (key == "home") {
+      room.home = readPosition(reader, value, key);
+    } else if (key == "margin") {
+      room.margin = reader.number(value, key);
+    } else if (key == "braking") {
+      room.braking = reader.number(value, key);
+    } else if (key == "latency") {
+      room.latency = reader.number(value, key);
+    } else if (key != "schema") {
+      reader.unknown(value, key, top, "schema, name, corners, margin, home, braking, latency");
+    }
+  });
+  const std::string wrong = room.validate();
+  if (!wrong.empty()) reader.fail(root, wrong);
+  return room;
+}
+
+}  // namespace ground
