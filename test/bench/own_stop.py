@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Trials of the own stop of simulated crafts, by watchdog, mocap noise and seed, as a table; counts wrong
-verdicts."""
+"""Trials of the own stop of simulated crafts by watchdog, mocap noise and seed, as a table that counts
+wrong verdicts."""
 
 import argparse
 import contextlib

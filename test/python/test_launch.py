@@ -140,7 +140,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     with roslaunch(
         tmp_path / "log",
         "sim_prbs.launch",
-        "duration:=6",
+        "duration:=8",
         "record:=true",
         "bag_dir:=%s" % bags,
         "experiment:=short",
@@ -149,9 +149,11 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "port:=%d" % port,
     ) as launch:
         wait_for(lambda: list(bags.glob("*_short_0.bag.active")), 30, "the recording")
-        for change in (["visualizer", "rate=7.5"], ["simulator", "k_factor=0.9"]):
-            change = [located("parameters")] + change
-            assert subprocess.run(change, env=launch.env, timeout=30).returncode == 0
+        changes = [
+            subprocess.Popen([located("parameters")] + change, env=launch.env)
+            for change in (["visualizer", "rate=7.5"], ["simulator", "k_factor=0.9"])
+        ]
+        assert [change.wait(timeout=30) for change in changes] == [0, 0]
         launch.wait(timeout=60)
     log = (tmp_path / "log").read_text()
     assert "the controller is done" in log
@@ -218,6 +220,7 @@ MISTAKES = [
     ("sim_prbs.launch", "csv:=craft.yaml", "craft.yaml, line 1: "),
     ("replay.launch", "bag:=fifo", "fifo is not a regular file"),
     ("identification.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read"),
+    ("own_stop.launch", "mocap_host:=none", "it must be given"),
 ]
 
 
@@ -251,7 +254,7 @@ def test_tracking_is_predictive_unless_told_and_gets_the_gains_of_its_controller
     assert loaded(*backstepping, given)["/controller/k_e"] == 4.0
 
 
-def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(monkeypatch):
+def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", "/nowhere")
     room = ["mocap_host:=localhost"]
     for ros_home, file in (
@@ -264,10 +267,14 @@ def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(monkeypatc
         for name in ("room_prbs.launch", "room_tracking.launch"):
             assert loaded(name, *room)["/sender/own_stop"] == file
             assert loaded(name, "own_stop:=none", *room)["/sender/own_stop"] == ""
-        (trial,) = [n for n in configured("own_stop.launch", *room).nodes if n.name == "prove_stop"]
-        assert "--output '%s'" % file in trial.args
+        assert loaded("own_stop.launch", *room)["/prove_stop/output"] == file
     for name in ("sim_prbs.launch", "sim_tracking.launch"):
         assert loaded(name)["/sender/own_stop"] == ""
+    monkeypatch.chdir(tmp_path)
+    mine = str(tmp_path / "mine.yaml")
+    assert loaded("room_prbs.launch", "own_stop:=mine.yaml", *room)["/sender/own_stop"] == mine
+    simulated = loaded("own_stop.launch", "own_stop:=mine.yaml", "simulated:=true", "watchdog:=0")
+    assert simulated["/prove_stop/output"] == mine and simulated["/simulator/watchdog"] == 0
 
 
 @pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])

@@ -35,9 +35,9 @@ class Push:
     thrust_time: float = 1.2
     silence: float = 1.5
 
-    def distance(self, body):
+    def distance(self, model):
         """How far a craft without a stop of its own goes until zeros come again [m]."""
-        acceleration = 2 * body["k"] * body["input_max"] * self.thrust / body["m"]
+        acceleration = 2 * model.value("k") * model.input_max * self.thrust / model.value("m")
         return 0.5 * acceleration * (self.thrust_time + self.silence) ** 2
 
 

@@ -35,8 +35,7 @@ def read(path):
 
 def append(path, craft, trial):
     """Adds a trial of a craft after all that are there. The folder is created when it is missing."""
-    path = os.path.abspath(os.path.expanduser(path))
-    folder = os.path.dirname(path)
+    folder = os.path.dirname(os.path.abspath(path))
     os.makedirs(folder, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
     try:
