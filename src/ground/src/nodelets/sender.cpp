@@ -95,7 +95,7 @@ class Sender : public nodelet::Nodelet {
       craft_ = model.name;
     }
     own_stop_ = optionalParameter<std::string>(nh, "own_stop", "");
-    if (!own_stop_.empty() && craft_.empty())
+    if (!own_stop_.empty() && model_file.empty())
       throw std::runtime_error("parameter own_stop needs parameter model, which names the craft");
     remark_ = armingRemark();
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);

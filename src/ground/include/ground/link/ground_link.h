@@ -46,7 +46,7 @@ struct GroundLinkParams {
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
-  static constexpr double kLongestSilence = 2.0;     ///< [s]
+  static constexpr double kLongestSilence = 2.0;    ///< [s]
   static constexpr double kMostSilentThrust = 0.5;  ///< input with which a silence may begin, 0..1
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
