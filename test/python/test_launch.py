@@ -1,4 +1,5 @@
 """Launch files as users start them: documented, honest about what is missing, seen in rviz."""
+
 import contextlib
 import os
 import pathlib
@@ -43,6 +44,7 @@ def roslaunch(log, *arguments, **environment):
 def test_the_experiments_are_there():
     expected = [
         "identification",
+        "own_stop",
         "record",
         "replay",
         "room_prbs",
@@ -138,7 +140,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     with roslaunch(
         tmp_path / "log",
         "sim_prbs.launch",
-        "duration:=6",
+        "duration:=8",
         "record:=true",
         "bag_dir:=%s" % bags,
         "experiment:=short",
@@ -147,8 +149,11 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "port:=%d" % port,
     ) as launch:
         wait_for(lambda: list(bags.glob("*_short_0.bag.active")), 30, "the recording")
-        change = [located("parameters"), "visualizer", "rate=7.5"]
-        assert subprocess.run(change, env=launch.env, timeout=30).returncode == 0
+        changes = [
+            subprocess.Popen([located("parameters")] + change, env=launch.env)
+            for change in (["visualizer", "rate=7.5"], ["simulator", "k_factor=0.9"])
+        ]
+        assert [change.wait(timeout=30) for change in changes] == [0, 0]
         launch.wait(timeout=60)
     log = (tmp_path / "log").read_text()
     assert "the controller is done" in log
@@ -172,6 +177,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     measured = identify("info", str(bag[0])).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
     assert "s: visualizer: rate 10 -> 7.5" in measured
+    assert "s: simulator: k_factor 1 -> 0.9" in measured
 
     with roslaunch(
         tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"
@@ -214,6 +220,7 @@ MISTAKES = [
     ("sim_prbs.launch", "csv:=craft.yaml", "craft.yaml, line 1: "),
     ("replay.launch", "bag:=fifo", "fifo is not a regular file"),
     ("identification.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read"),
+    ("own_stop.launch", "mocap_host:=none", "it must be given"),
 ]
 
 
@@ -245,6 +252,29 @@ def test_tracking_is_predictive_unless_told_and_gets_the_gains_of_its_controller
     assert loaded(*backstepping)["/controller/k_e"] == pytest.approx(0.00690762)
     given = "gains:=%s" % (ROOT / "cfg" / "gains" / "thesis_4_11.yaml")
     assert loaded(*backstepping, given)["/controller/k_e"] == 4.0
+
+
+def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", "/nowhere")
+    room = ["mocap_host:=localhost"]
+    for ros_home, file in (
+        (None, "/nowhere/.ros/ground/own_stop.yaml"),
+        ("/elsewhere", "/elsewhere/ground/own_stop.yaml"),
+    ):
+        monkeypatch.delenv("ROS_HOME", raising=False)
+        if ros_home:
+            monkeypatch.setenv("ROS_HOME", ros_home)
+        for name in ("room_prbs.launch", "room_tracking.launch"):
+            assert loaded(name, *room)["/sender/own_stop"] == file
+            assert loaded(name, "own_stop:=none", *room)["/sender/own_stop"] == ""
+        assert loaded("own_stop.launch", *room)["/prove_stop/output"] == file
+    for name in ("sim_prbs.launch", "sim_tracking.launch"):
+        assert loaded(name)["/sender/own_stop"] == ""
+    monkeypatch.chdir(tmp_path)
+    mine = str(tmp_path / "mine.yaml")
+    assert loaded("room_prbs.launch", "own_stop:=mine.yaml", *room)["/sender/own_stop"] == mine
+    simulated = loaded("own_stop.launch", "own_stop:=mine.yaml", "simulated:=true", "watchdog:=0")
+    assert simulated["/prove_stop/output"] == mine and simulated["/simulator/watchdog"] == 0
 
 
 @pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Faults injected into a craft that tracks a circle: each ends as its row says, and thrust never goes
 over the wire more than 0.3 s after the last pose that could be believed."""
+
 import copy
 import math
 import os
@@ -174,6 +175,11 @@ ONE_WAY = [
     ("craft hears nothing, tracking", "controller", False),
     ("craft hears nothing, PRBS", "prbs", False),
 ]
+# fault, who drives
+NO_WAY = [
+    ("nothing passes either way, tracking", "controller"),
+    ("nothing passes either way, PRBS", "prbs"),
+]
 HEARING_LIMIT = 1.5  # of thrust that is sent to a craft that hears nothing [s]
 # fault, by how much /clock and all stamps are set [s]
 CLOCKS = [
@@ -189,6 +195,12 @@ def thrust(value, driver):
     message.header.stamp = rospy.Time.now()
     message.header.frame_id = driver
     return message
+
+
+def sits_down(truth):
+    """Whether the floor brakes a craft, as it does one without lift."""
+    (u, v), (u_dot, v_dot) = truth.nu[:2], truth.nu_dot[:2]
+    return u * u_dot + v * v_dot < -1.8 * math.hypot(u, v)
 
 
 def state(value):
@@ -341,10 +353,8 @@ class FaultsTest(unittest.TestCase):
         self.ended(FAULTS, begun)
         self.drive()  # and is driven again where it is now
 
-    def craft_hears_nothing(self, name, driver, counts):
-        """Telemetry still comes. When it hears again, it is not driven on."""
-        self.drive()
-        self.wire.counts = counts
+    def drive_by(self, driver):
+        """The status of a controller that drives."""
         status = harness.Latest(driver + "/status", ControllerStatus, keep=True)
         harness.wait_for(lambda: status.message, 5, "the status of " + driver)
         if driver != "controller":
@@ -353,6 +363,43 @@ class FaultsTest(unittest.TestCase):
                 lambda: status.message.state == ControllerStatus.RUNNING, 5, driver + " RUNNING"
             )
             time.sleep(1)
+        return status
+
+    def nothing_passes(self, name, driver):
+        """The craft's own watchdog ends its thrust; the sender is in FAULT, and when packets pass
+        again, it is not driven on."""
+        self.drive()
+        status = self.drive_by(driver)
+        truth = harness.Latest("simulator/truth", State, keep=True)
+        harness.wait_for(lambda: len(truth.all) > 10, 5, "the truth")
+        begun = time.monotonic()
+        lost = truth.all[-1][1].header.stamp
+        self.wire.deaf = self.wire.silent = True
+        time.sleep(3)
+        back = time.time()
+        self.wire.deaf = self.wire.silent = False
+        time.sleep(0.5)
+        sits = [m.header.stamp for _, m in truth.all if m.header.stamp > lost and sits_down(m)]
+        self.assertTrue(sits, "it never sat down")
+        until = (sits[0] - lost).to_sec()
+        self.print(name, FAULTS, "thrust at the craft until %3.0f ms after it" % (1e3 * until))
+        self.assertGreater(until, 0.2, "the watchdog of 0.25 s is seen")
+        self.assertLess(until, LIMIT)
+        self.assertEqual(self.wire.thrust_between(back, time.time()), [])
+        reasons = [m.reason for at, m in self.sender.all if at > begun]
+        self.assertTrue(
+            [r for r in reasons if "does not do as it is told" in r or "has fallen silent" in r],
+            reasons,
+        )
+        self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
+        self.assertIn(SenderStatus.FAULT, {m.state for at, m in self.sender.all if at > begun})
+        self.drive()
+
+    def craft_hears_nothing(self, name, driver, counts):
+        """Telemetry still comes. When it hears again, it is not driven on."""
+        self.drive()
+        self.wire.counts = counts
+        status = self.drive_by(driver)
         begun, start = time.monotonic(), time.time()
         self.wire.deaf = True
         time.sleep(2)
@@ -363,9 +410,7 @@ class FaultsTest(unittest.TestCase):
         self.print(name, FAULTS, "thrust until %4.0f ms after it" % (1e3 * worst))
         self.assertLess(worst, HEARING_LIMIT)
         self.assertIn("does not do as it is told", self.sender.message.reason)
-        self.assertIn(
-            ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun}
-        )
+        self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
         self.drive()
 
     def clock_is_set(self, name, seconds):
@@ -413,6 +458,7 @@ add_tests(FaultsTest.mocap_fails, MOCAP)
 add_tests(FaultsTest.wire_fails, WIRE)
 add_tests(FaultsTest.topic_brings_nonsense, MESSAGES)
 add_tests(FaultsTest.craft_hears_nothing, ONE_WAY)
+add_tests(FaultsTest.nothing_passes, NO_WAY)
 add_tests(FaultsTest.clock_is_set, CLOCKS)
 add_tests(FaultsTest.craft_restarts, RESTARTS)
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The simulator: its clock, the same run for the same seed, the craft's side of the protocol."""
+
 import math
 import os
 import signal
@@ -15,7 +16,8 @@ import dynamic_reconfigure.client
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped
-from ground_msgs.msg import State
+from ground_msgs.msg import LiveChange, State
+from ground_msgs.srv import LoadModel
 from rosgraph_msgs.msg import Clock
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -124,6 +126,61 @@ class SimulatorTest(unittest.TestCase):
         self.drive(1, 1, 1.0)
         # 4.0 m/s without any sag, nothing at all after 1000 s of it
         self.assertGreater(max(m.nu[0] for _, m in self.truth.all), 3.0)
+
+    def test_the_craft_is_changed_while_it_moves(self):
+        self.start(watchdog=0.0, N_r_factor=2.0)
+        changes = harness.Latest("live_changes", LiveChange, keep=True)
+        harness.wait_for(changes.connections, 10, "a connection")
+        client = dynamic_reconfigure.client.Client("simulator", timeout=10)
+        load = rospy.ServiceProxy("simulator/load_model", LoadModel)
+        thrust, mass, damping = 2 * 0.062, 0.0583, 0.0055
+        self.drive(1, 1, 0.1)
+
+        def accelerates(k, m, x):
+            """By the thrust k, with the mass m and the damping x, within half a second."""
+
+            def near():
+                self.ground.sendto(motors(1, 1, 1.0), self.craft)
+                truth = self.truth.message
+                expected = (k - x * truth.nu[0]) / m
+                return abs(truth.nu_dot[0] - expected) < 0.02 * abs(expected)
+
+            harness.wait_for(near, 0.5, lambda: "%s, %s" % (self.truth.message, (k, m, x)))
+
+        accelerates(thrust, mass, damping)
+        for values, expected in (
+            ({"k_factor": 0.5}, (0.5 * thrust, mass, damping)),
+            ({"m_factor": 2.0}, (0.5 * thrust, 2 * mass, damping)),
+            ({"k_factor": 2.0, "X_u_factor": 8.0}, (2 * thrust, 2 * mass, 8 * damping)),
+        ):
+            before = self.truth.message
+            client.update_configuration(values)
+            accelerates(*expected)
+            self.assertGreater(self.truth.message.nu[0], 0.8 * before.nu[0])  # it goes on as it was
+        for bad in ({"k_factor": 20.0}, {"k_factor": math.nan}, {"m_factor": 0.0}):
+            kept = client.update_configuration(bad)
+            self.assertEqual((kept["k_factor"], kept["m_factor"]), (2.0, 2.0))
+        accelerates(2 * thrust, 2 * mass, 8 * damping)
+        # another model, with the same factors
+        with open(rospy.get_param("~model")) as file:
+            text = file.read()
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
+            model.write(text.replace("k: 0.062", "k: 0.031"))
+            model.flush()
+            self.assertTrue(load(model.name).success)
+        accelerates(thrust, 2 * mass, 8 * damping)
+        # one that no craft can be with these factors is refused, and so are factors for one that is
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
+            model.write(text.replace("k: 0.062", "k: 1.5e-5").replace("N_r: 4.62e-5", "N_r: 1e-9"))
+            model.flush()
+            self.assertTrue(load(model.name).success)
+        kept = client.update_configuration({"k_factor": 0.1})
+        self.assertEqual(kept["k_factor"], 2.0)
+        client.close()
+        said = [(m.node, m.name, m.before, m.after) for _, m in changes.all]
+        self.assertIn(("simulator", "k_factor", "1", "0.5"), said)
+        self.assertIn(("simulator", "m_factor", "1", "2"), said)
+        self.assertNotIn("0.1", [m[3] for m in said])
 
     def test_obeys_its_sender_alone_and_stops_without_it(self):
         self.start(position_noise=0.0, heading_noise=0.0)

@@ -1,8 +1,10 @@
 // The state machine and the peer rules of the link, on a clock that the test turns.
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "ground/link/ground_link.h"
@@ -739,6 +741,134 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   feed(0.1, kDrive);
   EXPECT_EQ(link().current(), State::kFault);
   EXPECT_EQ(packets_.back().command.left, 0);
+}
+
+/// What a craft may be told gently enough for a silence.
+const MotorCommand kGentle{0.2, 0.2, 0.6};
+
+TEST_F(GroundLinkTest, ASilenceSendsNothingAndThenDisarms) {
+  armed();
+  feed(0.5, kGentle);
+  packets_.clear();
+  ASSERT_EQ(link().silence(now_, 1.5), "");
+  const double began = now_;
+  ASSERT_EQ(packets_.size(), 1u);  // the command once more: the last packet
+  EXPECT_TRUE(lastIs(kGentle));
+  EXPECT_EQ(link().current(), State::kArmed);
+  EXPECT_EQ(link().reason(), "silent: nothing is sent, to see whether the craft stops by itself");
+  EXPECT_EQ(link().lift(), kGentle.lift);
+  feed(1.49, kDrive);
+  EXPECT_EQ(packets_.size(), 1u);
+  EXPECT_EQ(link().lift(), kGentle.lift);
+  feed(0.02, kDrive);
+  ASSERT_GT(packets_.size(), 1u);
+  EXPECT_NEAR(packets_[1].time, began + 1.5, 0.0011);
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  EXPECT_EQ(link().reason(), "disarmed after the silence");
+  feed(1, kDrive);
+  EXPECT_GE(packets_.size(), 50u);
+  EXPECT_TRUE(allZeroSince(1));
+}
+
+TEST_F(GroundLinkTest, WhateverEndsASilenceSendsZerosAtOnceAndNeverThrust) {
+  GroundLinkParams params;
+  params.recovery_time = 0.5;
+  const std::vector<std::pair<std::function<void()>, State>> ends = {
+      {[this] { link().disarm(now_, "by hand"); }, State::kDisarmed},
+      {[this] { link().stop(now_, "the end"); }, State::kDisarmed},
+      {[this] { state(false); }, State::kFault},  // there is nothing to bridge
+      {[this] { link().timeJumped(now_, "time jumped"); }, State::kFault},
+      {[this] { now_ += 3; }, State::kDisarmed},  // nobody ticked
+  };
+  for (const auto& [end, after] : ends) {
+    make({}, params);
+    armed();
+    feed(0.5, kGentle);
+    ASSERT_EQ(link().silence(now_, 2), "");
+    feed(0.5, kGentle);
+    const std::size_t sent = packets_.size();
+    end();
+    link().tick(now_);
+    EXPECT_EQ(link().current(), after);
+    ASSERT_GT(packets_.size(), sent);
+    EXPECT_EQ(packets_[sent].time, now_);
+    feed(3, kGentle);
+    EXPECT_GE(packets_.size(), sent + 140);
+    EXPECT_TRUE(allZeroSince(sent));
+  }
+}
+
+TEST_F(GroundLinkTest, StaleCommandsEndASilence) {
+  armed();
+  feed(0.1, kGentle);
+  ASSERT_EQ(link().silence(now_, 2), "");
+  const double began = now_;
+  const std::size_t sent = packets_.size();
+  for (int i = 0; i < 30; ++i) {
+    state();
+    wait(0.01);
+  }
+  EXPECT_EQ(link().reason(), "commands are stale");
+  ASSERT_GT(packets_.size(), sent);
+  EXPECT_NEAR(packets_[sent].time - began, 0.2, 0.0021);
+  EXPECT_TRUE(allZeroSince(sent));
+}
+
+TEST_F(GroundLinkTest, InASilenceACraftIsNeitherDeafNorDisobedient) {
+  armed();
+  counted(7);
+  feed(0.1, kGentle);
+  ASSERT_EQ(link().silence(now_, 2), "");
+  for (int i = 0; i < 190; ++i) {
+    counted(7);
+    link().disobeyed(now_, "it moves as without thrust");
+    feed(0.01, kZero);
+  }
+  EXPECT_EQ(link().current(), State::kArmed);
+  feed(0.12, kZero);
+  EXPECT_EQ(link().current(), State::kDisarmed);
+}
+
+TEST_F(GroundLinkTest, ASilenceIsRefusedWithAReason) {
+  telemetry(kCraft);
+  feed(0.1, kZero);
+  EXPECT_EQ(link().silence(now_, 1), "not armed: not armed yet");
+  armed();
+  feed(0.1, kGentle);
+  for (const double duration : {0.0, -1.0, 2.01, kNan, kInf})
+    EXPECT_EQ(link().silence(now_, duration), "a silence must be longer than 0 s and at most 2 s");
+  command({0.2, 0.51, 1});
+  EXPECT_EQ(link().silence(now_, 1),
+            "the thrust is above 0.5, too much for a craft that may not stop");
+  command(kGentle);
+  broken_ = "Network is unreachable";
+  EXPECT_EQ(link().silence(now_, 1), "packets cannot be sent: Network is unreachable");
+  broken_.clear();
+  const std::size_t sent = packets_.size();
+  feed(0.1, kGentle);
+  EXPECT_GT(packets_.size(), sent) << "a silence that was refused has begun";
+  EXPECT_EQ(link().silence(now_, 2), "");
+  EXPECT_NE(link().silence(now_, 2), "") << "silences would follow each other";
+  EXPECT_NE(arm(), "");
+  state(false);
+  EXPECT_EQ(link().silence(now_, 1), "not armed: the state is invalid: lost");
+}
+
+TEST_F(GroundLinkTest, ARemarkOnTheCraftIsPartOfTheReasonWhileArmed) {
+  GroundLinkParams params;
+  params.recovery_time = 0.5;
+  make({}, params);
+  telemetry(kCraft);
+  state();
+  command(kZero);
+  ASSERT_EQ(link().arm(now_, "mind the cat"), "");
+  EXPECT_EQ(link().reason(), "armed with commands of /a; mind the cat");
+  state(false);
+  state();
+  EXPECT_EQ(link().reason(), "armed with commands of /a; mind the cat");
+  link().disarm(now_, "by hand");
+  ASSERT_EQ(arm(), "");
+  EXPECT_EQ(link().reason(), "armed with commands of /a");
 }
 
 TEST_F(GroundLinkTest, AFixedPeerIsTheOnlyOne) {

@@ -116,6 +116,24 @@ TEST(Room, WatchdogStopsTheMotorsOfACraftLeftAlone) {
   EXPECT_EQ(room.derivative().nu, Vector3<double>::Zero());
 }
 
+TEST(Room, AWatchdogIsSetWhileTheCraftMovesAndZeroIsNone) {
+  Room::Params params;
+  params.watchdog = 0;
+  Room room(tinyWhoover(), perfect(), params);
+  room.command(1, 1, 1);
+  room.advance(5);
+  EXPECT_FALSE(room.watchdogExpired());
+  room.setWatchdog(6);
+  room.advance(5.9);
+  EXPECT_FALSE(room.watchdogExpired());
+  room.setWatchdog(0.1);  // expired long since
+  room.advance(5.9001);
+  EXPECT_TRUE(room.watchdogExpired());
+  for (const double bad : {-0.1, std::numeric_limits<double>::quiet_NaN(),
+                           std::numeric_limits<double>::infinity()})
+    EXPECT_THROW(room.setWatchdog(bad), std::invalid_argument);
+}
+
 TEST(Room, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
   Room::Params params;
   params.initial.nu << 0.6, -0.4, 3;

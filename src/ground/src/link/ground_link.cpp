@@ -160,17 +160,20 @@ void GroundLink::timeJumped(double now, const std::string& what) {
 }
 
 void GroundLink::disobeyed(double now, const std::string& how) {
-  if (state_ == State::kArmed) fault(now, because("the craft does not do as it is told", how));
+  // In a silence it is told nothing.
+  if (state_ == State::kArmed && !silent_until_)
+    fault(now, because("the craft does not do as it is told", how));
 }
 
-std::string GroundLink::arm(double now) {
+std::string GroundLink::arm(double now, const std::string& remark) {
   watch(now);
   if (stopped_) return reason_;
+  if (silent_until_) return reason_;
   if (state_ == State::kArmed) return "";
   if (state_ == State::kFault) return "in fault (" + reason_ + "): disarm first";
   if (peer_.port == 0) return "no craft has been heard of";
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
-  if (silent(now)) return "the craft has fallen silent (craft_timeout)";
+  if (craftSilent(now)) return "the craft has fallen silent (craft_timeout)";
   if (params_.require_state && state_until_ <= now) {
     return state_until_ == kNever ? "there is no state" : "the state is stale";
   }
@@ -185,7 +188,24 @@ std::string GroundLink::arm(double now) {
   peer_locked_ = true;
   lost_since_ = kNever;
   peer_counted_ = now;
-  enter(State::kArmed, "armed with commands of " + armed_source_);
+  armed_reason_ = "armed with commands of " + armed_source_;
+  if (!remark.empty()) armed_reason_ += "; " + remark;
+  enter(State::kArmed, armed_reason_);
+  return "";
+}
+
+std::string GroundLink::silence(double now, double duration) {
+  watch(now);
+  if (state_ != State::kArmed) return because("not armed", reason_);
+  if (silent_until_ || lost_since_ != kNever) return reason_;
+  if (!(duration > 0 && duration <= kLongestSilence))
+    return "a silence must be longer than 0 s and at most 2 s";
+  if (std::max(command_.left, command_.right) > kMostSilentThrust)
+    return "the thrust is above 0.5, too much for a craft that may not stop";
+  transmit(now);  // so that the time of the last packet is known
+  if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
+  silent_until_ = now + duration;
+  enter(State::kArmed, "silent: nothing is sent, to see whether the craft stops by itself");
   return "";
 }
 
@@ -206,21 +226,22 @@ void GroundLink::tick(double now) {
 
 void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
+  if (silent_until_ && *silent_until_ <= now) return disarm(now, "disarmed after the silence");
   if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
   const std::string lost = params_.require_state ? stateProblem(now) : "";
   if (!lost.empty() && lost_since_ == kNever) {
-    if (params_.recovery_time == 0) return fault(now, lost);
+    if (params_.recovery_time == 0 || silent_until_) return fault(now, lost);
     lost_since_ = now;
     enter(State::kArmed, "zero until the state is back: " + lost);
     transmit(now);
   } else if (lost.empty() && lost_since_ != kNever) {
     lost_since_ = kNever;
-    enter(State::kArmed, "armed with commands of " + armed_source_);
+    enter(State::kArmed, armed_reason_);
   } else if (!lost.empty() && now - lost_since_ >= params_.recovery_time) {
     return fault(now, lost);
   }
   // It may have been restarted, and is not to be met by thrust when it is back.
-  if (silent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
+  if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (deaf())
     return disobeyed(now, "it counts the commands that reach it, and none does any more");
   if (!send_problem_.empty() && sent_until_ <= now)
@@ -228,13 +249,14 @@ void GroundLink::watch(double now) {
 }
 
 /// Of a craft that has never sent telemetry nothing is known.
-bool GroundLink::silent(double now) const {
+bool GroundLink::craftSilent(double now) const {
   return peer_speaks_ && params_.craft_timeout > 0 && now - peer_heard_ > params_.craft_timeout;
 }
 
-/// Whether the craft itself says that nothing reaches it; one that is silent says nothing.
+/// Whether the craft itself says that nothing reaches it; one that is silent says nothing. In a
+/// silence nothing can reach it.
 bool GroundLink::deaf() const {
-  return peer_count_ && params_.obedience_timeout > 0 &&
+  return !silent_until_ && peer_count_ && params_.obedience_timeout > 0 &&
          peer_heard_ - peer_counted_ > params_.obedience_timeout;
 }
 
@@ -250,14 +272,16 @@ void GroundLink::fault(double now, const std::string& reason) {
 
 void GroundLink::enter(State state, const std::string& reason) {
   state_ = state;
+  if (state != State::kArmed) silent_until_.reset();
   reason_ = reason;
   ++revision_;
 }
 
 void GroundLink::transmit(double now) {
+  next_packet_ = now + 1 / params_.keepalive_rate;
+  if (silent_until_) return;
   const bool obeys = state_ == State::kArmed && lost_since_ == kNever;
   sendPacket(now, obeys ? command_ : MotorCommand());
-  next_packet_ = now + 1 / params_.keepalive_rate;
 }
 
 void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand()); }

@@ -2,6 +2,7 @@
 #include <ground_msgs/Controls.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
+#include <ground_msgs/Silence.h>
 #include <ground_msgs/State.h>
 #include <ground_msgs/Telemetry.h>
 #include <nodelet/nodelet.h>
@@ -23,6 +24,7 @@
 
 #include "ground/estimation/obedience_monitor.h"
 #include "ground/link/ground_link.h"
+#include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
@@ -36,9 +38,11 @@ namespace ground {
 /// Parameters: port (3333), bind_address (0.0.0.0), peer (HOST or HOST:PORT of the craft; learned
 /// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), model
 /// (model file of the craft, through which its motion shows whether it does as it is told; not looked
-/// at when empty), and those of Sender.cfg. Subscribes: controls, state. Publishes: ~status
-/// (latched), ~telemetry, drive (latched; when the newest drive began). Services: ~arm, in a thread
-/// of its own. Zero packets go out when disarmed, in fault and at the end.
+/// at when empty), own_stop (records of prove_stop, by which arming says whether the craft of `model`
+/// is proven to stop by itself; not looked at when empty), and those of Sender.cfg. Subscribes:
+/// controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; when the newest drive
+/// began). Services: ~arm and ~silence, in a thread of their own. Zero packets go out when disarmed,
+/// in fault and at the end.
 ///
 /// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
 /// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
@@ -88,7 +92,12 @@ class Sender : public nodelet::Nodelet {
       const Model model = loadModel(model_file);
       obedience_ = std::make_unique<ObedienceMonitor>(model);
       input_max_ = model.body.input_max;
+      craft_ = model.name;
     }
+    own_stop_ = optionalParameter<std::string>(nh, "own_stop", "");
+    if (!own_stop_.empty() && model_file.empty())
+      throw std::runtime_error("parameter own_stop needs parameter model, which names the craft");
+    remark_ = armingRemark();
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
     if (!peer_text.empty() && !peer.known())
       throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
@@ -120,6 +129,8 @@ class Sender : public nodelet::Nodelet {
     report_thread_ = std::thread([this] { report(); });
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
+    silence_service_ =
+        arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
   }
 
@@ -200,20 +211,38 @@ class Sender : public nodelet::Nodelet {
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
+  /// What arming says of the craft's own stop; reads a file.
+  std::string armingRemark() const {
+    return own_stop_.empty() ? "" : ownStopRemark(own_stop_, craft_);
+  }
+
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
     const std::size_t publishers = controls_subscriber_.getNumPublishers();
+    const std::string remark = armingRemark();
     const std::lock_guard<std::mutex> lock(mutex_);
+    remark_ = remark;
     auto_arm_ = false;
     link_->setPublishers(publishers);
     if (request.data) {
-      const std::string problem = link_->arm(steadyNow());
+      const std::string problem = link_->arm(steadyNow(), remark_);
       response.success = problem.empty();
       response.message = problem.empty() ? "armed" : "not armed: " + problem;
+      if (problem.empty() && !remark_.empty()) response.message += "; " + remark_;
     } else {
       link_->disarm(steadyNow(), "disarmed by hand");
       response.success = true;
       response.message = "disarmed";
     }
+    collect();
+    return true;
+  }
+
+  bool onSilence(ground_msgs::Silence::Request& request,
+                 ground_msgs::Silence::Response& response) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    response.message = link_->silence(steadyNow(), request.duration);
+    response.success = response.message.empty();
+    if (response.success) response.last_packet = ros::Time::now();
     collect();
     return true;
   }
@@ -234,7 +263,7 @@ class Sender : public nodelet::Nodelet {
         if (const auto telemetry = link_->datagram(now, data, from)) collect(*telemetry);
       }
       link_->tick(now);
-      if (auto_arm_ && link_->arm(now).empty()) auto_arm_ = false;
+      if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
     }
@@ -336,12 +365,13 @@ class Sender : public nodelet::Nodelet {
       const ground_msgs::Drive::Ptr newest = drive_due_ ? drive() : nullptr;
       drive_due_ = false;
       const std::string refusal = link_->refusal(), send_problem = link_->sendProblem();
+      const std::string remark = remark_;
       lock.unlock();
 
       for (const auto& message : telemetry) telemetry_publisher_.publish(message);
       if (newest) drive_publisher_.publish(newest);
       for (const auto& message : statuses) {
-        log(*message, refusal);
+        log(*message, refusal, remark);
         status_publisher_.publish(message);
       }
       if (!send_problem.empty())
@@ -355,11 +385,12 @@ class Sender : public nodelet::Nodelet {
     }
   }
 
-  void log(const Status& status, const std::string& refusal) {
+  void log(const Status& status, const std::string& refusal, const std::string& remark) {
     static const char* kNames[] = {"DISARMED", "ARMED", "FAULT"};
     if (status.state != logged_.state || status.reason != logged_.reason) {
-      const bool fault = status.state == Status::FAULT;
-      ROS_LOG(fault ? ros::console::levels::Warn : ros::console::levels::Info,
+      const bool warns = status.state == Status::FAULT ||
+                         (status.state == Status::ARMED && !remark.empty());
+      ROS_LOG(warns ? ros::console::levels::Warn : ros::console::levels::Info,
               ROSCONSOLE_DEFAULT_NAME, "sender: %s: %s", kNames[status.state],
               status.reason.c_str());
     }
@@ -387,6 +418,7 @@ class Sender : public nodelet::Nodelet {
   std::unique_ptr<GroundLink> link_;
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< nobody when there is no model
   double obedience_timeout_ = 0, input_max_ = 1;
+  std::string remark_;  ///< on the craft's own stop, when last armed; empty when there is none
   std::optional<MotorCommand> noted_;  ///< the last command that obedience_ knows of, while armed
   ros::Time armed_at_;
   bool auto_arm_ = false;
@@ -404,7 +436,8 @@ class Sender : public nodelet::Nodelet {
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
   ros::Subscriber controls_subscriber_, state_subscriber_;
-  ros::ServiceServer arm_service_;
+  ros::ServiceServer arm_service_, silence_service_;
+  std::string own_stop_, craft_;  ///< file of records, name of the craft; fixed
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   std::thread link_thread_, report_thread_;
 };

@@ -5,16 +5,20 @@
 #include <rosgraph_msgs/Clock.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
+#include <exception>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
+#include <stdexcept>
 #include <thread>
 
 #include "ground/estimation/axis_mapping.h"
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
 #include "ground/model/model_file.h"
+#include "ground/model/plausibility.h"
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
@@ -27,10 +31,11 @@ namespace ground {
 /// what the mocap sees, in OptiTrack's frame. It owns the time: /clock runs at real_time_factor.
 ///
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
-/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), watchdog (0.25 s), braking (by the
-/// floor without lift, 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
+/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), braking (by the floor without lift,
+/// 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
 /// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock. Service: ~load_model (moves
-/// the craft by another model file from now on).
+/// the craft by another model file from now on). The factors of Simulator.cfg multiply the
+/// parameters of whichever model is loaded.
 class Simulator : public nodelet::Nodelet {
  public:
   ~Simulator() override {
@@ -54,29 +59,27 @@ class Simulator : public nodelet::Nodelet {
   void start() {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
-    const Model model = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
-    input_max_ = model.body.input_max;
+    loaded_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
+    input_max_ = loaded_.body.input_max;
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
     Room::Params room;
     room.seed = static_cast<unsigned long>(seed);
     room.start = optionalParameter<double>(nh, "start_time", 1000.0);
-    room.watchdog = optionalParameter<double>(nh, "watchdog", 0.25);
     room.braking = optionalParameter<double>(nh, "braking", room.braking);
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
         optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
     constexpr double kLatest = 4e9;  // that a ROS stamp holds, with some years to run [s]
-    if (!(room.start > 0) || !(room.start < kLatest) || !(room.watchdog > 0) ||
+    if (!(room.start > 0) || !(room.start < kLatest) ||
         !(room.braking >= 0 && room.braking < 1e3) || !room.initial.eta.allFinite())
       throw std::runtime_error(
-          "start_time (below 4e9 s) and watchdog must be positive, braking not negative, x, y, psi "
-          "finite");
+          "start_time must be positive and below 4e9 s, braking not negative, x, y, psi finite");
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
     publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);
     sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
     socket_ = std::make_unique<UdpSocket>(UdpAddress());
-    room_ = std::make_unique<Room>(model, mocap_, room);
+    room_ = std::make_unique<Room>(loaded_, mocap_, room);
 
     pose_publisher_ =
         topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
@@ -87,7 +90,8 @@ class Simulator : public nodelet::Nodelet {
         [this](const Config& c) { apply(c); });
     model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
       const std::lock_guard<std::mutex> lock(mutex_);
-      room_->setModel(m);
+      room_->setModel(scaled(m, factors_));
+      loaded_ = m;
       input_max_ = m.body.input_max;
       return std::string();
     });
@@ -97,7 +101,29 @@ class Simulator : public nodelet::Nodelet {
   std::string wrong(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (room_->time() + c.clock_offset <= 0) return "clock_offset must leave the time positive";
+    try {
+      scaled(loaded_, factors(c));
+    } catch (const std::exception& error) {
+      return error.what();
+    }
     return params(c).validate();
+  }
+
+  /// By which the parameters of the body are multiplied, in the order of kScaled.
+  using Factors = std::array<double, 6>;
+  static constexpr std::array<const char*, 6> kScaled = {"k", "m", "I_z", "X_u", "Y_v", "N_r"};
+
+  static Factors factors(const Config& c) {
+    return {c.k_factor, c.m_factor, c.I_z_factor, c.X_u_factor, c.Y_v_factor, c.N_r_factor};
+  }
+
+  /// Throws std::exception when no craft can have the scaled parameters.
+  static Model scaled(Model model, const Factors& factors) {
+    for (std::size_t i = 0; i < factors.size(); ++i)
+      if (factors[i] != 1) model.setValue(kScaled[i], factors[i] * model.value(kScaled[i]));
+    for (const Implausibility& found : implausibilities(model.body))
+      if (found.refused) throw std::invalid_argument(found.key + ": " + found.message);
+    return model;
   }
 
   MocapParams params(const Config& c) const {
@@ -114,6 +140,11 @@ class Simulator : public nodelet::Nodelet {
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
     room_->setMocap(params(c));
+    room_->setWatchdog(c.watchdog);
+    if (factors(c) != factors_) {
+      room_->setModel(scaled(loaded_, factors(c)));
+      factors_ = factors(c);
+    }
     wall_origin_ = last_turn_ = SteadyClock::now();
     time_origin_ = room_->time();
     real_time_factor_ = c.real_time_factor;
@@ -225,7 +256,9 @@ class Simulator : public nodelet::Nodelet {
   static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
 
   CallbackThread callbacks_;
-  std::mutex mutex_;  ///< guards room_, input_max_, the origins, factor and offset
+  std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset
+  Model loaded_;      ///< as in its file
+  Factors factors_ = {1, 1, 1, 1, 1, 1};
   std::unique_ptr<Room> room_;
   SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 namespace ground {
@@ -116,6 +117,12 @@ void Room::setMocap(const MocapParams& mocap) {
   mocap_ = mocap;
 }
 
+void Room::setWatchdog(double watchdog) {
+  if (!(std::isfinite(watchdog) && watchdog >= 0))
+    throw std::invalid_argument("watchdog must be finite and not negative");
+  params_.watchdog = watchdog;
+}
+
 void Room::command(double left, double right, double lift) {
   if (!std::isfinite(left) || !std::isfinite(right) || !std::isfinite(lift))
     throw std::invalid_argument("a command is not finite");
@@ -143,8 +150,9 @@ void Room::forgetCommands() {
 void Room::advance(double time) {
   if (!(time >= time_)) throw std::invalid_argument("a room cannot go back in time");
   while (true) {
-    const double stop =
-        expired_ ? std::numeric_limits<double>::infinity() : last_command_ + params_.watchdog;
+    const double stop = expired_ || params_.watchdog == 0
+                            ? std::numeric_limits<double>::infinity()
+                            : std::max(time_, last_command_ + params_.watchdog);
     const double next = std::min({time, next_frame_, stop});
     move(next);
     time_ = next;

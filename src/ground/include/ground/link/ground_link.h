@@ -37,11 +37,17 @@ struct GroundLinkParams {
 /// craft, a fresh valid state and a fresh zero command of a single controller, and left for FAULT
 /// as soon as commands are stale or packets cannot be sent, and when the state is stale or invalid
 /// for recovery_time; until then zero packets go out, and the commands again when it is back. A
-/// craft that counts the commands that reach it is a fault when its count stands still. All times
+/// craft that counts the commands that reach it is a fault when its count stands still.
+///
+/// A silence shows whether the craft stops by itself: while ARMED no packet goes out for a bounded
+/// time, then the link is DISARMED. Whatever ends the silence early (a fault, disarm, stop) sends
+/// zeros at once; commands that arrive meanwhile are never sent. All times
 /// are those of one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
+  static constexpr double kLongestSilence = 2.0;    ///< [s]
+  static constexpr double kMostSilentThrust = 0.5;  ///< input with which a silence may begin, 0..1
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };
@@ -72,8 +78,11 @@ class GroundLink {
   void timeJumped(double now, const std::string& what);
   /// The craft does not do as it is told; `how` that is seen. A fault while armed.
   void disobeyed(double now, const std::string& how);
-  /// Arms; otherwise says why not.
-  std::string arm(double now);
+  /// Arms; otherwise says why not. `remark` follows the reason of the state while it is armed.
+  std::string arm(double now, const std::string& remark = "");
+  /// Repeats the present command once, then sends nothing for `duration` seconds (at most
+  /// kLongestSilence), then disarms. Otherwise says why not.
+  std::string silence(double now, double duration);
   void disarm(double now, const std::string& reason);
   /// Disarms for good: from now on nothing but zero packets is sent.
   void stop(double now, const std::string& reason);
@@ -85,7 +94,10 @@ class GroundLink {
   State current() const { return state_; }
   /// Lift that the craft is told to have, 0..1; a loss of the state that zero packets bridge does
   /// not count.
-  double lift() const { return state_ == State::kArmed ? command_.lift : 0.0; }
+  double lift() const {
+    if (state_ != State::kArmed) return 0.0;
+    return silent_until_ ? sent_.lift : command_.lift;
+  }
   const std::string& reason() const { return reason_; }
   /// The craft's address; port 0 while it is not known.
   const UdpAddress& peer() const { return peer_; }
@@ -106,7 +118,7 @@ class GroundLink {
   void refuse(const std::string& why, bool of_controller);
   void watch(double now);
   std::string stateProblem(double now) const;
-  bool silent(double now) const;
+  bool craftSilent(double now) const;
   bool deaf() const;
   void enter(State state, const std::string& reason);
   void fault(double now, const std::string& reason);
@@ -129,6 +141,8 @@ class GroundLink {
   MotorCommand sent_;
   MotorCommand command_;  ///< last one that was not refused
   std::string command_source_, armed_source_;
+  std::string armed_reason_;
+  std::optional<double> silent_until_;  ///< end of the silence; set only while armed
   std::string command_problem_;  ///< why the controller's newest command is not command_
   double command_until_;         ///< when command_ becomes stale
   double clash_until_;           ///< when a second controller may be taken to have gone

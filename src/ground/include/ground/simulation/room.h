@@ -43,7 +43,8 @@ class Room {
   struct Params {
     RigidState<double> initial;  ///< of the craft
     double start = 0.0;          ///< time at which the room comes to be [s]
-    double watchdog = 0.25;      ///< the craft stops its motors after this long without command [s]
+    /// The craft stops its motors after this long without command [s]; 0: never.
+    double watchdog = 0.25;
     unsigned long seed = 1;
     Disturbance disturbance = {};  ///< acts on the craft; that of the model does not
     /// Without lift the craft sits on the floor, whose dry friction brakes it by so much [m/s^2].
@@ -67,6 +68,8 @@ class Room {
   void setModel(const Model& model);
   /// Takes effect with the next frame; throws std::invalid_argument when bad.
   void setMocap(const MocapParams& mocap);
+  /// Takes effect at once; throws std::invalid_argument when it is not finite or negative.
+  void setWatchdog(double watchdog);
 
   double time() const { return time_; }
   /// When the mocap exposes its next frame, lost or not [s].

@@ -1,0 +1,252 @@
+"""Whether a craft stops by itself when no command reaches it: judged by its speed in a silence.
+
+A craft is driven by a gentle, constant thrust; then nothing is sent to it for a while, then zeros. One
+whose watchdog works accelerates until T after the last packet and brakes from there on:
+
+    speed(t) = s0 + a t            for t < T
+    speed(t) = max(0, s(T) - b (t - T))    from T on
+
+T, b, s0 and a are fitted by least squares. Zeros at the end are the control: a craft that neither the
+silence nor the zeros brake shows nothing but that braking cannot be seen here.
+"""
+
+from dataclasses import dataclass, field
+from typing import Optional
+
+import numpy as np
+from scipy.optimize import least_squares
+
+PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
+
+BEFORE = 0.4  # of the motion before the silence that is fitted as well [s]
+AFTER = 1.0  # of the motion after it that shows what zeros do [s]
+MIN_SPEED = 0.15  # at the last packet, for its loss to be seen [m/s]
+MIN_BRAKING = 0.5  # gliding loses less than that [m/s^2]
+MAX_BRAKING = 6.0  # a floor brakes no harder, walls do [m/s^2]
+MIN_LOSS = 0.1  # of speed by braking [m/s]
+MAX_GAP = 0.1  # between states [s]
+BLUR = 0.02  # standard deviation of T by filter, latency and the packets' period [s]
+TELEMETRY_AGREES = 0.2  # with the mocap's T [s]
+
+
+def _none():
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What was measured, on one clock.
+
+    Parameters
+    ----------
+    times, speeds: of the states [s], and of the craft over the floor [m/s]
+    valid: which states are to be believed
+    last_packet, silence_end: when the last packet before the silence was sent, and the first after [s]
+    telemetry_times, telemetry: arrival [s] and accelerometer of the craft, (n, 3), where it sends some
+    """
+
+    times: np.ndarray
+    speeds: np.ndarray
+    valid: np.ndarray
+    last_packet: float
+    silence_end: float
+    telemetry_times: np.ndarray = field(default_factory=_none)
+    telemetry: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a trial shows; numbers are None where they are unknown.
+
+    stopped_after: from the last packet to the beginning of braking, with its 95% `uncertainty` [s]
+    braking: deceleration [m/s^2]; speed: at the last packet [m/s]
+    telemetry_after: from the last packet to the change that the craft's accelerometer shows [s]
+    """
+
+    outcome: str
+    reason: str
+    stopped_after: Optional[float] = None
+    uncertainty: Optional[float] = None
+    braking: Optional[float] = None
+    speed: Optional[float] = None
+    telemetry_after: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class Break:
+    """A fitted change of the speed: at `time` [s] after the instant that was asked for."""
+
+    time: float
+    deviation: float  # standard deviation of time [s]
+    slope: float  # before [m/s^2]
+    braking: float  # after, positive when it slows down [m/s^2]
+    loss: float  # of speed from the break to the end of the fit [m/s]
+
+    @property
+    def brakes(self):
+        return self.braking >= MIN_BRAKING and self.loss >= MIN_LOSS
+
+
+def judge(trial):
+    """The Verdict on a Trial."""
+    silence = trial.silence_end - trial.last_packet
+    wrong = _unusable(trial)
+    if wrong:
+        return Verdict(UNDECIDED, wrong)
+    t = trial.times - trial.last_packet
+    speed = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
+    if speed < MIN_SPEED:
+        return Verdict(
+            UNDECIDED,
+            "it moved at %.2f m/s only at the last packet, %.2f m/s are needed: give more thrust, "
+            "thrust time or lift" % (speed, MIN_SPEED),
+            speed=speed,
+        )
+    found = find_break(t, trial.speeds, -BEFORE, silence)
+    if found.brakes:
+        return _braked(trial, found, speed)
+    control = find_break(t - silence, trial.speeds, -BEFORE, AFTER)
+    return _went_on(trial, found, control, speed)
+
+
+def _braked(trial, found, speed):
+    uncertainty = 1.96 * float(np.hypot(found.deviation, BLUR))
+    numbers = dict(
+        stopped_after=found.time,
+        uncertainty=uncertainty,
+        braking=found.braking,
+        speed=speed,
+        telemetry_after=_telemetry_change(trial, found.time),
+    )
+    if found.braking > MAX_BRAKING:
+        why = "it stopped by %.1f m/s^2, harder than a floor brakes: did it hit something?"
+        return Verdict(UNDECIDED, why % found.braking, **numbers)
+    if found.time < -uncertainty:
+        why = "it braked %.2f s before the silence began: did something hold it?"
+        return Verdict(UNDECIDED, why % -found.time, **numbers)
+    if uncertainty > 0.25:
+        why = "the time at which it began to brake is uncertain by %.2f s"
+        return Verdict(UNDECIDED, why % uncertainty, **numbers)
+    silence = trial.silence_end - trial.last_packet
+    if found.time + uncertainty > silence:
+        why = "it began to brake when the silence ended; try a longer silence"
+        return Verdict(UNDECIDED, why, **numbers)
+    reason = "it stopped by itself %.2f s (+- %.2f s) after the last packet, braking by %.1f m/s^2"
+    reason %= (max(0.0, found.time), uncertainty, found.braking)
+    seen = numbers["telemetry_after"]
+    if seen is not None:
+        agrees = abs(seen - found.time) < TELEMETRY_AGREES
+        reason += "; its telemetry %s: %.2f s" % ("agrees" if agrees else "does NOT agree", seen)
+    return Verdict(PASSED, reason, **numbers)
+
+
+def _went_on(trial, found, control, speed):
+    t = trial.times - trial.silence_end
+    end = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
+    silence = trial.silence_end - trial.last_packet
+    if not control.brakes:
+        why = "neither the silence nor the zeros after it braked it: braking cannot be seen here"
+        return Verdict(UNDECIDED, why, speed=speed)
+    if control.time < -1.96 * np.hypot(control.deviation, BLUR):
+        why = "it began to brake when the silence ended; try a longer silence"
+        return Verdict(UNDECIDED, why, speed=speed)
+    if end < 0.5 * speed:
+        why = "it slowed down from %.2f to %.2f m/s, but not as a craft that brakes"
+        return Verdict(UNDECIDED, why % (speed, end), speed=speed)
+    how = "driven on by its thrust"
+    if end < speed + 0.5 * found.slope * silence:
+        how = "gliding, as if its lift was on"
+    reason = (
+        "it went on for all the %.1f s of silence, %s (%.2f m/s, then %.2f m/s), and braked %.2f s "
+    )
+    reason += "after the first zero"
+    reason %= (silence, how, speed, end, max(0.0, control.time))
+    return Verdict(FAILED, reason, speed=speed)
+
+
+def _unusable(trial):
+    """Why a trial cannot be judged; empty when it can."""
+    silence = trial.silence_end - trial.last_packet
+    if silence < 0.5:
+        return "the silence lasted for %.2f s only" % silence
+    begin, end = trial.last_packet - BEFORE, trial.silence_end + AFTER
+    within = (trial.times >= begin) & (trial.times <= end)
+    if not np.all(trial.valid[within]):
+        when = trial.times[within][~trial.valid[within]][0] - trial.last_packet
+        return "the state was lost %.2f s after the last packet" % when
+    edges = np.concatenate([[begin], trial.times[within], [end]])
+    gaps = np.diff(edges)
+    if gaps.max() > MAX_GAP:
+        when = edges[gaps.argmax()] - trial.last_packet
+        return "no state for %.2f s, from %.2f s after the last packet on" % (gaps.max(), when)
+    if not np.all(np.isfinite(trial.speeds[within])):
+        return "a speed is not finite"
+    return ""
+
+
+def find_break(times, speeds, begin, end):
+    """The Break in the speeds between two times [s] that fits best."""
+    within = (times >= begin) & (times <= end)
+    t, s = times[within], speeds[within]
+    step = (end - begin) / 60
+    starts = [
+        least_squares(lambda p, at=at: _shape(p[0], p[1], at, p[2], t) - s, _guess(t, s, at))
+        for at in np.arange(begin + 2 * step, end - step, 3 * step)
+    ]
+    times_of = np.arange(begin + 2 * step, end - step, 3 * step)
+    best = min(range(len(starts)), key=lambda i: starts[i].cost)
+    s0, slope, braking = starts[best].x
+    fit = least_squares(lambda p: _shape(*p, t) - s, [s0, slope, times_of[best], braking])
+    s0, slope, time, braking = fit.x
+    at_break, last = _shape(s0, slope, time, braking, np.array([time, end]))
+    return Break(
+        time=float(time),
+        deviation=_deviation(fit, 2),
+        slope=float(slope),
+        braking=float(braking),
+        loss=float(at_break - last),
+    )
+
+
+def _shape(s0, slope, time, braking, t):
+    before = s0 + slope * t
+    after = np.maximum(0.0, s0 + slope * time - braking * (t - time))
+    return np.where(t < time, before, after)
+
+
+def _guess(t, s, time):
+    """Straight line through what is before a time, and the mean braking just after it."""
+    before, soon = t < time, (t >= time) & (t < time + 0.3)
+    slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
+    braking = -np.polyfit(t[soon], s[soon], 1)[0] if soon.sum() > 2 else 1.0
+    return [s0, slope, braking]
+
+
+def _deviation(fit, index):
+    """Standard deviation of a parameter; residuals of a filter follow from each other."""
+    r = fit.fun
+    correlation = float(np.clip(np.sum(r[1:] * r[:-1]) / max(np.sum(r * r), 1e-30), 0.0, 0.95))
+    variance = np.sum(r * r) / max(1, len(r) - len(fit.x))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * variance
+    return float(np.sqrt(covariance[index, index] * (1 + correlation) / (1 - correlation)))
+
+
+def _telemetry_change(trial, around):
+    """When the accelerometer changes its mean most clearly, until shortly after a time [s] since the
+    last packet; None when it does not clearly."""
+    t = trial.telemetry_times - trial.last_packet
+    within = (t > -BEFORE) & (t < around + 0.2)
+    t, values = t[within], np.asarray(trial.telemetry, float)[within]
+    n = len(t)
+    if n < 12:
+        return None
+    best, when = 0.0, None
+    for i in range(5, n - 3):
+        before, after = values[:i], values[i:]
+        inner = ((before - before.mean(0)) ** 2).sum(0) + ((after - after.mean(0)) ** 2).sum(0)
+        outer = ((values - values.mean(0)) ** 2).sum(0)
+        rounding = n / 12.0  # numbers are integers
+        gain = float(np.max(n * np.log((outer + rounding) / (inner + rounding))))
+        if gain > best:
+            best, when = gain, 0.5 * (t[i - 1] + t[i])
+    return float(when) if best > 25 else None

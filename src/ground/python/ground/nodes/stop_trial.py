@@ -1,0 +1,262 @@
+"""A trial of the craft's own stop in a running launch: a gentle push, then the sender is silent."""
+
+import contextlib
+import math
+import signal
+import subprocess
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import roslib.packages
+import rospy
+from ground_msgs.msg import ControllerStatus, SenderStatus, State, Telemetry
+from ground_msgs.srv import Silence
+from std_srvs.srv import SetBool, Trigger
+
+from ground import _core
+from ground.analysis import own_stop
+from ground.errors import IdentifyError
+
+DRIVE = "prove_stop_drive"  # the nodelet that gives the push
+ANSWER = 10.0  # patience with a node [s]
+AT_REST = 0.1  # speed with which a trial may begin [m/s]
+TAIL = own_stop.AFTER + 0.2  # recorded after the silence [s]
+AFTER_SILENCE = "disarmed after the silence"
+
+
+@dataclass(frozen=True)
+class Push:
+    """What the craft is told before the silence: inputs 0..1, durations [s]."""
+
+    thrust: float = 0.15
+    lift: float = 0.6
+    lift_time: float = 1.0
+    thrust_time: float = 1.2
+    silence: float = 1.5
+
+    def distance(self, model):
+        """How far a craft without a stop of its own goes until zeros come again [m]."""
+        acceleration = 2 * model.value("k") * model.input_max * self.thrust / model.value("m")
+        return 0.5 * acceleration * (self.thrust_time + self.silence) ** 2
+
+
+class Stack:
+    """The running launch: its sender, its states, and the craft that the sender's model names."""
+
+    def __init__(self, manager):
+        self.manager = rospy.resolve_name(manager)
+        self.model = _core.load_model(_parameter("sender/model"))
+        self.simulated = _published("simulator/truth") or rospy.get_param("/use_sim_time", False)
+        self.statuses, self.states, self.telemetry = [], [], []
+        self._listeners = [
+            rospy.Subscriber(topic, kind, heard.append, tcp_nodelay=True)
+            for topic, kind, heard in (
+                ("sender/status", SenderStatus, self.statuses),
+                ("state", State, self.states),
+                ("sender/telemetry", Telemetry, self.telemetry),
+            )
+        ]
+        self.silence = _service("sender/silence", Silence)
+        self.arm = _service("sender/arm", SetBool)
+
+    def try_stop(self, push, patience, say=print):
+        """Waits until it is armed, pushes the craft and is silent; the Trial, with what the sender
+        said when the silence ended."""
+        with self._drive(push) as drive:
+            self._wait_armed(patience, say)
+            self._check_at_rest()
+            try:
+                return self._push(drive, push, say)
+            except BaseException:
+                with contextlib.suppress(rospy.ServiceException, rospy.ROSException):
+                    self.arm(False)
+                raise
+
+    @contextlib.contextmanager
+    def _drive(self, push):
+        """A controller that gives constant thrust, loaded beside the launch's own."""
+        _wait(lambda: self.statuses, "no status of the sender comes")
+        nodelet = roslib.packages.find_node("nodelet", "nodelet")[0]
+        values = dict(
+            left_low=push.thrust,
+            left_high=push.thrust,
+            right_low=push.thrust,
+            right_high=push.thrust,
+            lift=push.lift,
+            lift_time=push.lift_time,
+            duration=push.thrust_time + push.silence + 1.0,
+        )
+        command = [nodelet, "load", "ground/OpenLoopPRBS", self.manager, "__name:=" + DRIVE]
+        command += ["_%s:=%r" % (name, float(value)) for name, value in values.items()]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+        drive = _Drive()
+        try:
+            _wait(
+                lambda: drive.status or process.poll() is not None,
+                "no nodelet can be loaded into %s: is it the launch's manager?" % self.manager,
+            )
+            if process.poll() is not None:
+                raise IdentifyError("no nodelet can be loaded into %s" % self.manager)
+            yield drive
+        finally:
+            if drive.status and drive.status.state != ControllerStatus.STOPPED:
+                with contextlib.suppress(rospy.ServiceException, rospy.ROSException, IdentifyError):
+                    drive.stop()
+            drive.close()
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(timeout=ANSWER)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _wait_armed(self, patience, say):
+        if self.statuses[-1].state != SenderStatus.ARMED:
+            say("waiting until it is armed: rosservice call %s true" % self.arm.resolved_name)
+        _wait(
+            lambda: self.statuses[-1].state == SenderStatus.ARMED,
+            lambda: "it was not armed within %.0f s; the sender: %s"
+            % (patience, self.statuses[-1].reason),
+            patience,
+        )
+
+    def _check_at_rest(self):
+        _wait(lambda: self.states, "no state of the craft comes")
+        state = self.states[-1]
+        if not state.valid:
+            raise IdentifyError("the state is invalid: %s" % state.status)
+        speed = math.hypot(state.nu[0], state.nu[1])
+        if speed > AT_REST:
+            raise IdentifyError(
+                "the craft moves at %.2f m/s: stop its controller (rosservice call "
+                "/controller/stop), let it come to rest, and try again" % speed
+            )
+
+    def _push(self, drive, push, say):
+        del self.states[:], self.telemetry[:]
+        answer = drive.start()
+        if not answer.success:
+            raise IdentifyError("the push was refused: %s" % answer.message)
+        say("lift, then thrust %.2f for %.1f s" % (push.thrust, push.thrust_time))
+
+        _wait(
+            lambda: drive.runs_for(push.thrust_time) or drive.ended(),
+            lambda: "the push did not come about: %s" % drive.status.reason,
+            push.lift_time + push.thrust_time + ANSWER,
+        )
+        if drive.ended():
+            raise IdentifyError(
+                "the push was stopped: %s; the sender: %s"
+                % (drive.status.reason, self.statuses[-1].reason)
+            )
+        answer = self.silence(push.silence)
+        if not answer.success:
+            raise IdentifyError("the sender does not fall silent: %s" % answer.message)
+        drive.stop()
+        say("silence for %.1f s" % push.silence)
+        began = answer.last_packet
+
+        def after():
+            return [
+                s
+                for s in list(self.statuses)
+                if s.header.stamp > began and s.state != SenderStatus.ARMED
+            ]
+
+        _wait(after, "the silence does not end", push.silence + ANSWER)
+        end = after()[0]
+        _wait(
+            lambda: (self.states[-1].header.stamp - end.header.stamp).to_sec() > TAIL,
+            "no state came after the silence",
+            required=False,
+        )
+        return self._trial(began, end), end.reason
+
+    def _trial(self, began, end):
+        zero = began.to_sec() - 100.0  # stamps of today leave few digits for fractions
+        states, telemetry = list(self.states), list(self.telemetry)
+        return own_stop.Trial(
+            times=np.array([s.header.stamp.to_sec() - zero for s in states]),
+            speeds=np.array([math.hypot(s.nu[0], s.nu[1]) for s in states]),
+            valid=np.array([s.valid for s in states], bool),
+            last_packet=began.to_sec() - zero,
+            silence_end=end.header.stamp.to_sec() - zero,
+            telemetry_times=np.array([m.header.stamp.to_sec() - zero for m in telemetry]),
+            telemetry=np.array([m.acc for m in telemetry], float).reshape(-1, 3),
+        )
+
+
+class _Drive:
+    """The nodelet that gives the push."""
+
+    def __init__(self):
+        self.status, self._running = None, None
+        self._listener = rospy.Subscriber(DRIVE + "/status", ControllerStatus, self._take)
+
+    def _take(self, status):
+        if status.state != ControllerStatus.RUNNING:
+            self._running = None
+        elif self._running is None:
+            self._running = status.header.stamp
+        self.status = status
+
+    def runs_for(self, seconds):
+        running = self._running
+        return running and (rospy.Time.now() - running).to_sec() >= seconds
+
+    def ended(self):
+        return self.status.state in (ControllerStatus.STOPPED, ControllerStatus.DONE)
+
+    def start(self):
+        return _service(DRIVE + "/start", Trigger)()
+
+    def stop(self):
+        return _service(DRIVE + "/stop", Trigger)()
+
+    def close(self):
+        self._listener.unregister()
+
+
+def verdict_of(trial, ended):
+    """The Verdict on a trial whose silence the sender ended by saying `ended`."""
+    if ended != AFTER_SILENCE:
+        return own_stop.Verdict(own_stop.UNDECIDED, "the silence was cut short: %s" % ended)
+    return own_stop.judge(trial)
+
+
+def _parameter(name):
+    value = rospy.get_param(name, "")
+    if not value:
+        raise IdentifyError(
+            "no sender with a model runs (parameter %s): start a launch first, or "
+            "roslaunch ground own_stop.launch" % rospy.resolve_name(name)
+        )
+    return value
+
+
+def _published(topic):
+    full = rospy.resolve_name(topic)
+    return any(name == full for name, _ in rospy.get_published_topics())
+
+
+def _service(name, kind):
+    try:
+        rospy.wait_for_service(name, ANSWER)
+    except rospy.ROSException:
+        raise IdentifyError("no service %s" % rospy.resolve_name(name))
+    return rospy.ServiceProxy(name, kind)
+
+
+def _wait(condition, message, timeout=ANSWER, required=True):
+    """Until condition() holds, in wall time; IdentifyError with a message, or with what a function then
+    says, when it does not come to hold and is required."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if rospy.is_shutdown():
+            raise IdentifyError("ROS was shut down")
+        if time.monotonic() > deadline:
+            if required:
+                raise IdentifyError(message() if callable(message) else message)
+            return
+        time.sleep(0.005)

@@ -1,0 +1,47 @@
+"""Records of whether crafts stop by themselves: a YAML file that only grows.
+
+A map from the craft's name, which is its model's, to its trials, the newest last. The sender reads it
+when it is armed (ground/link/own_stop.h).
+"""
+
+import fcntl
+import os
+
+import yaml
+
+from ground import files
+from ground.errors import IdentifyError
+
+
+def default_path():
+    """Where the records of this computer are: $ROS_HOME or ~/.ros."""
+    home = os.environ.get("ROS_HOME") or os.path.join(os.path.expanduser("~"), ".ros")
+    return os.path.join(home, "ground", "own_stop.yaml")
+
+
+def read(path):
+    """Name of a craft to its list of trials; empty when there is no file yet."""
+    if not os.path.exists(path):
+        return {}
+    with open(path) as file:
+        try:
+            crafts = yaml.safe_load(file) or {}
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise IdentifyError("%s: not YAML, nothing is added to it: %s" % (path, error))
+    if not isinstance(crafts, dict) or not all(isinstance(c, list) for c in crafts.values()):
+        raise IdentifyError("%s: not a map of crafts to trials, nothing is added to it" % path)
+    return crafts
+
+
+def append(path, craft, trial):
+    """Adds a trial of a craft after all that are there. The folder is created when it is missing."""
+    folder = os.path.dirname(os.path.abspath(path))
+    os.makedirs(folder, exist_ok=True)
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        crafts = read(path)
+        crafts.setdefault(craft, []).append(trial)
+        files.write_yaml(path, crafts, force=True)
+    finally:
+        os.close(lock)

@@ -1,0 +1,191 @@
+"""Whether a craft stops by itself, judged by its speed: synthetic trials, and the file of outcomes."""
+
+import dataclasses
+import re
+import threading
+
+import numpy as np
+import pytest
+import yaml
+from conftest import MODEL
+
+from ground.analysis import own_stop
+from ground.errors import IdentifyError
+from ground.recordings import own_stop as records
+
+THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06  # accelerations of thrust, of the floor, of the air [m/s^2]
+SILENCE = 1.5  # [s]
+
+
+def trial(
+    watchdog,
+    seed=1,
+    speed=0.37,
+    thrust=THRUST,
+    floor=FLOOR,
+    noise=0.004,
+    glides=False,
+    silence=SILENCE,
+    telemetry=False,
+):
+    """A craft that is driven, then hears nothing from 0 s on; it stops its motors after `watchdog`
+    [s] or never (None). glides: its lift stays on then. Noise as an estimator makes it."""
+    random = np.random.default_rng(seed)
+    times = np.arange(-1.0, silence + 1.5, 0.01)
+    off = np.inf if watchdog is None else watchdog
+    speeds, accelerations, now = [], [], speed - 1.0 * thrust
+    for t in times:
+        zeros = t >= silence
+        if zeros or (t >= off and not glides):
+            a = -floor
+        else:
+            a = -GLIDE if t >= off else thrust
+        a = a if now > 0 or a > 0 else 0.0
+        speeds.append(now)
+        accelerations.append(a)
+        now = max(0.0, now + 0.01 * a)
+    white = random.normal(0, noise, len(times))
+    kernel = np.exp(-np.arange(10) / 3.0)
+    colored = np.convolve(white, kernel / np.sqrt(np.sum(kernel**2)))[: len(times)]
+    measured = np.abs(np.array(speeds) + colored)
+    extra = {}
+    if telemetry:
+        acc = np.round(1000 / 9.81 * np.array(accelerations) + random.normal(0, 5, len(times)))
+        extra = dict(
+            telemetry_times=times[::2],
+            telemetry=np.column_stack([acc, 0 * acc, 0 * acc - 1000])[::2],
+        )
+    return own_stop.Trial(times, measured, np.ones(len(times), bool), 0.0, silence, **extra)
+
+
+@pytest.mark.parametrize("noise", [0.004, 0.015])
+@pytest.mark.parametrize("watchdog", [0.05, 0.1, 0.25, 0.5, 1.0])
+def test_a_craft_with_a_watchdog_passes_with_its_time(watchdog, noise):
+    inside = 0
+    for seed in range(20):
+        verdict = own_stop.judge(trial(watchdog, seed, noise=noise))
+        assert verdict.outcome == own_stop.PASSED, verdict
+        assert verdict.braking == pytest.approx(FLOOR, rel=0.3)
+        assert verdict.uncertainty < 0.12
+        inside += abs(verdict.stopped_after - watchdog) < verdict.uncertainty
+    assert inside >= 18  # of 20, at 95%
+
+
+@pytest.mark.parametrize("glides", [False, True])
+def test_a_craft_without_one_does_not(glides):
+    for seed in range(20):
+        verdict = own_stop.judge(trial(0.4 if glides else None, seed, glides=glides))
+        assert verdict.outcome == own_stop.FAILED, verdict
+        assert ("gliding" if glides else "driven on by its thrust") in verdict.reason
+        assert verdict.stopped_after is None
+
+
+def changed(given, **values):
+    return dataclasses.replace(given, **values)
+
+
+def lost(given, begin, end):
+    valid = given.valid & ~((given.times > begin) & (given.times < end))
+    return changed(given, valid=valid)
+
+
+def gap(given, begin, end):
+    kept = ~((given.times > begin) & (given.times < end))
+    return changed(
+        given, times=given.times[kept], speeds=given.speeds[kept], valid=given.valid[kept]
+    )
+
+
+UNDECIDED = [
+    ("slow", lambda: trial(0.2, speed=0.1, thrust=0.05), "more thrust"),
+    ("lost", lambda: lost(trial(None), 0.5, 0.6), "the state was lost 0.5. s after"),
+    ("lost at the end", lambda: lost(trial(None), 2.0, 2.1), "the state was lost 2.0. s after"),
+    ("gap", lambda: gap(trial(0.2), 0.15, 0.4), "no state for 0.2. s, from 0.1. s"),
+    ("ends early", lambda: gap(trial(None), 1.6, 9), "no state for 0.9. s"),
+    ("short", lambda: changed(trial(0.2), silence_end=0.3), "lasted for 0.30 s only"),
+    ("wall", lambda: trial(0.5, floor=15.0), "hit something"),
+    ("held", lambda: trial(-0.2, speed=0.8), "before the silence began"),
+    ("at the end", lambda: trial(1.45), "when the silence ended"),
+    ("slippery", lambda: trial(None, floor=0.1), "braking cannot be seen"),
+    ("drag", lambda: trial(None, thrust=-0.3, speed=0.6), "not as a craft that brakes"),
+    (
+        "nan",
+        lambda: changed(trial(0.2), speeds=np.where(np.arange(400) == 120, np.nan, 0.4)),
+        "not finite",
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    "make, reason", [row[1:] for row in UNDECIDED], ids=[r[0] for r in UNDECIDED]
+)
+def test_what_cannot_be_decided_says_why(make, reason):
+    verdict = own_stop.judge(make())
+    assert verdict.outcome == own_stop.UNDECIDED, verdict
+    assert re.search(reason, verdict.reason), verdict.reason
+
+
+def test_telemetry_is_a_second_witness():
+    for seed in range(5):
+        given = trial(0.4, seed, telemetry=True)
+        verdict = own_stop.judge(given)
+        assert verdict.telemetry_after == pytest.approx(0.4, abs=0.05)
+        assert "its telemetry agrees" in verdict.reason
+        later = changed(given, telemetry_times=given.telemetry_times - 0.3)
+        doubtful = own_stop.judge(later)
+        assert "does NOT agree" in doubtful.reason
+        assert doubtful.telemetry_after == pytest.approx(0.1, abs=0.05)
+        mute = changed(given, telemetry=0 * given.telemetry)
+        assert own_stop.judge(mute).telemetry_after is None
+
+
+def test_a_silence_that_the_sender_cut_short_decides_nothing():
+    from ground.nodes import stop_trial
+
+    given = trial(0.2)
+    assert stop_trial.verdict_of(given, stop_trial.AFTER_SILENCE).outcome == own_stop.PASSED
+    verdict = stop_trial.verdict_of(given, "the state is invalid: lost")
+    assert verdict.outcome == own_stop.UNDECIDED
+    assert verdict.reason == "the silence was cut short: the state is invalid: lost"
+
+
+def test_the_way_of_a_craft_that_does_not_stop_is_predicted():
+    from ground import _core
+    from ground.nodes import stop_trial
+
+    model = _core.load_model(str(MODEL))
+    push = stop_trial.Push(thrust=0.2, thrust_time=1.0, silence=1.0)
+    times = np.array([0.0, 2.0])
+    inputs = np.array([[0.0, push.thrust, push.thrust, push.lift]])
+    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
+    assert push.distance(model) == pytest.approx(run["eta"][-1, 0], rel=0.1)
+
+
+def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    path = records.default_path()
+    assert path == str(tmp_path / "ground" / "own_stop.yaml")
+    assert records.read(path) == {}
+    threads = [
+        threading.Thread(target=records.append, args=(path, "craft %d" % (i % 3), {"date": str(i)}))
+        for i in range(12)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    crafts = yaml.safe_load(open(path))
+    assert set(crafts) == {"craft 0", "craft 1", "craft 2"}
+    assert sorted(int(t["date"]) for c in crafts.values() for t in c) == list(range(12))
+    records.append(path, "craft 0", {"date": "99"})
+    now = records.read(path)
+    assert now["craft 0"][:-1] == crafts["craft 0"] and now["craft 0"][-1] == {"date": "99"}
+
+
+@pytest.mark.parametrize("text", ["a: [", "- 1\n", "a: 3\n"])
+def test_a_file_that_is_something_else_is_left_alone(tmp_path, text):
+    path = tmp_path / "own_stop.yaml"
+    path.write_text(text)
+    with pytest.raises(IdentifyError):
+        records.append(str(path), "craft", {})
+    assert path.read_text() == text
