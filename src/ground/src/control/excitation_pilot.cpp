@@ -16,29 +16,34 @@ std::string ReturnParams::validate() const {
   return "";
 }
 
-ExcitationPilot::ExcitationPilot(InputSignal signal, double duration, ReferencePilot::Clock clock,
-                                 Marked marked)
-    : signal_(std::move(signal)),
-      duration_(duration),
-      clock_(clock),
+ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked,
+                                 ReferencePilot::Decided decided)
+    : clock_(clock),
       marked_(std::move(marked)),
-      home_(clock, nullptr) {}
+      // While a burst is played, decisions are plans alone.
+      home_(clock, [this, decided](const ReferencePilot::Decision& decision) {
+        if (!bursting_) decided(decision);
+      }) {}
 
-void ExcitationPilot::returnHome(const Model& model, const ReturnParams& params,
-                                 ReferencePilot::Decided decided) {
+void ExcitationPilot::play(InputSignal signal, double duration) {
+  signal_ = std::move(signal);
+  duration_ = duration;
+  returns_.reset();
+}
+
+void ExcitationPilot::playInside(InputSignal signal, double duration, const Model& model,
+                                 const ReturnParams& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   auto control = std::make_unique<PredictiveControl>(model, params.predictive);
-  control->setWalls(PlanWalls{Fence(params.room, params.room.margin), kLoss});
+  control->avoid({Fence(params.room, params.room.margin), kLoss});
   control_ = control.get();
   std::unique_ptr<TrackingController> controller = std::move(control);
   ReferencePtr reference = makePoint(params.room.home);
-  home_ = ReferencePilot(clock_, [this, decided](const ReferencePilot::Decision& decision) {
-    if (!bursting_) decided(decision);
-  });
   home_.swapController(controller, model.body.input_max);
   home_.swapReference(reference);
   home_.setMaxError(std::numeric_limits<double>::infinity());
+  play(std::move(signal), duration);
   returns_ = params;
   if (params.arrival == 0) returns_->arrival = 0.5 * params.room.clearance(params.room.home);
 }
@@ -73,7 +78,7 @@ Inputs ExcitationPilot::update(double elapsed, double stamp, const RigidState<do
   lift_ = lift;
   if (!bursting_) {
     const Inputs inputs = home_.update(elapsed, stamp, state, lift);
-    if (home(state) && spare() > 0) begin(true, "the craft is home");
+    if (home(state) && spare() > kBurstRoom) begin(true, "the craft is home");
     return inputs;
   }
   due_ = false;

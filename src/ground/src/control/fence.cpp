@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <limits>
 
+#include "ground/model/simulation.h"
+
 namespace ground {
 namespace {
 
@@ -75,6 +77,23 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
                   least, when, room.margin);
   }
   return text;
+}
+
+std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
+                       const RoomPlan& room) {
+  constexpr double kLook = 0.05;  // [s]
+  const Dynamics<double> dynamics(model);
+  RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};
+  start.eta.head<2>() = room.home;
+  Simulation<double> simulation(dynamics, inputs, start, 0);
+  for (double time = 0; time < end; time += kLook) {
+    simulation.advance(time);
+    if (room.clearance(simulation.state().eta.head<2>()) >= room.margin) continue;
+    char text[120];
+    std::snprintf(text, sizeof text, "by the model it comes too close to a wall after %.1f s", time);
+    return text;
+  }
+  return "";
 }
 
 }  // namespace ground

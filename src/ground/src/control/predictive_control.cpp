@@ -46,12 +46,13 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
   }
   plan_->setWeights(params.weights);
   other_->setWeights(params.weights);
-  setWalls(walls_);
+  plan_->setWalls(walls_);
+  other_->setWalls(walls_);
   observer_.setParams(params.observer);
   params_ = params;
 }
 
-void PredictiveControl::setWalls(const std::optional<PlanWalls>& walls) {
+void PredictiveControl::avoid(const PlanWalls& walls) {
   walls_ = walls;
   plan_->setWalls(walls);
   other_->setWalls(walls);

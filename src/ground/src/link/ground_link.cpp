@@ -165,6 +165,11 @@ void GroundLink::disobeyed(double now, const std::string& how) {
     fault(now, because("the craft does not do as it is told", how));
 }
 
+void GroundLink::confine(double now, const std::string& problem) {
+  room_problem_ = problem;
+  if (state_ == State::kArmed && !problem.empty()) fault(now, problem);
+}
+
 std::string GroundLink::arm(double now, const std::string& remark) {
   watch(now);
   if (stopped_) return reason_;
@@ -179,6 +184,7 @@ std::string GroundLink::arm(double now, const std::string& remark) {
   }
   if (params_.require_state && !state_valid_)
     return because("there is no valid state", state_problem_);
+  if (params_.require_state && !room_problem_.empty()) return room_problem_;
   if (publishers_ > 1)
     return std::to_string(publishers_) + " nodes publish commands: stop all but one";
   if (clash_until_ > now) return clash_;

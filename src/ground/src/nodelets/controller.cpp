@@ -53,6 +53,11 @@ void Controller::onInit() {
     LifecycleParams params;
     params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
     life_.setParams(params);
+    const auto room = optionalParameter<std::string>(nh, "room", "");
+    if (!room.empty()) {
+      room_ = loadRoomPlan(room);
+      life_.setFence(Fence(*room_, room_->margin));
+    }
     controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);
     status_ = nh.advertise<Status>("status", 1, true);
     load(nh);

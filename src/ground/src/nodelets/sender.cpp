@@ -22,6 +22,7 @@
 #include <pluginlib/class_list_macros.hpp>
 #include <thread>
 
+#include "ground/control/fence.h"
 #include "ground/estimation/obedience_monitor.h"
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
@@ -39,7 +40,8 @@ namespace ground {
 /// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), model
 /// (model file of the craft, through which its motion shows whether it does as it is told; not looked
 /// at when empty), own_stop (records of prove_stop, by which arming says whether the craft of `model`
-/// is proven to stop by itself; not looked at when empty), and those of Sender.cfg. Subscribes:
+/// is proven to stop by itself; not looked at when empty), room (file of a room: a craft that is about
+/// to leave it is a fault; no bounds when empty), and those of Sender.cfg. Subscribes:
 /// controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; when the newest drive
 /// began). Services: ~arm and ~silence, in a thread of their own. Zero packets go out when disarmed,
 /// in fault and at the end.
@@ -98,6 +100,8 @@ class Sender : public nodelet::Nodelet {
     if (!own_stop_.empty() && model_file.empty())
       throw std::runtime_error("parameter own_stop needs parameter model, which names the craft");
     remark_ = armingRemark();
+    const auto room = optionalParameter<std::string>(nh, "room", "");
+    if (!room.empty()) fence_ = Fence(loadRoomPlan(room), 0);
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
     if (!peer_text.empty() && !peer.known())
       throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
@@ -175,20 +179,23 @@ class Sender : public nodelet::Nodelet {
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard<std::mutex> lock(mutex_);
     link_->state(steadyNow(), age(state->header), state->valid, state->status);
-    if (state->valid) watchMotion(*state);
+    RigidState<double> measured;
+    std::copy(state->eta.begin(), state->eta.end(), measured.eta.data());
+    std::copy(state->nu.begin(), state->nu.end(), measured.nu.data());
+    if (state->valid && measured.eta.allFinite() && measured.nu.allFinite()) {
+      if (fence_) link_->confine(steadyNow(), fence_->objection(measured, age(state->header)));
+      watchMotion(*state, measured);
+    }
     collect();
   }
 
   /// Whether the craft moves by what was sent to it. mutex_ is held.
-  void watchMotion(const ground_msgs::State& message) {
+  void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
     if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed)
       return;
-    RigidState<double> state;
-    std::copy(message.eta.begin(), message.eta.end(), state.eta.data());
-    std::copy(message.nu.begin(), message.nu.end(), state.nu.data());
     const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
                                    message.nu_covariance[8]);
-    if (!state.eta.allFinite() || !state.nu.allFinite() || !variance.allFinite()) return;
+    if (!variance.allFinite()) return;
     obedience_->measure(secondsBetween(armed_at_, message.header.stamp), state, variance);
     if (obedience_->disobeys(obedience_timeout_))
       link_->disobeyed(steadyNow(), "it moves as without thrust");
@@ -416,6 +423,7 @@ class Sender : public nodelet::Nodelet {
   std::mutex mutex_;  ///< guards all up to the outbox
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
+  std::optional<Fence> fence_;  ///< none for a floor without bounds
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< nobody when there is no model
   double obedience_timeout_ = 0, input_max_ = 1;
   std::string remark_;  ///< on the craft's own stop, when last armed; empty when there is none

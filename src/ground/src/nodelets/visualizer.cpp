@@ -16,6 +16,7 @@
 #include <pluginlib/class_list_macros.hpp>
 #include <sstream>
 
+#include "ground/control/room_plan.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/model_file.h"
 #include "ground/model/typical.h"
@@ -28,9 +29,10 @@ namespace ground {
 /// What rviz shows of the craft: its path, its thrust, the force that the model lacks, how well
 /// models predict, and where on the floor they err.
 ///
-/// Parameters: model (model file, required) and those of Visualizer.cfg, live. Subscribes: state,
-/// controls, model_error, model_error2, model_comparison. Publishes: path/measured, markers,
-/// floor_map.
+/// Parameters: model (model file, required), room (file of a room, whose walls and floor are shown;
+/// without it a floor of 10 x 10 m) and those of Visualizer.cfg, live. Subscribes: state, controls,
+/// model_error, model_error2, model_comparison. Publishes: path/measured, markers, floor_map, room
+/// (latched).
 class Visualizer : public nodelet::Nodelet {
  private:
   using Config = VisualizerConfig;
@@ -43,6 +45,10 @@ class Visualizer : public nodelet::Nodelet {
       measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
       markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
       floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
+      room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
+      const auto room = optionalParameter<std::string>(nh, "room", "");
+      room_publisher_.publish(room.empty() ? floorOf(openFloor(), false)
+                                           : floorOf(loadRoomPlan(room), true));
       reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
         const std::lock_guard<std::mutex> lock(mutex_);
         if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
@@ -259,6 +265,64 @@ class Visualizer : public nodelet::Nodelet {
     array.markers.push_back(text);
   }
 
+  /// What is shown of a floor without walls.
+  static RoomPlan openFloor() {
+    RoomPlan floor;
+    floor.corners = {{-5, -5}, {5, -5}, {5, 5}, {-5, 5}};
+    return floor;
+  }
+
+  /// Grid lines over the floor, and the walls and the home of a room.
+  static visualization_msgs::MarkerArrayPtr floorOf(const RoomPlan& room, bool walls) {
+    using visualization_msgs::Marker;
+    const auto lines = [](int id, double width, float grey) {
+      Marker m;
+      m.header.frame_id = "world_ned";
+      m.ns = "room";
+      m.id = id;
+      m.type = Marker::LINE_LIST;
+      m.pose.orientation.w = 1;
+      m.scale.x = width;
+      m.color.r = m.color.g = m.color.b = grey;
+      m.color.a = 1;
+      return m;
+    };
+    const auto add = [](Marker& m, double x0, double y0, double x1, double y1) {
+      geometry_msgs::Point p;
+      p.z = 0.015;  // below paths and floor map
+      p.x = x0;
+      p.y = y0;
+      m.points.push_back(p);
+      p.x = x1;
+      p.y = y1;
+      m.points.push_back(p);
+    };
+    Vector2<double> low = room.corners.front(), high = low;
+    for (const Vector2<double>& corner : room.corners) {
+      low = low.cwiseMin(corner);
+      high = high.cwiseMax(corner);
+    }
+    constexpr double kMostLines = 40;
+    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMostLines));
+    Marker grid = lines(0, 0.004, 0.7f), wall = lines(1, 0.03, 0.25f), home = lines(2, 0.015, 0.4f);
+    for (double x = cell * std::ceil(low.x() / cell); x <= high.x(); x += cell)
+      add(grid, x, low.y(), x, high.y());
+    for (double y = cell * std::ceil(low.y() / cell); y <= high.y(); y += cell)
+      add(grid, low.x(), y, high.x(), y);
+    auto array = boost::make_shared<visualization_msgs::MarkerArray>();
+    array->markers.push_back(grid);
+    if (!walls) return array;
+    for (std::size_t i = 0; i < room.corners.size(); ++i) {
+      const Vector2<double>&a = room.corners[i], &b = room.corners[(i + 1) % room.corners.size()];
+      add(wall, a.x(), a.y(), b.x(), b.y());
+    }
+    add(home, room.home.x() - 0.1, room.home.y(), room.home.x() + 0.1, room.home.y());
+    add(home, room.home.x(), room.home.y() - 0.1, room.home.x(), room.home.y() + 0.1);
+    array->markers.push_back(wall);
+    array->markers.push_back(home);
+    return array;
+  }
+
   /// Mean error of the first model in each cell of the floor, from green to red.
   void publishFloor() {
     using visualization_msgs::Marker;
@@ -310,7 +374,7 @@ class Visualizer : public nodelet::Nodelet {
   FloorMap floor_{0.25};
   ros::Time last_update_, last_floor_;
   bool shown_ = false;
-  ros::Publisher measured_publisher_, markers_publisher_, floor_publisher_;
+  ros::Publisher measured_publisher_, markers_publisher_, floor_publisher_, room_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_;
   std::array<ros::Subscriber, 2> error_subscribers_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

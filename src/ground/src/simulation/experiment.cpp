@@ -244,6 +244,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
       [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
   std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
   ReferencePtr reference = makeReference(tracking.reference);
+  if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin)});
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
   pilot.swapController(controller, input_max);
@@ -261,15 +262,18 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   LivePilot live(excitation, log);
   const double input_max = believed.body.input_max;
   ExcitationPilot pilot(
-      makeDesign(excitation.design, excitation.duration), excitation.duration,
       [&live] { return live.now(); },
-      [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); });
+      [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
+      [&log, input_max](const ReferencePilot::Decision& d) {
+        log.decisions.push_back({d.now, input_max * d.inputs, d.computing});
+      });
+  InputSignal signal = makeDesign(excitation.design, excitation.duration);
   if (excitation.room) {
     ReturnParams returns = excitation.returns;
     returns.room = *excitation.room;
-    pilot.returnHome(believed, returns, [&log, input_max](const ReferencePilot::Decision& d) {
-      log.decisions.push_back({d.now, input_max * d.inputs, d.computing});
-    });
+    pilot.playInside(std::move(signal), excitation.duration, believed, returns);
+  } else {
+    pilot.play(std::move(signal), excitation.duration);
   }
   live.take(pilot,
             [&pilot](double now, const Inputs& inputs) { pilot.commanded(now, inputs); });

@@ -39,6 +39,7 @@ class ExcitationPilot : public Pilot {
   static constexpr double kCheck = 0.05;      ///< between plans of the way home [s]
   static constexpr double kLoss = 0.3;        ///< of the mocap [s]
   static constexpr double kModelError = 0.3;  ///< of ways, a share
+  static constexpr double kBurstRoom = 0.1;   ///< to spare on the way home when a burst begins [m]
 
   /// A burst or a return begins.
   struct Mark {
@@ -49,13 +50,17 @@ class ExcitationPilot : public Pilot {
   };
   using Marked = std::function<void(const Mark&)>;
 
-  /// Open loop for `duration` [s], or until the signal ends.
-  ExcitationPilot(InputSignal signal, double duration, ReferencePilot::Clock clock, Marked marked);
+  ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided);
   ExcitationPilot(const ExcitationPilot&) = delete;
   ExcitationPilot& operator=(const ExcitationPilot&) = delete;
-  /// From now on with returns, by a controller that believes in `model`. Throws
+
+  /// What to play from the next activation on, for `duration` [s] or until the signal ends; open
+  /// loop.
+  void play(InputSignal signal, double duration);
+  /// The same in bursts, between which a controller that believes in `model` returns home. Throws
   /// std::invalid_argument when parameters are bad.
-  void returnHome(const Model& model, const ReturnParams& params, ReferencePilot::Decided decided);
+  void playInside(InputSignal signal, double duration, const Model& model,
+                  const ReturnParams& params);
 
   /// Every command that went out, whoever gave it, in order of time [s].
   void commanded(double time, const Inputs& inputs) { home_.commanded(time, inputs); }
@@ -75,7 +80,7 @@ class ExcitationPilot : public Pilot {
   void begin(bool burst, const std::string& reason);
 
   InputSignal signal_;
-  double duration_;
+  double duration_ = 0;
   ReferencePilot::Clock clock_;
   Marked marked_;
   ReferencePilot home_;

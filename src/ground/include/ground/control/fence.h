@@ -5,6 +5,7 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/room_plan.h"
 #include "ground/model/dynamics.h"
+#include "ground/model/stepping.h"
 
 namespace ground {
 
@@ -35,7 +36,19 @@ class Fence {
   double distance_;
 };
 
+/// Walls that a plan avoids: it costs when the craft would be too close to one after thrust and lift
+/// were cut.
+struct PlanWalls {
+  Fence fence;
+  double age = 0;       ///< of the state when that happens: for how long the mocap is lost [s]
+  double weight = 100;  ///< of the square of Fence::excess
+};
+
 /// Why a reference does not fit into a room, its margin included; empty when it does.
 std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room);
+/// Where open-loop inputs (in the model's units, until `end` [s]) take a craft by its model, from rest
+/// at home: why it does not stay inside; empty when it does.
+std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
+                       const RoomPlan& room);
 
 }  // namespace ground

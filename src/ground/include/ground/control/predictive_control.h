@@ -43,9 +43,7 @@ class PredictiveControl : public TrackingController {
 
   /// Takes effect with the next decision; allocates when the horizon changes. Throws alike.
   void setParams(const PredictiveParams& params);
-  /// Plans that keep away from walls; none for a floor without bounds. Takes effect with the next
-  /// decision.
-  void setWalls(const std::optional<PlanWalls>& walls);
+  void avoid(const PlanWalls& walls) override;
   void reset() override;
   void commanded(double time, const Vector2<double>& thrusters, double lift) override;
   Vector2<double> position(const RigidState<double>& measured) const override;

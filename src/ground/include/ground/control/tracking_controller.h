@@ -1,5 +1,6 @@
 #pragma once
 
+#include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/dynamics.h"
 
@@ -24,6 +25,8 @@ class TrackingController {
   virtual void reset() {}
   /// Every command that went out, whoever gave it; in order of time [s], in the model's units.
   virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}
+  /// Walls to keep away from; a controller that makes no plans takes no heed of them.
+  virtual void avoid(const PlanWalls& /*walls*/) {}
   /// Whether it follows the reference at all.
   virtual bool follows() const { return true; }
   /// Where it takes the point to be that follows the reference, world_ned [m], when this pose and

@@ -19,14 +19,6 @@ struct PlanWeights {
   double end_velocity = 1;   ///< of the velocity error at the end [s^2]
 };
 
-/// Walls that a plan avoids: it costs when the craft would be too close to one after thrust and lift
-/// were cut.
-struct PlanWalls {
-  Fence fence;
-  double age = 0;       ///< of the state when that happens: for how long the mocap is lost [s]
-  double weight = 100;  ///< of the square of Fence::excess
-};
-
 /// Plans the inputs of a craft over a horizon: iterative linear-quadratic regulator with bounds on
 /// the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming, 2014),
 /// Gauss-Newton, with exact derivatives of the model. Everything is allocated at construction.
@@ -40,6 +32,7 @@ class TrajectoryOptimizer {
   /// have more than kMostStates states or the horizon is bad.
   TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
+  /// Walls to keep away from; none for a floor without bounds.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
 
   int steps() const { return static_cast<int>(inputs_.size()); }

@@ -78,6 +78,9 @@ class GroundLink {
   void timeJumped(double now, const std::string& what);
   /// The craft does not do as it is told; `how` that is seen. A fault while armed.
   void disobeyed(double now, const std::string& how);
+  /// With every state: why the craft does not stay in the room, empty when it does. A fault while
+  /// armed, and bars arming.
+  void confine(double now, const std::string& problem);
   /// Arms; otherwise says why not. `remark` follows the reason of the state while it is armed.
   std::string arm(double now, const std::string& remark = "");
   /// Repeats the present command once, then sends nothing for `duration` seconds (at most
@@ -151,6 +154,7 @@ class GroundLink {
   double lost_since_;   ///< when the state was lost while armed; never when it is there
   bool state_valid_ = false;
   std::string state_problem_;
+  std::string room_problem_;
   std::string refusal_;
   std::string send_problem_;
   double sent_until_;  ///< when failing to send becomes a fault

@@ -11,6 +11,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -27,7 +28,8 @@ namespace ground {
 /// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
 /// the lift stays on.
 ///
-/// Parameters: auto_start (false), require_armed (true: wait for the sender). Subscribes: state,
+/// Parameters: auto_start (false), require_armed (true: wait for the sender), room (file of a room in
+/// which the craft is kept; no bounds when empty). Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in a
 /// thread of their own.
 class Controller : public nodelet::Nodelet, protected Pilot {
@@ -47,6 +49,8 @@ class Controller : public nodelet::Nodelet, protected Pilot {
   ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }
   /// Takes effect at once; require_armed stays. Call from any thread.
   void setParams(LifecycleParams params);
+  /// The room in which the life cycle keeps the craft; does not change once loaded.
+  const std::optional<RoomPlan>& room() const { return room_; }
   /// Guards what child and base share.
   std::recursive_mutex& mutex() { return mutex_; }
   /// ROS time on the clock of the pilot's stamps: since the nodelet was loaded [s].
@@ -76,6 +80,7 @@ class Controller : public nodelet::Nodelet, protected Pilot {
   ros::Time epoch_, measured_at_;
   ControllerLifecycle life_{*this, [this](const Inputs& inputs) { publish(inputs); },
                             [this] { changed(); }};
+  std::optional<RoomPlan> room_;
   bool auto_start_ = false;
   RosTimeWatch time_watch_;
   double next_status_ = 0;  ///< steady clock [s]

@@ -39,8 +39,8 @@ namespace ground {
 /// Publishes besides: reference, path/reference (latched), controls/wanted (the inputs before they
 /// are limited, of full scale). Which effects of the model the controller uses, and that the craft
 /// cannot follow the reference, is said in the log, in ~status and in the answers of ~start and
-/// ~load_model. A model that the controller must not drive by (effectUse) is refused, and so are
-/// parameters that only another kind of controller has.
+/// ~load_model. Refused are a reference that does not fit into the room, a model that the controller
+/// must not drive by (effectUse), and parameters that only another kind of controller has.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
@@ -123,14 +123,22 @@ class ReferenceTracking : public Controller {
                            c.end_x, c.end_y, c.smooth, c.file);
   }
 
+  std::unique_ptr<TrackingController> made(const Model& model, const Config& config) {
+    std::unique_ptr<TrackingController> controller = make(model, config);
+    if (room()) controller->avoid({Fence(*room(), room()->margin)});
+    return controller;
+  }
+
   /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
   std::string wrong(const Config& c) {
     built_.reset();
     std::string reason = check(c);
     if (!reason.empty() || (pilot_.reference() && shape(c) == shape(config_))) return reason;
     try {
-      if (!pilot_.controller()) first_ = make(model_, c);
+      if (!pilot_.controller()) first_ = made(model_, c);
       built_ = makeReference(reference(c));
+      const std::string leaves = room() ? leavesRoom(*built_, *room()) : "";
+      if (!leaves.empty()) reason = "reference " + c.reference + ": " + leaves;
     } catch (const std::exception& error) {
       reason = error.what();
     }
@@ -174,7 +182,7 @@ class ReferenceTracking : public Controller {
   /// Goes on with another model, also while it drives; gives what whoever loads it should know.
   std::string take(const Model& model) {
     const std::lock_guard<std::mutex> one(changing_);
-    std::unique_ptr<TrackingController> controller = make(model, config_);
+    std::unique_ptr<TrackingController> controller = made(model, config_);
     const std::string caution = judge(model, *pilot_.reference(), config_.reference);
     const std::lock_guard<std::recursive_mutex> lock(mutex());
     pilot_.swapController(controller, model.body.input_max);

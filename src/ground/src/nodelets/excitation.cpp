@@ -1,0 +1,192 @@
+#include <ground/ExcitationConfig.h>
+#include <ground_msgs/Burst.h>
+#include <ground_msgs/Drive.h>
+
+#include <algorithm>
+#include <memory>
+#include <pluginlib/class_list_macros.hpp>
+#include <sstream>
+
+#include "ground/control/excitation_pilot.h"
+#include "ground/nodelets/controller.h"
+#include "ground/nodelets/model_loading.h"
+#include "ground/nodelets/model_service.h"
+#include "ground/nodelets/parameters.h"
+
+namespace ground {
+
+/// Plays any input design or file of inputs, edges on time: in bursts between which ModelPredictive
+/// drives the craft home, or open loop.
+///
+/// Parameters: model (model file, by which it returns home; required, as is the base's room, while
+/// returns is true) and those of Excitation.cfg, which take effect at the next start. Publishes
+/// besides: bursts (latched; each burst and each return as it begins). Service: ~load_model (takes
+/// effect at the next start). A file with a column lift is played as it is, its lift included.
+class Excitation : public Controller {
+ public:
+  ~Excitation() override {
+    reconfigure_.reset();
+    model_service_ = ModelService();
+    drive_subscriber_.shutdown();
+    shutdown();
+  }
+
+ private:
+  using Config = ExcitationConfig;
+
+  void load(ros::NodeHandle& nh) override {
+    const auto file = optionalParameter<std::string>(nh, "model", "");
+    if (!file.empty()) model_ = loadModelAndWarn(file);
+    burst_publisher_ = topics().advertise<ground_msgs::Burst>("bursts", 10, true);
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(
+        nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
+    model_service_ =
+        ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
+          const std::lock_guard<std::recursive_mutex> lock(mutex());
+          model_ = model;
+          caution_ = judge(config_, signal_);
+          return caution_;
+        });
+    drive_subscriber_ = topics().subscribe("drive", 4, &Excitation::onDrive, this);
+  }
+
+  void onDrive(const ground_msgs::Drive::ConstPtr& message) {
+    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
+  }
+
+  static std::vector<double> levels(const std::string& text) {
+    std::vector<double> found;
+    std::string spaced = text;
+    std::replace(spaced.begin(), spaced.end(), ',', ' ');
+    std::istringstream words(spaced);
+    for (std::string word; words >> word;) {
+      std::size_t used = 0;
+      try {
+        found.push_back(std::stod(word, &used));
+      } catch (const std::exception&) {
+      }
+      if (used != word.size())
+        throw std::invalid_argument("levels: '" + word + "' is not a number");
+    }
+    return found;
+  }
+
+  static InputSignal signal(const Config& c) {
+    DesignParams design;
+    design.kind = c.design;
+    design.file = c.file;
+    design.rows_per_bit = c.rows_per_bit;
+    design.levels = levels(c.levels);
+    design.clock = c.clock;
+    design.order = c.order;
+    design.seed = static_cast<unsigned long>(c.seed);
+    design.hold = c.hold;
+    return makeDesign(design, c.duration);
+  }
+
+  ReturnParams returns(const Config& c) const {
+    ReturnParams params;
+    params.room = *room();
+    params.burst = c.burst;
+    params.arrival = c.arrival;
+    return params;
+  }
+
+  /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
+  std::string wrong(const Config& c) {
+    try {
+      if (c.returns && !room()) return "returns need a room; returns:=false plays open loop";
+      if (c.returns && !model_) return "returns need a model; returns:=false plays open loop";
+      built_ = signal(c);
+      return c.returns ? returns(c).validate() : "";
+    } catch (const std::exception& error) {
+      return error.what();
+    }
+  }
+
+  void apply(const Config& c) {
+    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    config_ = c;
+    signal_ = std::move(built_);
+    LifecycleParams common;
+    common.lift = c.lift;
+    common.lift_time = signal_.has_lift ? 0 : c.lift_time;
+    common.state_timeout = c.state_timeout;
+    common.recovery_time = c.recovery_time;
+    common.rate = c.rate;
+    setParams(common);
+    caution_ = judge(c, signal_);
+    if (!signal_.description.empty())
+      NODELET_INFO("%s: %s", c.file.c_str(), signal_.description.c_str());
+    if (!caution_.empty()) NODELET_INFO("%s: %s", getName().c_str(), caution_.c_str());
+  }
+
+  /// What whoever starts it should know of where the craft will go.
+  std::string judge(const Config& c, const InputSignal& signal) const {
+    if (!room()) return "open loop, without a room that would keep it inside";
+    if (c.returns) return "bursts of " + c.design + " between returns home";
+    if (!model_) return "open loop; the room stops it";
+    InputSequence inputs;
+    const double most = model_->body.input_max;
+    for (std::size_t i = 0; i < signal.times.size(); ++i) {
+      const Inputs& row = signal.inputs[i];
+      inputs.add(signal.times[i], most * row.left, most * row.right,
+                 signal.has_lift ? row.lift : c.lift);
+    }
+    const std::string leaves =
+        leavesRoom(*model_, inputs, std::min<double>(c.duration, signal.end), *room());
+    return leaves.empty() ? "open loop; by the model it stays inside"
+                          : "open loop: " + leaves + ", where it is stopped";
+  }
+
+  std::string caution() const override { return caution_; }
+
+  void activate(double stamp) override {
+    if (config_.returns) {
+      pilot_.playInside(signal_, config_.duration, *model_, returns(config_));
+    } else {
+      pilot_.play(signal_, config_.duration);
+    }
+    pilot_.activate(stamp);
+  }
+  std::string objection(double stamp, const RigidState<double>& state) override {
+    return pilot_.objection(stamp, state);
+  }
+  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
+                double lift) override {
+    return pilot_.update(elapsed, stamp, state, lift);
+  }
+  double end() const override { return pilot_.end(); }
+  double nextChange(double elapsed) const override { return pilot_.nextChange(elapsed); }
+  void published(double stamp, const Inputs& inputs) override { pilot_.commanded(stamp, inputs); }
+
+  void marked(const ExcitationPilot::Mark& mark) {
+    auto message = boost::make_shared<ground_msgs::Burst>();
+    message->header.stamp = ros::Time::now();
+    message->number = static_cast<std::uint32_t>(mark.number);
+    message->burst = mark.burst;
+    message->reason = mark.reason;
+    burst_publisher_.publish(message);
+    if (config_.returns)
+      NODELET_INFO("%s: %s %d: %s", getName().c_str(), mark.burst ? "burst" : "return after burst",
+                   mark.number, mark.reason.c_str());
+  }
+
+  std::optional<Model> model_;
+  InputSignal built_;  ///< by wrong() for apply()
+  InputSignal signal_;
+  Config config_;
+  std::string caution_;
+  ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); },
+                         [this](const ExcitationPilot::Mark& mark) { marked(mark); },
+                         [](const ReferencePilot::Decision&) {}};
+  ros::Publisher burst_publisher_;
+  ros::Subscriber drive_subscriber_;
+  ModelService model_service_;
+  std::unique_ptr<LiveParameters<Config>> reconfigure_;
+};
+
+}  // namespace ground
+
+PLUGINLIB_EXPORT_CLASS(ground::Excitation, nodelet::Nodelet)
