@@ -68,7 +68,7 @@ def run_ambiguous(case):
     result["before"] = _told(found, case)
     proposed = found["next_experiment"]
     if proposed:
-        schedule = next_experiment.schedule_of(proposed["arguments"])
+        schedule = next_experiment.schedule_of(proposed["arguments"], truth)
         runs = runs + white.more_runs(case, truth, schedule, proposed["repeat"])
         result["after"] = _told(_thorough(runs), case)
     return result

@@ -125,3 +125,10 @@ def write_yaml(path, value, force=False):
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             yaml.safe_dump(value, file, sort_keys=False)
+
+
+def write_csv(path, header, rows, force=False):
+    """Writes rows of numbers under a line of column names."""
+    with new_file(path, force) as temporary, open(temporary, "w") as file:
+        file.write(header + "\n")
+        file.writelines(",".join("%.9g" % value for value in row) + "\n" for row in rows)

@@ -74,8 +74,10 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (state_ == State::kRunning && change_at_) {
     const std::string reason = pilot_.objection(measured.stamp, measured.state);
     if (!reason.empty()) return enter(now, State::kStopped, reason);
-    schedule(elapsed(now.time));
-    if (!change_at_) last_update_.reset();  // from now on it goes by the state
+    if (pilot_.nextChange(elapsed(now.time)) == Pilot::kByState) {
+      change_at_.reset();
+      last_update_.reset();  // the first update by the state is due at once
+    }
   }
   if (state_ != State::kRunning || change_at_) return;
   // A tenth of tolerance, so that jitter does not skip every other state.

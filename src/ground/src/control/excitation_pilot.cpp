@@ -36,7 +36,7 @@ void ExcitationPilot::playInside(InputSignal signal, double duration, const Mode
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   auto control = std::make_unique<PredictiveControl>(model, params.predictive);
-  control->avoid({Fence(params.room, params.room.margin), kLoss});
+  control->avoid({Fence(params.room, params.room.margin), Fence::kLoss});
   control_ = control.get();
   std::unique_ptr<TrackingController> controller = std::move(control);
   ReferencePtr reference = makePoint(params.room.home);
@@ -82,9 +82,12 @@ Inputs ExcitationPilot::update(double elapsed, double stamp, const RigidState<do
     return inputs;
   }
   due_ = false;
-  const double at = played_ + elapsed - began_;
-  if (at >= signal_.end) ended_ = elapsed;
-  Inputs inputs = signal_.at(at);
+  if (signal_.ended(played_ + elapsed - began_)) {
+    if (signal_.once) ended_ = elapsed;
+    played_ = signal_.once ? signal_.end : 0;
+    began_ = elapsed;
+  }
+  Inputs inputs = signal_.at(played_ + elapsed - began_);
   if (!signal_.has_lift) inputs.lift = lift;
   return inputs;
 }
@@ -102,7 +105,7 @@ double ExcitationPilot::spare() const {
   const Fence fence(returns_->room, returns_->room.margin);
   double least = std::numeric_limits<double>::infinity();
   for (const TrajectoryOptimizer::State& planned : way) {
-    const Vector2<double> rest = fence.rest({planned.head<3>(), planned.segment<3>(3)}, kLoss);
+    const Vector2<double> rest = fence.rest({planned.head<3>(), planned.segment<3>(3)}, Fence::kLoss);
     least = std::min(least, returns_->room.clearance(here + (1 + kModelError) * (rest - here)));
   }
   return least - returns_->room.margin;
@@ -114,8 +117,9 @@ bool ExcitationPilot::home(const RigidState<double>& state) const {
 
 void ExcitationPilot::begin(bool burst, const std::string& reason) {
   const double elapsed = std::max(0.0, clock_() - activated_);
-  // What the return cut off is not played again: the signal goes on.
-  if (!burst) played_ = signal_.nextChange(played_ + elapsed - began_);
+  // What the return cut off is not played again: the signal goes on, or begins anew at its end.
+  if (!burst) played_ = std::min(signal_.end, signal_.nextChange(played_ + elapsed - began_));
+  if (!burst && signal_.ended(played_) && !signal_.once) played_ = 0;
   bursting_ = due_ = burst;
   if (burst) {
     began_ = elapsed;

@@ -60,21 +60,36 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
 }
 
 std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room) {
-  double least = std::numeric_limits<double>::infinity(), when = 0;
+  struct Least {
+    double clearance = std::numeric_limits<double>::infinity(), when = 0;
+    void take(double other, double t) {
+      if (other < clearance) *this = {other, t};
+    }
+  };
+  const Fence fence(room, room.margin);
+  Least there, stopped;
   for (int i = 0; i <= kSamplesOfReference; ++i) {
     const double t = kExtents * reference.extent() * i / kSamplesOfReference;
-    const double clearance = room.clearance(reference.at(t).p);
-    if (clearance >= least) continue;
-    least = clearance;
-    when = t;
+    const ReferencePoint point = reference.at(t);
+    RigidState<double> state{Vector3<double>::Zero(), Vector3<double>::Zero()};
+    state.eta.head<2>() = point.p;
+    state.nu.head<2>() = point.p_dot;  // of a heading of 0
+    there.take(room.clearance(point.p), t);
+    stopped.take(room.clearance(fence.rest(state, Fence::kLoss)), t);
   }
-  if (least >= room.margin) return "";
-  char text[160];
-  if (least < 0) {
-    std::snprintf(text, sizeof text, "it leaves the room by %.2f m after %.1f s", -least, when);
-  } else {
+  char text[200] = "";
+  if (there.clearance < 0) {
+    std::snprintf(text, sizeof text, "it leaves the room by %.2f m after %.1f s", -there.clearance,
+                  there.when);
+  } else if (there.clearance < room.margin) {
     std::snprintf(text, sizeof text, "it comes to %.2f m of a wall after %.1f s; margin is %.2f m",
-                  least, when, room.margin);
+                  there.clearance, there.when, room.margin);
+  } else if (stopped.clearance < room.margin) {
+    std::snprintf(text, sizeof text,
+                  "after %.1f s it is too fast so near to a wall: a craft that is stopped there "
+                  "comes to rest %.2f m %s",
+                  stopped.when, std::abs(stopped.clearance),
+                  stopped.clearance < 0 ? "outside" : "from the wall");
   }
   return text;
 }

@@ -15,7 +15,7 @@ namespace ground {
 namespace {
 
 constexpr double kLongestInput = 3600;        // [s]
-constexpr double kTiny = 1e-9;                // of a row: an edge may be a rounding error short [-]
+constexpr double kTiny = 1e-9;  // an edge may be a rounding error short of it [s]
 constexpr std::size_t kMostRows = 2000000;
 constexpr std::size_t kLargestInputs = 100000000;  // [bytes]
 constexpr double kGolden = 0.6180339887498949;
@@ -132,6 +132,7 @@ InputSignal timedRows(const std::string& path, const std::string& header, std::i
   const std::size_t width = has_lift ? 4 : 3;
   InputSignal signal;
   signal.has_lift = has_lift;
+  signal.once = true;
   std::string line;
   for (int number = 2; std::getline(file, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
@@ -224,6 +225,7 @@ InputSignal makeDesign(const DesignParams& params, double duration) {
 }
 
 InputSignal readInputFile(const DesignParams& params, double duration) {
+  const std::vector<double>& levels = params.levels.empty() ? kTwoLevels : params.levels;
   const std::string& path = params.file;
   if (path.empty()) throw std::invalid_argument("parameter file is empty: which CSV shall it be?");
   std::istringstream file(readTextFile(path, kLargestInputs));
@@ -239,7 +241,7 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   try {
     const PrbsFile bits = readPrbs(path, params.rows_per_bit);
     InputSignal signal =
-        repeated(between(bits.rows, params.levels.front(), params.levels.back()),
+        repeated(between(bits.rows, levels.front(), levels.back()),
                  params.clock * bits.rows_per_bit, duration);
     signal.description = bits.describe(params.clock);
     return signal;
@@ -250,14 +252,16 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   }
 }
 
+bool InputSignal::ended(double t) const { return t >= end - kTiny; }
+
 Inputs InputSignal::at(double t) const {
-  if (!(t >= 0) || t >= end) return {};
+  if (!(t >= -kTiny) || ended(t)) return {};
   const auto next = std::upper_bound(times.begin(), times.end(), t + kTiny);
   return next == times.begin() ? Inputs() : inputs[static_cast<std::size_t>(next - times.begin()) - 1];
 }
 
 double InputSignal::nextChange(double t) const {
-  if (t >= end) return std::numeric_limits<double>::infinity();
+  if (ended(t)) return std::numeric_limits<double>::infinity();
   const auto next = std::upper_bound(times.begin(), times.end(), t + kTiny);
   return next == times.end() ? end : std::min(end, *next);
 }

@@ -51,9 +51,11 @@ std::string RoomPlan::validate() const {
   for (const Position& corner : corners)
     if (!corner.allFinite() || corner.norm() > 1e4) return "a corner is farther than 10 km away";
   const std::size_t n = corners.size();
+  for (std::size_t i = 0; i < n; ++i)
+    if ((corners[(i + 1) % n] - corners[i]).norm() < 1e-3)
+      return "two neighbouring corners are the same";
   for (std::size_t i = 0; i < n; ++i) {
     const Position &a = corners[i], &b = corners[(i + 1) % n];
-    if ((b - a).norm() < 1e-3) return "two neighbouring corners are the same";
     for (std::size_t j = i + 2; j < n; ++j)
       if ((j + 1) % n != i && meet(a, b, corners[j], corners[(j + 1) % n]))
         return "walls cross: list the corners in order";
@@ -111,6 +113,7 @@ RoomPlan loadRoomPlan(const std::string& path) {
       root["schema"].Scalar() != kRoomSchema)
     reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
   RoomPlan room;
+  room.corners.clear();
   reader.each(root, top, [&](const std::string& key, const YAML::Node& value) {
     if (key == "name") {
       room.name = reader.text(value, key);
@@ -130,7 +133,10 @@ RoomPlan loadRoomPlan(const std::string& path) {
     }
   });
   const std::string wrong = room.validate();
-  if (!wrong.empty()) reader.fail(root, wrong);
+  if (!wrong.empty()) {
+    const std::string key = wrong.substr(0, wrong.find(' '));  // or it is about the corners
+    reader.fail(root[key] ? root[key] : root["corners"] ? root["corners"] : root, wrong);
+  }
   return room;
 }
 

@@ -244,7 +244,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
       [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
   std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
   ReferencePtr reference = makeReference(tracking.reference);
-  if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin)});
+  if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
   pilot.swapController(controller, input_max);

@@ -28,7 +28,7 @@ struct ReturnParams {
 /// home.
 ///
 /// While a burst lasts, the way home is planned again and again (kCheck). The burst ends as soon as
-/// somewhere on that way a craft whose mocap is lost for kLoss could no longer be stopped inside
+/// somewhere on that way a craft whose mocap is lost for Fence::kLoss could no longer be stopped inside
 /// (Fence), were all ways longer by kModelError. A return ends near home, moving or not, as soon as
 /// there is room for a burst. The next burst
 /// goes on with the next row of the signal. All inputs are known, those of the returns as well, so
@@ -37,7 +37,6 @@ struct ReturnParams {
 class ExcitationPilot : public Pilot {
  public:
   static constexpr double kCheck = 0.05;      ///< between plans of the way home [s]
-  static constexpr double kLoss = 0.3;        ///< of the mocap [s]
   static constexpr double kModelError = 0.3;  ///< of ways, a share
   static constexpr double kBurstRoom = 0.1;   ///< to spare on the way home when a burst begins [m]
 

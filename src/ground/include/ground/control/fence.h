@@ -16,6 +16,9 @@ namespace ground {
 /// then braked by the floor. What its drag would take away is not counted.
 class Fence {
  public:
+  /// A loss of the mocap that shall not end a drive: plans leave room for it [s].
+  static constexpr double kLoss = 0.3;
+
   /// distance: what has to be left to the walls [m].
   Fence(RoomPlan room, double distance) : room_(std::move(room)), distance_(distance) {}
 
@@ -44,7 +47,8 @@ struct PlanWalls {
   double weight = 100;  ///< of the square of Fence::excess
 };
 
-/// Why a reference does not fit into a room, its margin included; empty when it does.
+/// Why a craft on a reference could not be stopped inside a room, its margin included, were the mocap
+/// lost for Fence::kLoss; empty when it could.
 std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room);
 /// Where open-loop inputs (in the model's units, until `end` [s]) take a craft by its model, from rest
 /// at home: why it does not stay inside; empty when it does.

@@ -38,8 +38,10 @@ struct InputSignal {
   std::vector<Inputs> inputs;  ///< 0..1
   double end = 0;              ///< [s]
   bool has_lift = false;       ///< whether lift is a part of it
+  bool once = false;           ///< whether it is not to be repeated: rows of a file with times
   std::string description;     ///< of a file of bits, how it is played; else empty
 
+  bool ended(double t) const;
   /// Inputs at time t [s]; zero before 0 and from the end on.
   Inputs at(double t) const;
   /// The first instant after t at which inputs change [s]; infinite after the end.

@@ -7,10 +7,12 @@
 
 namespace ground {
 
-/// The floor that a craft may be on, world_ned, and how it stops there.
+/// The floor that a craft may be on, world_ned, and how it stops there; by default 4 x 4 m about the
+/// origin.
 struct RoomPlan {
   std::string name;
-  std::vector<Vector2<double>> corners;  ///< of a simple polygon, in order [m]
+  /// Of a simple polygon, in order [m].
+  std::vector<Vector2<double>> corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
   double margin = 0.2;                   ///< controllers keep this distance from the walls [m]
   Vector2<double> home = {0, 0};         ///< where bursts of excitation begin [m]
   double braking = 1.5;  ///< least deceleration by the floor of a craft without lift [m/s^2]

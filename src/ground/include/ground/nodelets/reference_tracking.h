@@ -125,7 +125,7 @@ class ReferenceTracking : public Controller {
 
   std::unique_ptr<TrackingController> made(const Model& model, const Config& config) {
     std::unique_ptr<TrackingController> controller = make(model, config);
-    if (room()) controller->avoid({Fence(*room(), room()->margin)});
+    if (room()) controller->avoid({Fence(*room(), room()->margin), Fence::kLoss});
     return controller;
   }
 

@@ -1,4 +1,5 @@
 """The experiment that would tell apart effects that recorded runs do not."""
+
 import dataclasses
 import itertools
 import math
@@ -13,6 +14,7 @@ from ground.errors import IdentifyError
 from ground.simulation import experiments
 
 DURATION = 8.0  # of the thrust [s]
+IN_ROOM = 16.0  # of bursts and returns, which take half of the time each [s]
 HOLD = 1.0  # of a pattern's levels [s]
 CLOCKS = (2, 5, 10, 20, 40)  # of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
@@ -31,80 +33,130 @@ class Rival:
     fit: Any  # likelihood.Fit to the recorded runs
 
 
-def propose(rivals, runs, each=map):
-    """Where Rivals, which the same runs were explained with, would part most.
+@dataclass(frozen=True)
+class Experiment:
+    """An input design that a lab can play."""
+
+    input: str  # in words
+    design: str  # its name (_core.design_table)
+    options: tuple  # (name, value) of _core.DesignParams
+    lift: float = 1.0
+
+    def arguments(self):
+        """Those of identify simulate, without a room."""
+        options = ["--%s %s" % (name, _listed(value)) for name, value in self.options]
+        lift = [] if self.lift == 1.0 else ["--lift %g" % self.lift]
+        return " ".join(["--input %s" % self.design] + options + lift)
+
+    def launch(self):
+        """The line by which the real craft flies it, in its room."""
+        options = ["%s:='%s'" % (name, _listed(value)) for name, value in self.options]
+        options.append("lift:=%g duration:=%g" % (self.lift, IN_ROOM))
+        return "roslaunch ground room_prbs.launch design:=%s %s" % (self.design, " ".join(options))
+
+    def schedule(self):
+        """The Schedule of it played open loop."""
+        rows = experiments.rows(self.design, DURATION, **dict(self.options))
+        return experiments.with_lift(rows, DURATION, self.lift)
+
+    def schedule_in(self, room, model):
+        """The Schedule that a craft which moves by `model` is given in a _core.RoomPlan: bursts and
+        returns. Raises ValueError when ModelPredictive cannot drive by the model, IdentifyError when
+        the motion is not finite."""
+        params = _core.ExcitationParams()
+        params.design = experiments.design_params(self.design, **dict(self.options))
+        params.room, params.duration, params.life.lift = room, IN_ROOM, self.lift
+        params.start, params.tail = experiments.LEAD, experiments.TAIL
+        try:
+            log = _core.excite(
+                model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
+            )
+        except RuntimeError as error:
+            raise IdentifyError(str(error))
+        return experiments.Schedule(log["commands"], log["frames"][-1, 0])
+
+
+def _listed(value):
+    return " ".join("%g" % v for v in value) if isinstance(value, tuple) else "%g" % value
+
+
+def propose(rivals, runs, each=map, room=None):
+    """Where Rivals, which the same runs were explained with, would diverge most.
 
     runs: _core.RunData that the rivals were fitted to. Each rival is run through each experiment
-    that a lab can do, and the others explain what it did: in the promising ones again when refitted
-    to the old runs and the new one together. They are sqrt(2 (L1 - L0)) standard deviations apart,
-    L the log-likelihood of the poses under the rivals' own disturbance
-    (ground.analysis.likelihood); of all pairs, the one that is hardest to tell apart counts. each:
+    that a lab can do, and the others explain what it did: in the promising ones again as the room
+    (a _core.RoomPlan, by default 4 x 4 m) lets them be flown, in bursts between returns home, and when
+    refitted to the old runs and the new one together. They are sqrt(2 (L1 - L0)) standard deviations
+    apart, L the log-likelihood of the poses under the rivals' own disturbance
+    (ground.analysis.likelihood); of all pairs, the one that is hardest to distinguish counts. each:
     maps over experiments, in parallel if it can.
 
-    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate),
-    `repeat`, the number of such runs that make sure, `expected_disagreement` of one of them
-    [standard deviations], and `all`: every experiment with its disagreement before the refit,
-    best first. None when no experiment tells the rivals apart.
+    Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
+    `launch` (the line that flies it), `rows` (time [s], left, right of the design), `repeat`, the
+    number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
+    and `all`: every experiment with its disagreement open loop and before the refit, best first. None
+    when no experiment distinguishes the rivals.
     """
-
+    room = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
-    choice = list(_experiments(DURATION))
-    before = list(each(lambda experiment: _disagreement(rivals, experiment[2], runs), choice))
+    choice = list(_experiments())
+    before = list(each(lambda e: _disagreement(rivals, e.schedule(), runs), choice))
     found = sorted((p for p in zip(before, choice) if p[0]), key=lambda pair: -pair[0])
+
+    def flown(experiment):
+        try:
+            schedule = experiment.schedule_in(room, rivals[0].fit.model)
+            return _disagreement(rivals, schedule, runs, known)
+        except (ValueError, IdentifyError):
+            return None
+
     best, proposed = 0.0, None
     for at in range(0, min(REFITTED, len(found)), TOGETHER):
-        if found[at][0] <= best:
-            break  # to refit rivals brings them nearer to each other
         some = [experiment for _, experiment in found[at : at + TOGETHER]]
-        after = each(lambda experiment: _disagreement(rivals, experiment[2], runs, known), some)
-        for disagreement, experiment in zip(after, some):
+        if found[at][0] <= best:
+            break  # a refit brings rivals nearer to each other
+        for disagreement, experiment in zip(each(flown, some), some):
             if disagreement and disagreement > best:
                 best, proposed = disagreement, experiment
     if best < LEAST:
         return None
     return {
         "separates": [rival.name for rival in rivals],
-        "input": proposed[0],
-        "arguments": proposed[1],
+        "input": proposed.input,
+        "arguments": proposed.arguments(),
+        "launch": proposed.launch(),
+        "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
         "repeat": math.ceil((SURE / best) ** 2),
         "expected_disagreement": best,
-        "all": [{"input": e[0], "expected_disagreement": d} for d, e in found],
+        "all": [{"input": e.input, "expected_disagreement": d} for d, e in found],
     }
 
 
-def schedule_of(arguments):
-    """The schedule of an experiment by the arguments that `propose` gave."""
-    return next(s for _, a, s in _experiments(DURATION) if a == arguments)
+def schedule_of(arguments, model):
+    """The Schedule that a craft which moves by `model` is given in a room of 4 x 4 m, of an experiment
+    by the arguments that `propose` gave."""
+    found = next(e for e in _experiments() if e.arguments() == arguments)
+    return found.schedule_in(_core.RoomPlan(), model)
 
 
-def _experiments(duration):
-    """Sentence, arguments of identify simulate, and Schedule of all experiments."""
+def _experiments():
+    """All Experiments to choose from."""
+    patterns = {
+        "steps": ("both thrusters in steps from rest to full", (0.0, 0.25, 0.5, 0.75, 1.0)),
+        "coast-down": ("full thrust, then none: coasting down", (0.0, 1.0)),
+        "spin": ("one thruster, then none: spinning down", (0.0, 1.0)),
+        "single-thruster": ("one thruster after the other in steps", (0.0, 0.25, 0.5, 0.75, 1.0)),
+    }
     for lift in LIFTS:
         at_lift = "" if lift == 1.0 else ", lift at %g" % lift
-        option = "" if lift == 1.0 else " --lift %g" % lift
         for clock in CLOCKS:
             for low, high in LEVELS:
-                yield (
-                    "PRBS of %g Hz between %g and %g of full thrust%s"
-                    % (clock, low, high, at_lift),
-                    "--input prbs --clock %g --levels %g %g%s" % (clock, low, high, option),
-                    experiments.with_lift(
-                        experiments.rows("prbs", duration, clock=clock, levels=[low, high]),
-                        duration,
-                        lift,
-                    ),
-                )
-        for name, words in (
-            ("steps", "both thrusters in steps from rest to full"),
-            ("coast-down", "full thrust, then none: coasting down"),
-            ("spin", "one thruster, then none: spinning down"),
-            ("single-thruster", "one thruster after the other in steps"),
-        ):
-            yield (
-                words + at_lift,
-                "--input %s --hold %g%s" % (name, HOLD, option),
-                experiments.with_lift(experiments.rows(name, duration, hold=HOLD), duration, lift),
-            )
+                words = "PRBS of %g Hz between %g and %g of full thrust" % (clock, low, high)
+                options = (("clock", float(clock)), ("levels", (low, high)))
+                yield Experiment(words + at_lift, "prbs", options, lift)
+        for name, (words, levels) in patterns.items():
+            options = (("hold", HOLD), ("levels", levels))
+            yield Experiment(words + at_lift, name, options, lift)
 
 
 def _disagreement(rivals, schedule, runs, known=None):

@@ -243,8 +243,8 @@ def apart(report):
     proposed = report["next_experiment"]
     if proposed:
         yield (
-            "To %s, record%s: %s (identify simulate %s). One such run sets the models %.1f standard "
-            "deviations apart."
+            "To %s, record%s: %s. In a room of 4 x 4 m one such run sets the models %.1f standard "
+            "deviations apart: %s (first simulated: identify simulate %s)"
             % (
                 (
                     "tell %s apart" % _listed(proposed["separates"])
@@ -253,8 +253,9 @@ def apart(report):
                 ),
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
-                proposed["arguments"],
                 proposed["expected_disagreement"],
+                proposed["launch"],
+                proposed["arguments"],
             )
         )
 

@@ -59,7 +59,13 @@ def configure(parser):
 def run(arguments):
     paths = {
         name: os.path.join(arguments.output, name)
-        for name in ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml")
+        for name in (
+            "diagnosis.json",
+            "report.html",
+            "improved.yaml",
+            "proposal.yaml",
+            "next_experiment.csv",
+        )
     }
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
@@ -102,6 +108,12 @@ def run(arguments):
         result["improved"]["error"],
         {p["name"]: p for p in conclusion.parameters},
     )
+    proposed = result["next_experiment"]
+    if proposed:
+        rows = proposed.pop("rows")
+        files.write_csv(paths["next_experiment.csv"], "time,left,right", rows, arguments.force)
+    else:
+        del paths["next_experiment.csv"]
     files.write_json(paths["diagnosis.json"], result, arguments.force)
     proposal = result["unexplained"]["proposal"]
     if proposal:

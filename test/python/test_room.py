@@ -1,0 +1,205 @@
+"""identify simulate --room: excitation and tracking inside a room."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, identify, process
+from test_identify import fails
+from test_simulate import TRUTH, digest, messages, simulate
+
+ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
+BURSTS = "/bursts"
+
+
+def clearances(path, half=2.0):
+    """Distances of the true craft from the walls of a square room in the middle [m]."""
+    eta = np.array([message.eta for _, message in messages(path)[TRUTH]])
+    return half - np.abs(eta[:, :2]).max(axis=1)
+
+
+@pytest.fixture(scope="module")
+def excited(tmp_path_factory):
+    """A bag of 20 s of a PRBS in the room, what --json says of it and what is said without it."""
+    folder = tmp_path_factory.mktemp("excited")
+    path, result = simulate(folder, "prbs", "--room", ROOM)
+    again = identify(
+        "simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", folder / "again.bag"
+    )
+    assert again.returncode == 0, again.stderr
+    assert digest(folder / "again.bag") == digest(path)
+    return path, result, again.stdout
+
+
+def test_an_excitation_stays_inside_and_one_without_a_room_does_not(excited, tmp_path):
+    path, result, _ = excited
+    assert result["stopped"] is None
+    near = clearances(path)
+    assert near.min() > 0.2
+    assert near.max() - near.min() > 0.5, "it goes somewhere"
+    open_loop, _ = simulate(tmp_path, "prbs")
+    assert clearances(open_loop).min() < 0
+
+
+def test_the_bag_has_the_bursts(excited):
+    path, result, _ = excited
+    found = messages(path)
+    marks = found[BURSTS]
+    assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
+    assert marks[0][1]._type == "ground_msgs/Burst"
+    assert [m.burst for _, m in marks] == [i % 2 == 0 for i in range(len(marks))]
+    assert [m.number for _, m in marks] == [i // 2 + 1 for i in range(len(marks))]
+    assert result["bursts"] == sum(m.burst for _, m in marks) >= 3
+    times = np.array([t for t, _ in marks])
+    assert times[0] == pytest.approx(1001.5, abs=0.02) and times[-1] < 1021.6
+    assert (np.diff(times) >= 0).all()
+    for received, message in marks:
+        assert message.header.stamp.to_sec() == received
+        assert message.reason
+    reasons = {m.reason for _, m in marks[1:]}
+    assert reasons <= {
+        "the craft is home",
+        "the way home would come close to a wall",
+        "the burst has lasted long enough",
+    }
+
+
+def test_it_says_how_long_the_bursts_were(excited):
+    path, result, said = excited
+    marks = messages(path)[BURSTS]
+    times = [t for t, _ in marks] + [1021.5]
+    driven = sum(b - a for a, b, (_, mark) in zip(times, times[1:], marks) if mark.burst)
+    words = r"(\d+) bursts, ([\d.]+) s of ([\d.]+) s; between them the craft returned home"
+    found = re.search(words, said)
+    assert found, said
+    assert int(found.group(1)) == result["bursts"]
+    assert float(found.group(2)) == pytest.approx(driven, abs=0.11)
+    assert float(found.group(3)) == pytest.approx(20, abs=0.11)
+
+
+def test_without_a_room_a_bag_has_one_burst_or_none(tmp_path):
+    path, result = simulate(tmp_path, "prbs", "--duration", 3)
+    assert len(messages(path).get(BURSTS, [])) == result["bursts"] <= 1
+
+
+@pytest.mark.parametrize("kind", ["prbs", "multisine", "tracking"])
+def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
+    options = ["--room", ROOM, "--duration", 4, "--loss", 0.05]
+    if kind == "tracking":
+        options += ["--size", 1.2, "--controller", "ModelPredictive"]
+    first, _ = simulate(tmp_path, kind, *options, "--seed", 3, name="first.bag")
+    again, _ = simulate(tmp_path, kind, *options, "--seed", 3, name="again.bag", run=process)
+    other, _ = simulate(tmp_path, kind, *options, "--seed", 4, name="other.bag")
+    assert digest(first) == digest(again)
+    assert digest(first) != digest(other)
+
+
+def test_a_short_burst_makes_more_of_them(tmp_path):
+    options = ["--room", ROOM, "--levels", 0, 0.2, "--duration", 6]
+    _, few = simulate(tmp_path, "differential-prbs", *options, name="few.bag")
+    path, many = simulate(tmp_path, "differential-prbs", *options, "--burst", 0.5, name="many.bag")
+    assert many["bursts"] > few["bursts"]
+    marks = messages(path)[BURSTS]
+    lasted = [b[0] - a[0] for a, b in zip(marks, marks[1:]) if a[1].burst]
+    assert max(lasted) == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_fit_reads_a_bag_of_bursts(excited, tmp_path):
+    path, _, _ = excited
+    out = tmp_path / "fitted.yaml"
+    result = identify("fit", path, "--model", MODEL, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    fit = json.loads(result.stdout)["parameters"]
+    assert fit["k"]["value"] == pytest.approx(0.062, rel=0.03)
+    assert fit["I_z"]["value"] == pytest.approx(8.8e-5, rel=0.03)
+
+
+def test_a_tracking_controller_keeps_inside(tmp_path):
+    options = ["--room", ROOM, "--controller", "ModelPredictive", "--size", 1.5]
+    path, result = simulate(tmp_path, "tracking", *options, "--duration", 10)
+    assert result["stopped"] is None and result["bursts"] == 0
+    assert clearances(path).min() > 0.2
+
+
+def test_a_craft_that_would_leave_is_stopped_and_the_run_is_kept(tmp_path):
+    out = tmp_path / "run.bag"
+    result = identify(
+        *["simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", out],
+        *["--start-velocity", 3, 0, 0],
+    )
+    assert result.returncode == 0, result.stderr
+    said = result.stderr.strip().splitlines()
+    assert len(said) == 1 and said[0].startswith("identify simulate: the controller stopped: ")
+    assert "of the room" in said[0]
+    assert out.exists()
+
+
+def refused(tmp_path, *options):
+    """The result of a command line that must not leave a bag."""
+    out = tmp_path / "refused.bag"
+    result = identify("simulate", "--model", MODEL, "-o", out, *options)
+    assert not out.exists()
+    return result
+
+
+def test_options_that_do_not_go_together_are_refused(tmp_path):
+    prbs = ["--input", "prbs"]
+    fails(refused(tmp_path, *prbs, "--burst", 2), "--burst needs --room", status=2)
+    for bad in (0, -1, "long", "nan"):
+        result = refused(tmp_path, *prbs, "--room", ROOM, "--burst", bad)
+        fails(result, "--burst", status=2)
+    tracking = ["--input", "tracking", "--room", ROOM]
+    fails(refused(tmp_path, *tracking, "--burst", 2), "--burst does not go with", status=2)
+
+
+def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
+    for size, words in ((1.9, "it comes to 0.10 m of a wall"), (2.5, "it leaves the room by 0.50")):
+        options = ["--input", "tracking", "--room", ROOM, "--size", size]
+        result = refused(tmp_path, *options)
+        fails(result, "the reference does not fit into", "room_4x4.yaml", words, status=2)
+        last = result.stderr.strip().splitlines()[-1]
+        assert words in last and "does not fit" in last
+    shifted = ["--input", "tracking", "--room", ROOM, "--size", 1.5, "--origin", 0.6, 0]
+    fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)
+
+
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ("margin: 0.2", "margin: wide", "margin must be a number"),
+        ("  - [2, 2]", "  - [2, 2, 2]", "corners must be [x, y]"),
+        ("braking:", "breaking:", "unknown key 'breaking'"),
+        ("home: [0, 0] ", "home: [9, 0] ", "home must be inside"),
+        ("braking: 1.5 ", "braking: -1 ", "braking must be between"),
+    ],
+)
+def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
+    text = ROOM.read_text()
+    assert text.count(old) == 1
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(text.replace(old, new))
+    line = text[: text.index(old)].count("\n") + 1
+    result = refused(tmp_path, "--input", "prbs", "--room", bad)
+    fails(result, "bad.yaml, line %d: " % line, words)
+
+
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ("  - [2, -2]\n  - [2, 2]", "  - [2, 2]\n  - [2, -2]", "walls cross"),
+        ("schema: ground/room/1", "schema: ground/model/1", "schema: ground/room/1"),
+        ("schema: ground/room/1", "schema: [", "line "),
+    ],
+)
+def test_a_file_that_is_no_room_is_named(tmp_path, old, new, words):
+    text = ROOM.read_text()
+    assert text.count(old) == 1
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(text.replace(old, new))
+    fails(refused(tmp_path, "--input", "prbs", "--room", bad), "bad.yaml, line ", words)
+
+
+def test_a_room_file_that_is_not_there_is_named(tmp_path):
+    for kind in ("prbs", "tracking"):
+        fails(refused(tmp_path, "--input", kind, "--room", tmp_path / "none.yaml"), "none.yaml")

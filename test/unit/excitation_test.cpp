@@ -1,0 +1,467 @@
+// Excitation inside a room: bursts of an input design between returns home, and walls that hold.
+#include "ground/control/excitation_pilot.h"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+#include <new>
+#include <random>
+
+#include "ground/model/model_file.h"
+#include "ground/simulation/experiment.h"
+
+namespace ground {
+namespace {
+
+using Mark = ExcitationPilot::Mark;
+using Stage = ControllerLifecycle::State;
+
+constexpr double kBegins = 1.5;  // after 0.5 s of rest and 1 s of lift alone [s]
+constexpr double kSame = 1e-6;   // instants that are the same [s]
+
+Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+/// The craft with mass, inertia, thrust and lever wrong by a fifth, each up or down.
+Model wrongCraft(unsigned long seed) {
+  Model model = tinyWhoover();
+  std::mt19937_64 random(seed);
+  for (const char* name : {"m", "I_z", "k", "l"})
+    model.setValue(name, model.value(name) * (random() % 2 == 0 ? 0.8 : 1.2));
+  return model;
+}
+
+RoomPlan square() { return loadRoomPlan("cfg/room/room_4x4.yaml"); }
+
+/// An L of 4 x 4 m; home is in its corner.
+RoomPlan angled() {
+  RoomPlan room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
+  room.home = {-0.9, -0.9};
+  return room;
+}
+
+ExcitationParams inRoom(const RoomPlan& room, unsigned long seed, double duration = 20) {
+  ExcitationParams params;
+  params.design.seed = seed;
+  params.duration = duration;
+  params.room = room;
+  return params;
+}
+
+ExperimentParams place(unsigned long seed, bool gaps = false) {
+  ExperimentParams params;
+  params.seed = seed;
+  if (!gaps) return params;
+  params.mocap.gap_rate = 0.1;
+  params.mocap.gap_length = 0.3;
+  params.mocap.gaps_vary = false;
+  return params;
+}
+
+/// The least distance of the true craft from the walls [m].
+double leastClearance(const ExperimentLog& log, const RoomPlan& room) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& truth : log.truth)
+    least = std::min(least, room.clearance(truth.state.eta.head<2>()));
+  return least;
+}
+
+/// When the controller stops to drive [s].
+double drivenUntil(const ExperimentLog& log) {
+  for (const auto& stage : log.stages)
+    if (stage.state == Stage::kDone || stage.state == Stage::kStopped) return stage.time;
+  return log.truth.back().time;
+}
+
+/// Whether the thrust was off at `time` [s] because the state was lost.
+bool recovering(const ExperimentLog& log, double time) {
+  double since = std::numeric_limits<double>::infinity();
+  for (const auto& stage : log.stages) {
+    if (stage.state == Stage::kRecovering) since = stage.time;
+    if (stage.state == Stage::kRunning) {
+      if (time >= since - kSame && time <= stage.time + kSame) return true;
+      since = std::numeric_limits<double>::infinity();
+    }
+  }
+  return time >= since - kSame;
+}
+
+/// Bursts and returns take turns, numbered from 1 on, with a reason each; times ascend.
+void expectTurns(const ExperimentLog& log) {
+  ASSERT_FALSE(log.marks.empty());
+  EXPECT_NEAR(log.marks.front().time, kBegins, 0.02);
+  EXPECT_EQ(log.marks.front().reason, "the first one");
+  for (std::size_t i = 0; i < log.marks.size(); ++i) {
+    const Mark& mark = log.marks[i];
+    EXPECT_EQ(mark.burst, i % 2 == 0) << i;
+    EXPECT_EQ(mark.number, static_cast<int>(i / 2) + 1) << i;
+    EXPECT_FALSE(mark.reason.empty()) << i;
+    if (i > 0) {
+      EXPECT_GE(mark.time, log.marks[i - 1].time) << i;
+    }
+  }
+  EXPECT_LT(log.marks.back().time, drivenUntil(log) + kSame);
+  for (const auto& decision : log.decisions) {
+    const auto next = std::find_if(log.marks.begin(), log.marks.end(), [&](const Mark& mark) {
+      return mark.time > decision.time;
+    });
+    const Mark& last = *(next - 1);
+    const bool ends_now = last.burst && last.time == decision.time;
+    EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.time;
+  }
+}
+
+/// In every burst the commands are rows of the design at their instants. Rows go on from burst to
+/// burst, and from the last to the first; only what a return cuts off is left out. Gives how many rows
+/// were played.
+std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, double spacing) {
+  std::size_t row = 0, edges = 0, missed = 0;
+  double latest = 0;
+  for (std::size_t i = 0; i < log.marks.size(); i += 2) {
+    const double begin = log.marks[i].time;
+    const double end = i + 1 < log.marks.size() ? log.marks[i + 1].time : drivenUntil(log);
+    const auto rowAt = [&](double time) {
+      const auto since = static_cast<std::size_t>(std::floor((time - begin) / spacing + kSame));
+      return (row + since) % signal.inputs.size();
+    };
+    std::vector<double> seen;
+    for (std::size_t k = 0; k < log.commands.size(); ++k) {
+      const auto& command = log.commands[k];
+      if (command.time < begin || command.time >= end || recovering(log, command.time)) continue;
+      // What the return commanded at the instant of its end comes first.
+      if (k + 1 < log.commands.size() && log.commands[k + 1].time == command.time) continue;
+      const std::size_t now = rowAt(command.time);
+      EXPECT_EQ(command.left, signal.inputs[now].left) << command.time << " row " << now;
+      EXPECT_EQ(command.right, signal.inputs[now].right) << command.time << " row " << now;
+      EXPECT_EQ(command.lift, 1) << command.time;
+      seen.push_back(command.time);
+    }
+    for (double edge = begin; edge < end - kSame; edge += spacing) {
+      if (recovering(log, edge)) continue;
+      ++edges;
+      const auto met = std::find_if(seen.begin(), seen.end(),
+                                    [&](double time) { return time > edge - kSame; });
+      const double late = (met == seen.end() ? end : *met) - edge;
+      missed += late > kSame;
+      latest = std::max(latest, late);
+    }
+    row = (rowAt(end) + 1) % signal.inputs.size();
+  }
+  EXPECT_EQ(missed, 0u) << "of " << edges << " rows began late, by up to " << latest << " s";
+  return edges;
+}
+
+TEST(Excitation, ATrueCraftStaysInsideAndPlaysTheDesign) {
+  for (unsigned long seed = 1; seed <= 2; ++seed) {
+    SCOPED_TRACE(seed);
+    const ExcitationParams params = inRoom(square(), seed);
+    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(seed));
+    EXPECT_EQ(log.stopped, "");
+    EXPECT_NEAR(drivenUntil(log), kBegins + 20, 0.02);
+    EXPECT_GT(leastClearance(log, square()), 0.2);
+    EXPECT_GT(log.marks.size(), 6u) << "several bursts and returns";
+    expectTurns(log);
+    const std::size_t rows = expectDesign(log, makeDesign(params.design, 20), 1 / 15.0);
+    EXPECT_GT(rows, 60u);
+  }
+}
+
+TEST(Excitation, AWrongCraftWithLossesOfTheMocapStaysInside) {
+  int gaps = 0;
+  for (unsigned long seed = 1; seed <= 3; ++seed) {
+    SCOPED_TRACE(seed);
+    const ExcitationParams params = inRoom(square(), seed);
+    const ExperimentLog log = excite(wrongCraft(seed), tinyWhoover(), params, place(seed, true));
+    EXPECT_GT(leastClearance(log, square()), 0);
+    EXPECT_GT(log.marks.size(), 6u);
+    expectTurns(log);
+    expectDesign(log, makeDesign(params.design, 20), 1 / 15.0);
+    for (std::size_t i = 1; i < log.frames.size(); ++i)
+      gaps += log.frames[i].captured - log.frames[i - 1].captured > 0.29;
+  }
+  EXPECT_GT(gaps, 3) << "the mocap was lost";
+}
+
+TEST(Excitation, EveryDesignStaysInside) {
+  for (const DesignInfo& info : designTable()) {
+    if (info.name == "file") continue;
+    SCOPED_TRACE(info.name);
+    ExcitationParams params = inRoom(square(), 2, 5);
+    params.design.kind = info.name;
+    params.design.hold = 0.5;
+    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(2));
+    EXPECT_EQ(log.stopped, "");
+    EXPECT_NEAR(drivenUntil(log), kBegins + 5, 0.02) << "as long as asked";
+    EXPECT_GT(leastClearance(log, square()), 0.2);
+    expectTurns(log);
+    const bool clocked = std::count(info.takes.begin(), info.takes.end(), "clock") > 0;
+    const double spacing = clocked ? 1 / 15.0 : 0.5;
+    EXPECT_GT(expectDesign(log, makeDesign(params.design, 5), spacing), 5u);
+  }
+}
+
+TEST(Excitation, ABurstLastsNoLongerThanAsked) {
+  ExcitationParams params = inRoom(square(), 4, 12);
+  params.returns.burst = 0.8;
+  params.design.kind = "differential-prbs";  // it stays about home
+  params.design.levels = {0, 0.2};
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(4));
+  EXPECT_EQ(log.stopped, "");
+  expectTurns(log);
+  int full = 0;
+  for (std::size_t i = 1; i < log.marks.size(); i += 2) {
+    const double lasted = log.marks[i].time - log.marks[i - 1].time;
+    EXPECT_LT(lasted, 0.8 + ExcitationPilot::kCheck + 0.02) << "burst " << log.marks[i].number;
+    if (log.marks[i].reason != "the burst has lasted long enough") continue;
+    ++full;
+    EXPECT_GE(lasted, 0.8 - kSame);
+  }
+  EXPECT_GE(full, 3);
+}
+
+TEST(Excitation, ReturnsComeHome) {
+  const RoomPlan room = square();
+  ExcitationParams params = inRoom(room, 1, 15);
+  params.returns.arrival = 0.4;
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
+  int returns = 0;
+  for (std::size_t i = 2; i < log.marks.size(); i += 2) {
+    const auto truth = std::find_if(log.truth.begin(), log.truth.end(), [&](const auto& t) {
+      return t.time >= log.marks[i].time;
+    });
+    ASSERT_NE(truth, log.truth.end());
+    EXPECT_LT((truth->state.eta.head<2>() - room.home).norm(), 0.4 + 0.05);
+    ++returns;
+  }
+  EXPECT_GE(returns, 3);
+}
+
+TEST(Excitation, SameArgumentsGiveTheSameBursts) {
+  const ExcitationParams params = inRoom(square(), 3, 5);
+  const auto once = [&](unsigned long seed) {
+    return excite(tinyWhoover(), tinyWhoover(), params, place(seed, true));
+  };
+  const ExperimentLog first = once(6), again = once(6), other = once(7);
+  ASSERT_EQ(first.marks.size(), again.marks.size());
+  for (std::size_t i = 0; i < first.marks.size(); ++i)
+    EXPECT_EQ(first.marks[i].time, again.marks[i].time);
+  EXPECT_EQ(first.truth.back().state.eta, again.truth.back().state.eta);
+  EXPECT_NE(first.truth.back().state.eta, other.truth.back().state.eta);
+}
+
+TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
+  ExcitationParams params;
+  params.design.seed = 5;
+  params.duration = 10;
+  const InputSignal signal = makeDesign(params.design, 10);
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(5));
+  EXPECT_EQ(log.stopped, "");
+  ASSERT_EQ(log.marks.size(), 1u);
+  EXPECT_TRUE(log.marks.front().burst);
+  const double begins = log.marks.front().time;
+  EXPECT_EQ(expectDesign(log, signal, 1 / 15.0), signal.inputs.size());
+
+  InputSequence schedule;
+  schedule.add(0, 0, 0, 0);
+  schedule.add(log.stages.at(1).time, 0, 0, 1);
+  for (std::size_t i = 0; i < signal.times.size(); ++i)
+    schedule.add(begins + signal.times[i], signal.inputs[i].left, signal.inputs[i].right, 1);
+  const double end = begins + 10;
+  const ExperimentLog open = playSchedule(tinyWhoover(), schedule, end, place(5));
+  ASSERT_LE(open.truth.size(), log.truth.size());
+  double moved = 0;
+  for (std::size_t i = 0; i < open.truth.size(); ++i) {
+    const RigidState<double>&a = open.truth[i].state, &b = log.truth[i].state;
+    ASSERT_LT((a.eta - b.eta).norm() + (a.nu - b.nu).norm(), 1e-4) << open.truth[i].time;
+    moved = std::max(moved, a.eta.head<2>().norm());
+  }
+  EXPECT_GT(moved, 1) << "it goes somewhere";
+}
+
+TEST(Excitation, RowsBeginInTimeAlsoWhenAStateComesAtThatInstant) {
+  // Frames that come in without delay meet the edge of every third row.
+  ExcitationParams params;
+  params.duration = 10;
+  ExperimentParams where = place(5);
+  where.mocap.latency = 0;
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, where);
+  int meet = 0;
+  for (const MocapFrame& frame : log.frames) {
+    const double rows = 15 * (frame.delivered - log.marks.front().time);
+    meet += std::abs(rows - std::round(rows)) < kSame;
+  }
+  EXPECT_GT(meet, 40);
+  const InputSignal signal = makeDesign(params.design, 10);
+  EXPECT_EQ(expectDesign(log, signal, 1 / 15.0), signal.inputs.size());
+}
+
+TEST(Excitation, AnLShapedRoomWorks) {
+  for (unsigned long seed = 1; seed <= 2; ++seed) {
+    SCOPED_TRACE(seed);
+    ExperimentParams where = place(seed);
+    where.initial.eta << -1, -1, 0.5;
+    const ExcitationParams params = inRoom(angled(), seed, 10);
+    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, where);
+    EXPECT_EQ(log.stopped, "");
+    EXPECT_GT(leastClearance(log, angled()), 0.2);
+    EXPECT_GT(log.marks.size(), 6u);
+    expectTurns(log);
+    expectDesign(log, makeDesign(params.design, 10), 1 / 15.0);
+  }
+}
+
+/// Excites with long rows, which the returns cut off, until there are none left; the exit status says
+/// whether it ended.
+[[noreturn]] void exciteUntilRowsEnd(const std::string& kind) {
+  const rlimit memory{1000000000u, 1000000000u}, time{10, 10};  // [bytes], [s]
+  setrlimit(RLIMIT_AS, &memory);
+  setrlimit(RLIMIT_CPU, &time);
+  ExcitationParams params = inRoom(square(), 1);
+  params.design.kind = kind;
+  params.design.hold = 1;
+  try {
+    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
+    std::_Exit(log.stages.back().state == Stage::kDone ? 0 : 1);
+  } catch (const std::bad_alloc&) {
+    std::_Exit(2);
+  }
+}
+
+TEST(Excitation, EndsWhenItsRowsEndInABurst) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "sanitizers take more memory than the test allows";
+#endif
+  for (const char* kind : {"steps", "spin"})
+    EXPECT_EXIT(exciteUntilRowsEnd(kind), testing::ExitedWithCode(0), "")
+        << kind << ": 2 is a loop without end that takes all memory";
+}
+
+TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
+  const std::string path = testing::TempDir() + "excitation_test.csv";
+  std::ofstream(path) << "time,left,right,lift\n0,0.1,0.1,0.9\n0.4,0.05,0.1,0.8\n0.8,0.1,0.05,0.7\n"
+                         "1.2,0,0,0\n";
+  ExcitationParams params = inRoom(square(), 1);
+  params.design.kind = "file";
+  params.design.file = path;
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
+  EXPECT_EQ(log.stopped, "");
+  EXPECT_EQ(log.stages.back().state, Stage::kDone);
+  EXPECT_NEAR(drivenUntil(log), kBegins + 1.2, 0.03);
+  const double begins = log.marks.front().time;
+  int played = 0;
+  for (const auto& command : log.commands) {
+    const double at = command.time - begins;
+    if (at < 0 || at > 1.2 - kSame) continue;
+    ++played;
+    EXPECT_EQ(command.lift, at < 0.4 - kSame ? 0.9 : at < 0.8 - kSame ? 0.8 : 0.7) << at;
+    EXPECT_EQ(command.left, at < 0.4 - kSame || at > 0.8 - kSame ? 0.1 : 0.05) << at;
+  }
+  EXPECT_GT(played, 55);
+}
+
+/// The log of a craft that starts at x, y with a velocity to the east.
+ExperimentLog exciteFrom(double x, double y, double velocity) {
+  ExperimentParams where = place(1);
+  where.initial.eta << x, y, 0;
+  where.initial.nu.x() = velocity;
+  return excite(tinyWhoover(), tinyWhoover(), inRoom(square(), 1, 5), where);
+}
+
+double mostThrust(const ExperimentLog& log) {
+  double most = 0;
+  for (const auto& command : log.commands) most = std::max(most, command.left + command.right);
+  return most;
+}
+
+TEST(Excitation, AStartOutsideTheRoomIsRefusedWithTheReason) {
+  const ExperimentLog out = exciteFrom(2.5, 0, 0);
+  EXPECT_EQ(out.stopped, "the craft is 0.50 m outside of the room");
+  EXPECT_EQ(mostThrust(out), 0);
+  EXPECT_TRUE(out.marks.empty());
+  const ExperimentLog close = exciteFrom(1.9, 0, 0);
+  EXPECT_EQ(close.stopped, "the craft is 0.10 m from a wall of the room");
+  EXPECT_EQ(mostThrust(close), 0);
+}
+
+TEST(Excitation, APushTowardsAWallStopsTheCraftWithTheReason) {
+  const ExperimentLog fast = exciteFrom(0, 0, 3);
+  EXPECT_NE(fast.stopped.find("would come to rest"), std::string::npos) << fast.stopped;
+  EXPECT_NE(fast.stopped.find("outside of the room"), std::string::npos) << fast.stopped;
+  EXPECT_EQ(mostThrust(fast), 0);
+  EXPECT_EQ(fast.commands.back().lift, 0) << "the floor brakes it";
+  // At 2 m/s from the far side it can be stopped inside, and is.
+  const ExperimentLog saved = exciteFrom(-1.5, 0, 2);
+  EXPECT_NE(saved.stopped.find("would come to rest"), std::string::npos) << saved.stopped;
+  EXPECT_GT(leastClearance(saved, square()), 0.2);
+}
+
+TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
+  int stopped = 0, late = 0;
+  for (unsigned long seed = 1; seed <= 6; ++seed) {
+    ExperimentParams where = place(seed);
+    where.disturbance.sigma << 0.1, 0.1, 0;  // of 0.124 N of full thrust
+    where.disturbance.time.setConstant(1.0);
+    const ExperimentLog log =
+        excite(tinyWhoover(), tinyWhoover(), inRoom(square(), seed, 8), where);
+    if (log.stopped.empty()) continue;
+    ++stopped;
+    EXPECT_NE(log.stopped.find("of the room"), std::string::npos) << log.stopped;
+    for (const auto& command : log.commands)
+      if (command.time > log.stopped_at) {
+        EXPECT_EQ(command.left + command.right + command.lift, 0) << command.time;
+      }
+    const double after = log.stopped_at + 0.001;
+    for (const auto& truth : log.truth)
+      late += truth.time <= after && square().clearance(truth.state.eta.head<2>()) < 0;
+  }
+  EXPECT_GT(stopped, 1);
+  EXPECT_EQ(late, 0) << "it was stopped before it was outside";
+}
+
+TEST(Excitation, RefusesBadParameters) {
+  const auto run = [](auto change) {
+    ExcitationParams params = inRoom(square(), 1, 1);
+    change(params);
+    excite(tinyWhoover(), tinyWhoover(), params, {});
+  };
+  using Bad = std::invalid_argument;
+  EXPECT_NO_THROW(run([](auto&) {}));
+  EXPECT_THROW(run([](auto& p) { p.returns.burst = 0; }), Bad);
+  EXPECT_THROW(run([](auto& p) { p.returns.arrival = -1; }), Bad);
+  EXPECT_THROW(run([](auto& p) { p.returns.predictive.steps = 0; }), Bad);
+  EXPECT_THROW(run([](auto& p) { p.room->home = {3, 0}; }), Bad);
+  EXPECT_THROW(run([](auto& p) { p.design.kind = "noise"; }), Bad);
+  EXPECT_THROW(run([](auto& p) { p.duration = -1; }), Bad);
+}
+
+TEST(ModelPredictive, TracksACircleInARoomFromItsMiddle) {
+  for (unsigned long seed = 1; seed <= 5; ++seed) {
+    TrackingParams tracking;
+    tracking.controller.kind = "ModelPredictive";
+    tracking.reference.size = 1.5;
+    tracking.duration = 12;
+    tracking.room = square();
+    const ExperimentLog log =
+        trackReference(tinyWhoover(), tinyWhoover(), tracking, place(seed));
+    EXPECT_EQ(log.stopped, "") << seed;
+    EXPECT_GT(leastClearance(log, square()), square().margin) << seed;
+    double last = 0;
+    for (const auto& reference : log.references) last = reference.point.p.norm();
+    EXPECT_NEAR(last, 1.5, 1e-9);
+    const double radius = log.truth.back().state.eta.head<2>().norm();
+    EXPECT_NEAR(radius, 1.5, 0.15) << "it is on the circle";
+  }
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

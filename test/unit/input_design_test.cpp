@@ -1,0 +1,521 @@
+// Input designs: what every one of them promises, and what each of them is.
+#include "ground/control/input_design.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "ground/control/prbs.h"
+
+namespace ground {
+namespace {
+
+using Row = std::array<double, 2>;
+using Rows = std::vector<Row>;
+
+constexpr char kTimed[] = "time,left,right\n0,0.2,0.8\n0.5,0.9,0\n2,0,0\n";
+constexpr char kLifted[] = "time,left,right,lift\n0,0,0,1\n1,0.5,0.25,1\n3,0,0,0.5\n4,0,0,0\n";
+
+std::string fileWith(const std::string& text) {
+  const std::string path = testing::TempDir() + "input_design_test.csv";
+  std::ofstream(path) << text;
+  return path;
+}
+
+DesignParams design(const std::string& kind) {
+  DesignParams params;
+  params.kind = kind;
+  return params;
+}
+
+DesignParams inputFile(const std::string& text) {
+  DesignParams params = design("file");
+  params.file = fileWith(text);
+  return params;
+}
+
+/// All designs by their names, and the kinds of files.
+std::map<std::string, DesignParams> designs() {
+  std::map<std::string, DesignParams> all;
+  for (const DesignInfo& info : designTable())
+    if (info.name != "file") all[info.name] = design(info.name);
+  return all;
+}
+
+Rows rowsOf(const InputSignal& signal) {
+  Rows rows;
+  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.left, inputs.right});
+  return rows;
+}
+
+Rows repeatedRows(const Rows& rows, std::size_t count) {
+  Rows all;
+  for (std::size_t i = 0; i < count; ++i) all.push_back(rows[i % rows.size()]);
+  return all;
+}
+
+/// What every signal promises.
+void expectSound(const InputSignal& signal) {
+  ASSERT_FALSE(signal.times.empty());
+  ASSERT_EQ(signal.times.size(), signal.inputs.size());
+  EXPECT_GE(signal.times.front(), 0);
+  for (std::size_t i = 1; i < signal.times.size(); ++i)
+    ASSERT_GT(signal.times[i], signal.times[i - 1]);
+  EXPECT_LE(signal.times.back(), signal.end);
+  for (const Inputs& inputs : signal.inputs)
+    for (double input : {inputs.left, inputs.right, inputs.lift})
+      ASSERT_TRUE(input >= 0 && input <= 1) << input;
+}
+
+/// Steps through a signal by nextChange() as a controller does.
+void expectPlays(const InputSignal& signal) {
+  double t = 0;
+  for (std::size_t i = 0; i < signal.times.size(); ++i) {
+    const double next = i + 1 < signal.times.size() ? signal.times[i + 1] : signal.end;
+    if (next == signal.times[i]) break;  // the last row of a file only says when it ends
+    for (double at : {t, 0.5 * (t + next), next - 1e-6}) {
+      ASSERT_EQ(signal.at(at).left, signal.inputs[i].left) << at;
+      ASSERT_EQ(signal.at(at).right, signal.inputs[i].right) << at;
+      ASSERT_EQ(signal.at(at).lift, signal.inputs[i].lift) << at;
+      ASSERT_EQ(signal.nextChange(at), next) << at;
+    }
+    // An instant that a rounding error puts before an edge has the inputs of that edge.
+    if (t > 0) {
+      ASSERT_EQ(signal.at(t - 1e-12).left, signal.inputs[i].left) << t;
+      ASSERT_EQ(signal.at(t - 1e-12).right, signal.inputs[i].right) << t;
+    }
+    t = next;
+  }
+  EXPECT_EQ(t, signal.end);
+  for (double outside : {-0.1, signal.end, signal.end + 1, std::nan("")}) {
+    const Inputs inputs = signal.at(outside);
+    EXPECT_EQ(inputs.left + inputs.right + inputs.lift, 0) << outside;
+  }
+  EXPECT_EQ(signal.nextChange(signal.end), std::numeric_limits<double>::infinity());
+}
+
+TEST(InputDesign, TheTableHasEveryDesignOnceWithWhatItTakes) {
+  std::set<std::string> names;
+  const std::set<std::string> members = {"clock", "levels", "order",       "seed",
+                                         "hold",  "file",   "rows_per_bit"};
+  for (const DesignInfo& info : designTable()) {
+    EXPECT_TRUE(names.insert(info.name).second) << info.name;
+    EXPECT_FALSE(info.text.empty()) << info.name;
+    for (const std::string& member : info.takes)
+      EXPECT_EQ(members.count(member), 1u) << info.name << " takes " << member;
+  }
+  EXPECT_EQ(names, (std::set<std::string>{"prbs", "multilevel-prbs", "differential-prbs", "steps",
+                                          "coast-down", "spin", "single-thruster", "multisine",
+                                          "file"}));
+}
+
+TEST(InputDesign, EveryDesignPlaysItsRowsInTime) {
+  for (const auto& [name, params] : designs()) {
+    SCOPED_TRACE(name);
+    for (double duration : {0.01, 7.3, 20.0, 100.0}) {
+      const InputSignal signal = makeDesign(params, duration);
+      EXPECT_EQ(signal.times.front(), 0);
+      EXPECT_EQ(signal.end, duration);
+      EXPECT_FALSE(signal.has_lift);
+      EXPECT_EQ(signal.description, "");
+      expectSound(signal);
+      expectPlays(signal);
+    }
+  }
+}
+
+TEST(InputDesign, EdgesAreAtTheClockOrTheHold) {
+  for (auto [name, params] : designs()) {
+    params.clock = 12.5;
+    params.hold = 0.4;
+    const auto& takes = *std::find_if(designTable().begin(), designTable().end(),
+                                      [&name = name](const auto& i) { return i.name == name; });
+    const bool clocked =
+        std::find(takes.takes.begin(), takes.takes.end(), "clock") != takes.takes.end();
+    const double step = clocked ? 1 / 12.5 : 0.4;
+    const InputSignal signal = makeDesign(params, 30);
+    EXPECT_EQ(signal.times.size(), std::ceil(30 / step - 1e-6)) << name;
+    for (std::size_t i = 0; i < signal.times.size(); ++i)
+      EXPECT_NEAR(signal.times[i], static_cast<double>(i) * step, 1e-9) << name;
+  }
+}
+
+TEST(InputDesign, InputsKeepWithinTheLevelsAndReachThem) {
+  for (auto [name, params] : designs()) {
+    params.levels = {0.2, 0.7};
+    double low = 1, high = 0;
+    for (const Row& row : rowsOf(makeDesign(params, 60)))
+      for (double input : row) {
+        // single-thruster leaves the other one off
+        if (name == "single-thruster" && input == 0) continue;
+        low = std::min(low, input);
+        high = std::max(high, input);
+      }
+    EXPECT_GE(low, 0.2 - 1e-12) << name;
+    EXPECT_LE(high, 0.7 + 1e-12) << name;
+    if (name == "multisine") continue;  // see APushAndATurnOfAMultisineUseHalfTheLevelsEach
+    EXPECT_EQ(low, 0.2) << name;
+    EXPECT_EQ(high, 0.7) << name;
+  }
+}
+
+TEST(InputDesign, SameSeedSameRowsOtherSeedsOtherRows) {
+  for (auto [name, params] : designs()) {
+    std::set<Rows> seen;
+    for (unsigned long seed = 0; seed < 30; ++seed) {
+      params.seed = seed;
+      const Rows rows = rowsOf(makeDesign(params, 20));
+      EXPECT_EQ(rows, rowsOf(makeDesign(params, 20))) << name;
+      seen.insert(rows);
+    }
+    const auto& table = designTable();
+    const auto info = std::find_if(table.begin(), table.end(),
+                                   [&name = name](const auto& i) { return i.name == name; });
+    const bool seeded =
+        std::find(info->takes.begin(), info->takes.end(), "seed") != info->takes.end();
+    EXPECT_EQ(seen.size(), seeded ? 30u : 1u) << name;
+  }
+}
+
+TEST(InputDesign, PrbsIsTheMaximumLengthSequenceFromSomewhereInItsPeriod) {
+  for (int order : {5, 9}) {
+    const std::size_t period = (std::size_t{1} << order) - 1;
+    for (unsigned long seed : {0ul, 1ul, 2ul, 17ul}) {
+      DesignParams params = design("prbs");
+      params.order = order;
+      params.seed = seed;
+      params.levels = {0.1, 0.9};
+      const Rows rows = rowsOf(makeDesign(params, 2.5 * static_cast<double>(period) / 15));
+      bool found = false;
+      for (std::size_t start = 0; start < period && !found; ++start) {
+        Rows expected;
+        for (const auto& bit : makePrbs(order, start))
+          expected.push_back({bit[0] ? 0.9 : 0.1, bit[1] ? 0.9 : 0.1});
+        found = rows == repeatedRows(expected, rows.size());
+      }
+      EXPECT_TRUE(found) << "order " << order << ", seed " << seed;
+    }
+  }
+}
+
+TEST(InputDesign, NeighbouringSeedsOfAPrbsStartFarApart) {
+  // Where in the period the rows of seed + 1 are found in those of seed.
+  DesignParams params = design("prbs");
+  constexpr std::size_t kPeriod = 511;
+  for (unsigned long seed = 1; seed <= 10; ++seed) {
+    params.seed = seed;
+    const Rows here = rowsOf(makeDesign(params, 2 * kPeriod / 15.0));
+    params.seed = seed + 1;
+    const Rows next = rowsOf(makeDesign(params, 2 * kPeriod / 15.0));
+    std::size_t shift = 0;
+    while (shift < kPeriod && !std::equal(next.begin(), next.begin() + kPeriod,
+                                          here.begin() + static_cast<std::ptrdiff_t>(shift)))
+      ++shift;
+    ASSERT_LT(shift, kPeriod) << "both are the same sequence";
+    EXPECT_GT(std::min(shift, kPeriod - shift), 150u) << seed;
+  }
+}
+
+TEST(InputDesign, DifferentialTurnsWithAConstantSum) {
+  DesignParams params = design("differential-prbs");
+  params.levels = {0.25, 0.75};
+  const Rows rows = rowsOf(makeDesign(params, 511 / 15.0));
+  int high = 0;
+  for (const Row& row : rows) {
+    EXPECT_EQ(row[0] + row[1], 1);
+    EXPECT_NE(row[0], row[1]);
+    high += row[0] > row[1];
+  }
+  EXPECT_EQ(rows.size(), 511u);
+  EXPECT_NEAR(high, 255.5, 1) << "a maximum-length sequence is balanced";
+}
+
+TEST(InputDesign, MultilevelDrawsAllLevelsEquallyForEachThruster) {
+  DesignParams params = design("multilevel-prbs");
+  params.order = 13;
+  const Rows rows = rowsOf(makeDesign(params, 8191 / 15.0));
+  std::map<double, int> counts[2];
+  double correlation = 0, follows = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t side : {0, 1}) ++counts[side][rows[i][side]];
+    correlation += (rows[i][0] - 0.5) * (rows[i][1] - 0.5);
+    if (i > 0) follows += (rows[i][0] - 0.5) * (rows[i - 1][0] - 0.5);
+  }
+  const double n = static_cast<double>(rows.size());
+  for (const auto& count : counts) {
+    ASSERT_EQ(count.size(), 5u) << "0, 0.25, 0.5, 0.75, 1";
+    for (const auto& [level, times] : count) {
+      EXPECT_EQ(std::fmod(level, 0.25), 0);
+      EXPECT_NEAR(times, n / 5, 5 * std::sqrt(n * 0.16)) << level;
+    }
+  }
+  const double variance = 0.125;  // of the five levels
+  EXPECT_LT(std::abs(correlation / n), 5 * variance / std::sqrt(n));
+  EXPECT_LT(std::abs(follows / n), 5 * variance / std::sqrt(n));
+  params.levels = {0.3, 0.1, 0.9};
+  const Rows given = rowsOf(makeDesign(params, 60));
+  std::set<double> seen;
+  for (const Row& row : given) seen.insert(row.begin(), row.end());
+  EXPECT_EQ(seen, (std::set<double>{0.1, 0.3, 0.9}));
+}
+
+/// One period of a multisine at `clock` [Hz]: push, turn as shares of the reach of the levels.
+Rows pushAndTurn(double clock, unsigned long seed) {
+  DesignParams params = design("multisine");
+  params.clock = clock;
+  params.seed = seed;
+  Rows found;
+  for (const Row& row : rowsOf(makeDesign(params, 8)))
+    found.push_back({row[0] + row[1] - 1, row[0] - row[1]});
+  return found;
+}
+
+TEST(InputDesign, PushAndTurnOfAMultisineAreUncorrelatedOverAPeriod) {
+  for (double clock : {4.0, 10.0, 15.0, 50.0}) {
+    for (unsigned long seed : {1ul, 5ul}) {
+      const Rows rows = pushAndTurn(clock, seed);
+      EXPECT_EQ(rows.size(), 8 * clock) << "a period is 8 s";
+      double push = 0, turn = 0, both = 0, means[2] = {0, 0};
+      for (const Row& row : rows) {
+        push += row[0] * row[0];
+        turn += row[1] * row[1];
+        both += row[0] * row[1];
+        for (std::size_t i : {0, 1}) means[i] += row[i] / static_cast<double>(rows.size());
+      }
+      EXPECT_LT(std::abs(both), 1e-9 * std::sqrt(push * turn));
+      EXPECT_NEAR(means[0], 0, 1e-9);
+      EXPECT_NEAR(means[1], 0, 1e-9);
+      // Schroeder's phases keep the peaks low: the root mean square of a sine is 0.71 of its peak.
+      EXPECT_GT(std::sqrt(push / static_cast<double>(rows.size())), 0.4 * 0.5);
+      EXPECT_GT(std::sqrt(turn / static_cast<double>(rows.size())), 0.4 * 0.5);
+    }
+  }
+}
+
+TEST(InputDesign, APushAndATurnOfAMultisineUseHalfTheLevelsEach) {
+  for (double clock : {4.0, 15.0, 50.0}) {
+    double most[2] = {0, 0};
+    for (const Row& row : pushAndTurn(clock, 1))
+      for (std::size_t i : {0, 1}) most[i] = std::max(most[i], std::abs(row[i]));
+    EXPECT_NEAR(most[0], 0.5, 1e-9) << clock;
+    EXPECT_NEAR(most[1], 0.5, 1e-9) << clock;
+  }
+}
+
+TEST(InputDesign, AMultisineHasEqualSinesUpToASixthOfTheClockAndNoneBeyond) {
+  for (double clock : {4.0, 15.0, 50.0}) {
+    const Rows rows = pushAndTurn(clock, 3);
+    const std::size_t n = rows.size();
+    for (std::size_t channel : {0, 1}) {
+      double strongest = 0, weakest = 1e9, beyond = 0;
+      for (std::size_t k = 1; k <= n / 2; ++k) {
+        std::complex<double> sum = 0;
+        for (std::size_t i = 0; i < n; ++i)
+          sum += std::polar(rows[i][channel], -2 * M_PI * static_cast<double>(k * i % n) /
+                                                  static_cast<double>(n));
+        const double frequency = static_cast<double>(k) / 8, amplitude = std::abs(sum);
+        const bool own = frequency <= clock / 6 + 1e-9 && k % 2 == 1 - channel;
+        if (own) {
+          strongest = std::max(strongest, amplitude);
+          weakest = std::min(weakest, amplitude);
+        } else {
+          beyond = std::max(beyond, amplitude);
+        }
+      }
+      EXPECT_GT(weakest, 0.999 * strongest) << clock;
+      EXPECT_LT(beyond, 1e-9 * strongest) << clock;
+    }
+  }
+}
+
+TEST(InputDesign, PatternsAreWhatTheyAreDocumentedToBe) {
+  const auto rows = [](DesignParams params, double duration) {
+    params.hold = 0.5;
+    return rowsOf(makeDesign(params, duration));
+  };
+  EXPECT_EQ(rows(design("steps"), 3.5),
+            (Rows{{0, 0}, {.25, .25}, {.5, .5}, {.75, .75}, {1, 1}, {0, 0}, {.25, .25}}));
+  EXPECT_EQ(rows(design("coast-down"), 3), (Rows{{1, 1}, {0, 0}, {0, 0}, {0, 0}, {1, 1}, {0, 0}}));
+  EXPECT_EQ(rows(design("spin"), 4.5),
+            (Rows{{1, 0}, {0, 0}, {0, 0}, {0, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}, {1, 0}}));
+  EXPECT_EQ(rows(design("single-thruster"), 5.5), (Rows{{0, 0},
+                                                        {.25, 0},
+                                                        {.5, 0},
+                                                        {.75, 0},
+                                                        {1, 0},
+                                                        {0, 0},
+                                                        {0, .25},
+                                                        {0, .5},
+                                                        {0, .75},
+                                                        {0, 1},
+                                                        {0, 0}}));
+  DesignParams spin = design("spin");
+  spin.levels = {0.2, 0.6};
+  EXPECT_EQ(rows(spin, 2.5), (Rows{{.6, .2}, {.2, .2}, {.2, .2}, {.2, .2}, {.2, .6}}));
+  DesignParams steps = design("steps");
+  steps.levels = {0.9, 0.3, 0.3};
+  EXPECT_EQ(rows(steps, 2), (Rows{{.9, .9}, {.3, .3}, {.3, .3}, {.9, .9}}));
+}
+
+TEST(InputFile, BitsAreFoundAndPlayedAtTheClock) {
+  std::string text;
+  const PrbsBits bits = makePrbs(6, 3);
+  for (const auto& bit : bits)
+    for (int i = 0; i < 3; ++i)
+      text += std::string(bit[0] ? "1," : "-1,") + (bit[1] ? "1\n" : "-1\n");
+  DesignParams params = inputFile(text);
+  params.levels = {0.1, 0.8};
+  params.clock = 20;
+  const InputSignal found = makeDesign(params, 63 / 20.0 + 1);
+  expectSound(found);
+  expectPlays(found);
+  EXPECT_EQ(found.description,
+            "189 rows, 3 rows per bit: a clock of 20 Hz plays 60 rows per second, all in 3.15 s");
+  for (std::size_t i = 0; i < 63 + 20; ++i) {
+    const auto& bit = bits[i % 63];
+    const Inputs inputs = found.at((static_cast<double>(i) + 0.5) / 20);
+    ASSERT_EQ(inputs.left, bit[0] ? 0.8 : 0.1) << i;
+    ASSERT_EQ(inputs.right, bit[1] ? 0.8 : 0.1) << i;
+  }
+  params.rows_per_bit = 1;
+  const InputSignal slow = makeDesign(params, 1);
+  EXPECT_EQ(slow.times.size(), 20u) << "as told: a row is a bit";
+  EXPECT_EQ(slow.description.rfind("189 rows, 1 row per bit", 0), 0u) << slow.description;
+}
+
+TEST(InputFile, TimedRowsAreHeldUntilTheNext) {
+  const InputSignal signal = makeDesign(inputFile(kTimed), 20);
+  expectSound(signal);
+  expectPlays(signal);
+  EXPECT_EQ(signal.times, (std::vector<double>{0, 0.5, 2}));
+  EXPECT_EQ(rowsOf(signal), (Rows{{0.2, 0.8}, {0.9, 0}, {0, 0}}));
+  EXPECT_EQ(signal.end, 2) << "it ends with its last row, whatever the duration";
+  EXPECT_FALSE(signal.has_lift);
+  EXPECT_EQ(signal.description, "");
+  const InputSignal late = makeDesign(
+      inputFile(" time , left , right\r\n1, 0.5 ,0.25\r\n\n 3,0,0\n"), 20);
+  EXPECT_EQ(late.times, (std::vector<double>{1, 3}));
+  EXPECT_EQ(late.at(0.5).left, 0) << "before the first row";
+  EXPECT_EQ(late.nextChange(0), 1);
+  EXPECT_EQ(late.at(1).left, 0.5);
+}
+
+TEST(InputFile, AColumnLiftIsAPartOfTheInput) {
+  const InputSignal signal = makeDesign(inputFile(kLifted), 20);
+  expectSound(signal);
+  expectPlays(signal);
+  EXPECT_TRUE(signal.has_lift);
+  EXPECT_EQ(signal.end, 4);
+  EXPECT_EQ(signal.at(2).left, 0.5);
+  EXPECT_EQ(signal.at(2).right, 0.25);
+  EXPECT_EQ(signal.at(2).lift, 1);
+  EXPECT_EQ(signal.at(3.5).lift, 0.5);
+}
+
+TEST(InputFile, ComplaintsNameFileAndLine) {
+  const struct {
+    std::string text, place, words;
+  } cases[] = {
+      {"time,left\n0,1\n", ", line 1: ", "the columns are time,left, not time,left,right"},
+      {"time,right,left\n0,1,1\n", ", line 1: ", "not time,left,right"},
+      {"time,left,right\n0,0,0\n1,x,0\n", ", line 3: ", "'1,x,0' is not all numbers"},
+      {"time,left,right\n0,0,0\n1,,0\n", ", line 3: ", "is not all numbers"},
+      {"time,left,right\n0,0,0\n\n1,0\n", ", line 4: ", "2 values for 3 columns (time,left,right)"},
+      {"time,left,right\n0,0,0,1\n1,0,0\n", ", line 2: ", "4 values for 3 columns"},
+      {"time,left,right,lift\n0,0,0\n", ", line 2: ", "3 values for 4 columns"},
+      {"time,left,right\n0,0,nan\n1,0,0\n", ", line 2: ", "a value is not finite"},
+      {"time,left,right\ninf,0,0\n", ", line 2: ", "a value is not finite"},
+      {"time,left,right\n-1,0,0\n1,0,0\n", ", line 2: ", "times have to grow from 0 or more on"},
+      {"time,left,right\n0,0,0\n1,0,0\n1,0,0\n", ", line 4: ", "times have to grow"},
+      {"time,left,right\n0,0,0\n1,1.1,0\n", ", line 3: ", "inputs have to be between 0 and 1"},
+      {"time,left,right,lift\n0,0,0,-1\n1,0,0,0\n", ", line 2: ", "inputs have to be between"},
+      {"time,left,right\n0,0,0\n3601,0,0\n", ", line 3: ", "inputs may last 3600 s"},
+      {"time,left,right\n", ": ", "only 0 rows"},
+      {"time,left,right\n0,0,0\n", ": ", "only 1 rows"},
+      {"1,0\n1,2\n", ", line 2: ", "'1,2' is not LEFT,RIGHT with -1, 0 or 1 each"},
+      {"left,right\n1,0\n", ", line 1: ", "other inputs need a first line time,left,right or"},
+  };
+  for (const auto& bad : cases) {
+    try {
+      makeDesign(inputFile(bad.text), 20);
+      ADD_FAILURE() << bad.text;
+    } catch (const std::runtime_error& error) {
+      const std::string said = error.what();
+      EXPECT_NE(said.find("input_design_test.csv" + bad.place), std::string::npos) << said;
+      EXPECT_NE(said.find(bad.words), std::string::npos) << said;
+    }
+  }
+  try {
+    makeDesign(inputFile("\n"), 20);
+    ADD_FAILURE() << "an empty file";
+  } catch (const std::runtime_error& error) {
+    EXPECT_NE(std::string(error.what()).find("input_design_test.csv is empty"), std::string::npos);
+  }
+  DesignParams none = design("file");
+  none.file = "no/such/file.csv";
+  EXPECT_THROW(makeDesign(none, 20), std::runtime_error);
+  none.file = "";
+  EXPECT_THROW(makeDesign(none, 20), std::invalid_argument);
+}
+
+TEST(DesignParams, RefuseNonsense) {
+  const double nan = std::nan("");
+  const auto complaint = [](const std::string& kind, auto change) {
+    DesignParams params = design(kind);
+    change(params);
+    const std::string wrong = params.validate();
+    if (wrong.empty()) return wrong;
+    EXPECT_THROW(makeDesign(params, 20), std::invalid_argument) << wrong;
+    return wrong;
+  };
+  for (const DesignInfo& info : designTable()) EXPECT_EQ(design(info.name).validate(), "");
+  const auto unknown = complaint("prsb", [](auto&) {});
+  EXPECT_EQ(unknown.rfind("no design is named 'prsb'; there are prbs, multilevel-prbs, ", 0), 0u);
+  EXPECT_EQ(unknown.substr(unknown.size() - 6), ", file");
+  for (double bad : {0.0, -15.0, 0.09, 501.0, nan})
+    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.clock = bad; }),
+              "clock must be between 0.1 and 500 Hz");
+  for (double bad : {0.0, 0.01, 101.0, nan})
+    EXPECT_EQ(complaint("steps", [&](auto& p) { p.hold = bad; }),
+              "hold must be between 0.02 and 100 s");
+  for (int bad : {1, 21, -3})
+    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.order = bad; }), "order must be between 2 and 20");
+  EXPECT_EQ(complaint("file", [](auto& p) { p.rows_per_bit = -1; }),
+            "rows_per_bit must be positive, or 0 to find it in the file");
+  using Levels = std::vector<double>;
+  for (const Levels& bad : {Levels{-0.1, 1}, Levels{0, 1.1}, Levels{nan, 1}})
+    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.levels = bad; }),
+              "levels must be between 0 and 1");
+  EXPECT_EQ(complaint("steps", [](auto& p) { p.levels.assign(101, 0.5); }),
+            "at most 100 levels are allowed");
+  for (const char* kind : {"prbs", "differential-prbs", "coast-down", "spin", "multisine", "file"})
+    for (const Levels& bad : {Levels{0.5}, Levels{0, 0.5, 1}, Levels{0.7, 0.3}})
+      EXPECT_EQ(complaint(kind, [&](auto& p) { p.levels = bad; }),
+                std::string(kind) + " takes two levels, LOW and HIGH");
+  for (const char* kind : {"steps", "single-thruster", "multilevel-prbs"})
+    EXPECT_EQ(complaint(kind, [](auto& p) { p.levels = {0.7, 0.3, 0.5}; }), "");
+}
+
+TEST(InputDesign, RefusesDurationsAndSizesThatCannotBePlayed) {
+  for (double bad : {0.0, -1.0, 3600.1, std::nan(""), std::numeric_limits<double>::infinity()})
+    for (const auto& [name, params] : designs())
+      EXPECT_THROW(makeDesign(params, bad), std::invalid_argument) << name << " for " << bad;
+  DesignParams bits = inputFile("1,0\n0,1\n");
+  bits.clock = 500;
+  bits.rows_per_bit = 2;
+  EXPECT_THROW(makeDesign(bits, 3600), std::invalid_argument) << "3.6 million rows";
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -1,0 +1,477 @@
+// The floor of a room: distances from its walls, room files, and the fence that keeps a craft inside.
+#include "ground/control/room_plan.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <random>
+
+#include "ground/control/fence.h"
+
+namespace ground {
+namespace {
+
+using Point = Vector2<double>;
+using Points = std::vector<Point>;
+
+/// A room of 4 x 4 m with its home in the middle.
+RoomPlan square() {
+  RoomPlan room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
+  return room;
+}
+
+/// An L: a room of 4 x 4 m without its quarter x > 0, y > 0.
+RoomPlan angled() {
+  RoomPlan room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
+  room.home = {-1, -1};
+  return room;
+}
+
+/// A star about the origin: simple, and rarely convex.
+RoomPlan star(std::mt19937_64& random, int corners) {
+  std::uniform_real_distribution<double> radius(0.5, 3), shift(-0.3, 0.3);
+  RoomPlan room;
+  room.corners.clear();
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * M_PI * (i + shift(random)) / corners;
+    room.corners.emplace_back(radius(random) * Point(std::cos(angle), std::sin(angle)));
+  }
+  if (random() % 2 == 0) std::reverse(room.corners.begin(), room.corners.end());
+  return room;
+}
+
+std::vector<RoomPlan> rooms() {
+  std::vector<RoomPlan> all = {square(), angled()};
+  std::mt19937_64 random(7);
+  for (int i = 0; i < 30; ++i) all.push_back(star(random, 5 + i % 8));
+  return all;
+}
+
+/// How often the walls turn around a point; 0 outside.
+int windingNumber(const Points& corners, const Point& point) {
+  double angle = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Point a = corners[i] - point, b = corners[(i + 1) % corners.size()] - point;
+    angle += std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
+  }
+  return static_cast<int>(std::lround(angle / (2 * M_PI)));
+}
+
+/// Distance from a wall in its own axes: beside it the distance of a line, else that of an end.
+double wallDistance(const Point& a, const Point& b, const Point& point) {
+  const Point along = (b - a).normalized(), across(-along.y(), along.x());
+  const double way = (point - a).dot(along);
+  if (way >= 0 && way <= (b - a).norm()) return std::abs((point - a).dot(across));
+  return std::min((point - a).norm(), (point - b).norm());
+}
+
+double referenceClearance(const Points& corners, const Point& point) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    least = std::min(least, wallDistance(corners[i], corners[(i + 1) % corners.size()], point));
+  return windingNumber(corners, point) == 0 ? -least : least;
+}
+
+Point somewhere(std::mt19937_64& random, double reach = 3.5) {
+  std::uniform_real_distribution<double> uniform(-reach, reach);
+  const double x = uniform(random);
+  return {x, uniform(random)};
+}
+
+TEST(RoomPlan, ClearanceIsTheDistanceFromTheNearestWallNegativeOutside) {
+  std::mt19937_64 random(1);
+  int inside = 0, outside = 0;
+  for (const RoomPlan& room : rooms()) {
+    for (int i = 0; i < 300; ++i) {
+      const Point point = somewhere(random);
+      const double expected = referenceClearance(room.corners, point);
+      ASSERT_NEAR(room.clearance(point), expected, 1e-12) << point.transpose();
+      ++(expected > 0 ? inside : outside);
+    }
+  }
+  EXPECT_GT(inside, 1000);
+  EXPECT_GT(outside, 1000);
+}
+
+TEST(RoomPlan, ClearanceOfPointsLevelWithCornersIsRight) {
+  const RoomPlan room = angled();
+  EXPECT_DOUBLE_EQ(room.clearance({-1, 0}), 1);
+  EXPECT_DOUBLE_EQ(room.clearance({1, 0.5}), -0.5);
+  EXPECT_DOUBLE_EQ(room.clearance({-3, 0}), -1);
+  EXPECT_DOUBLE_EQ(room.clearance({3, 0}), -1);
+  EXPECT_DOUBLE_EQ(room.clearance({-3, -2}), -1);
+  EXPECT_DOUBLE_EQ(room.clearance({3, 2}), -std::sqrt(5.0));
+  EXPECT_DOUBLE_EQ(room.clearance({-0.3, -0.4}), 0.5) << "the inner corner is the nearest";
+  EXPECT_EQ(std::abs(room.clearance({1, 0})), 0) << "on a wall";
+}
+
+TEST(RoomPlan, AwayIsTheGradientOfTheClearance) {
+  std::mt19937_64 random(2);
+  constexpr double h = 1e-6;
+  int checked = 0;
+  for (const RoomPlan& room : rooms()) {
+    for (int i = 0; i < 200; ++i) {
+      const Point point = somewhere(random);
+      const auto at = [&](double x, double y) { return room.clearance(point + Point(x, y)); };
+      const Point differences((at(h, 0) - at(-h, 0)) / (2 * h), (at(0, h) - at(0, -h)) / (2 * h));
+      // Between two walls that are equally near there is no gradient: its norm is below 1.
+      if (std::abs(differences.norm() - 1) > 1e-4) continue;
+      Point away;
+      const double distance = room.clearance(point, away);
+      EXPECT_DOUBLE_EQ(distance, room.clearance(point));
+      ASSERT_LT((away - differences).norm(), 1e-3) << point.transpose();
+      ++checked;
+    }
+  }
+  EXPECT_GT(checked, 5000);
+}
+
+TEST(RoomPlan, ClearanceOfAWayIsThatOfItsNarrowestPoint) {
+  std::mt19937_64 random(3);
+  int narrower_than_its_ends = 0;
+  for (const RoomPlan& room : rooms()) {
+    for (int i = 0; i < 30; ++i) {
+      Point from = somewhere(random), to = somewhere(random);
+      while (i % 3 > 0 && room.clearance(from) < 0.05) from = somewhere(random);
+      while (i % 3 > 0 && room.clearance(to) < 0.05) to = somewhere(random);
+      double least = std::numeric_limits<double>::infinity();
+      for (int k = 0; k <= 7000; ++k)
+        least = std::min(least, room.clearance(from + k / 7000.0 * (to - from)));
+      const double found = room.clearanceOfWay(from, to);
+      ASSERT_NEAR(found, least, 0.005) << from.transpose() << " to " << to.transpose();
+      EXPECT_DOUBLE_EQ(room.clearanceOfWay(from, from), room.clearance(from));
+      const double ends = std::min(room.clearance(from), room.clearance(to));
+      narrower_than_its_ends += least < ends - 0.05;
+    }
+  }
+  EXPECT_GT(narrower_than_its_ends, 40);
+}
+
+TEST(RoomPlan, AWayThroughANeighbouringCornerIsOutside) {
+  // Both ends of the L are inside; the straight way between them cuts the missing quarter.
+  EXPECT_NEAR(angled().clearanceOfWay({1, -0.5}, {-0.5, 1}), -0.25, 0.005);
+  EXPECT_GT(angled().clearanceOfWay({1, -1}, {-1, -1}), 0.99);
+}
+
+TEST(RoomPlan, AcceptsRoomsOfAnyShapeAndDirection) {
+  EXPECT_EQ(square().validate(), "");
+  EXPECT_EQ(angled().validate(), "");
+  RoomPlan room = angled();
+  std::reverse(room.corners.begin(), room.corners.end());
+  EXPECT_EQ(room.validate(), "");
+  for (RoomPlan any : rooms()) {
+    any.margin = 0;
+    any.home = any.home.norm() > 0 ? any.home : Point(1e-3, 1e-3);
+    EXPECT_EQ(any.validate(), "");
+  }
+}
+
+TEST(RoomPlan, ValidateSaysWhatIsWrong) {
+  const double nan = std::nan(""), inf = std::numeric_limits<double>::infinity();
+  const auto complaint = [](auto change) {
+    RoomPlan room = square();
+    change(room);
+    return room.validate();
+  };
+  const std::string corners = "a room needs between 3 and 1000 corners";
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners.clear(); }), corners);
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners.resize(2); }), corners);
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners.resize(1001, {0, 0}); }), corners);
+  const std::string far = "a corner is farther than 10 km away";
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners[2] = {1.1e4, 0}; }), far);
+  EXPECT_EQ(complaint([&](RoomPlan& r) { r.corners[1].y() = nan; }), far);
+  EXPECT_EQ(complaint([&](RoomPlan& r) { r.corners[0].x() = inf; }), far);
+  const std::string same = "two neighbouring corners are the same";
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners[1] = r.corners[0]; }), same);
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners[3] = r.corners[0]; }), same)
+      << "the last is a neighbour of the first";
+  const std::string cross = "walls cross: list the corners in order";
+  EXPECT_EQ(complaint([](RoomPlan& r) { std::swap(r.corners[1], r.corners[2]); }), cross);
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners.emplace_back(0.5, -2); }), cross)
+      << "a corner touches another wall";
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.corners = {{0, 0}, {2, 0}, {2, 2}, {2, -1}}; }), cross)
+      << "a wall that runs back along its neighbour";
+  const std::string margin = "margin must be between 0 and 100 m";
+  for (double bad : {-0.1, 101.0, nan})
+    EXPECT_EQ(complaint([&](RoomPlan& r) { r.margin = bad; }), margin);
+  const std::string braking = "braking must be between 0.05 and 50 m/s^2";
+  for (double bad : {0.0, -1.5, 51.0, nan})
+    EXPECT_EQ(complaint([&](RoomPlan& r) { r.braking = bad; }), braking);
+  const std::string latency = "latency must be between 0 and 2 s";
+  for (double bad : {-0.1, 2.1, nan})
+    EXPECT_EQ(complaint([&](RoomPlan& r) { r.latency = bad; }), latency);
+  const std::string home = "home must be inside, farther than margin from the walls";
+  for (const Point& bad : Points{{3, 0}, {1.9, 0}, {nan, 0}, {0, inf}})
+    EXPECT_EQ(complaint([&](RoomPlan& r) { r.home = bad; }), home);
+  EXPECT_EQ(complaint([](RoomPlan& r) { r.margin = 2; }), home) << "there is no place for a home";
+}
+
+/// A room file; `lines` replace those that start with the same word, and are added otherwise.
+std::string roomFile(const std::vector<std::string>& lines) {
+  std::vector<std::string> text = {"schema: ground/room/1", "name: test",
+                                   "corners: [[-2, -2], [2, -2], [2, 2], [-2, 2]]", "margin: 0.3",
+                                   "home: [0.5, -0.5]", "braking: 1.2", "latency: 0.15"};
+  for (const std::string& line : lines) {
+    const std::string word = line.substr(0, line.find(':') + 1);
+    const auto at = std::find_if(text.begin(), text.end(), [&](const std::string& old) {
+      return old.compare(0, word.size(), word) == 0;
+    });
+    if (at == text.end()) {
+      text.push_back(line);
+    } else {
+      *at = line;
+    }
+  }
+  const std::string path = testing::TempDir() + "room_plan_test.yaml";
+  std::ofstream file(path);
+  for (const std::string& line : text) file << line << "\n";
+  return path;
+}
+
+TEST(RoomFile, HasAllOfARoom) {
+  const RoomPlan room = loadRoomPlan(roomFile({}));
+  EXPECT_EQ(room.name, "test");
+  EXPECT_EQ(room.corners, (Points{{-2, -2}, {2, -2}, {2, 2}, {-2, 2}}));
+  EXPECT_EQ(room.margin, 0.3);
+  EXPECT_EQ(room.home, Point(0.5, -0.5));
+  EXPECT_EQ(room.braking, 1.2);
+  EXPECT_EQ(room.latency, 0.15);
+}
+
+TEST(RoomFile, TheShippedRoomIsFourByFourMetres) {
+  const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  EXPECT_EQ(room.validate(), "");
+  EXPECT_EQ(room.name, "4 x 4 m");
+  ASSERT_EQ(room.corners.size(), 4u);
+  for (const Point& corner : room.corners) EXPECT_EQ(corner.cwiseAbs(), Point(2, 2));
+  EXPECT_DOUBLE_EQ(room.clearance({0, 0}), 2);
+  EXPECT_EQ(room.home, Point(0, 0));
+}
+
+std::string complaintOf(const std::string& path) {
+  try {
+    loadRoomPlan(path);
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(RoomFile, ComplaintsNameFileLineAndKey) {
+  const struct {
+    std::string line, place, words;
+  } cases[] = {
+      {"schema: ground/model/1", "line 1", "schema: ground/room/1"},
+      {"corners: 5", "line 3", "corners must be a list"},
+      {"corners: [[-2, -2], [2, -2], [2, 2, 1], [-2, 2]]", "line 3", "corners must be [x, y]"},
+      {"corners: [[-2, -2], [2, -2], [2, x], [-2, 2]]", "line 3", "corners must be a number"},
+      {"margin: wide", "line 4", "margin must be a number"},
+      {"margin: .nan", "line 4", "margin must not be NaN"},
+      {"home: 0", "line 5", "home must be [x, y]"},
+      {"home: [0]", "line 5", "home must be [x, y]"},
+      {"braking: [1]", "line 6", "braking must be a number"},
+      {"latency: {}", "line 7", "latency must be a number"},
+      {"height: 3", "line 8", "unknown key 'height'"},
+      {"name : again", "line 8", "duplicate key 'name'"},
+      {"name: [a]", "line 2", "name must be"},
+      {"margin: [", "line ", ""},
+  };
+  for (const auto& bad : cases) {
+    const std::string said = complaintOf(roomFile({bad.line}));
+    const std::string place = "room_plan_test.yaml, " + bad.place;
+    EXPECT_NE(said.find(place), std::string::npos) << bad.line << ": " << said;
+    EXPECT_NE(said.find(bad.words), std::string::npos) << bad.line << ": " << said;
+  }
+}
+
+TEST(RoomFile, ARoomThatIsNoneIsRefusedWithTheReason) {
+  const std::pair<std::string, std::string> cases[] = {
+      {"corners: [[-2, -2], [2, 2], [2, -2], [-2, 2]]", "walls cross"},
+      {"corners: []", "between 3 and 1000 corners"},
+      {"corners: [[0, 0], [.inf, 0], [0, 1]]", "10 km"},
+      {"margin: -0.1", "margin must be between"},
+      {"home: [5, 5]", "home must be inside"},
+      {"braking: 0", "braking must be between"},
+      {"latency: 3", "latency must be between"},
+  };
+  for (const auto& [line, words] : cases) {
+    const std::string said = complaintOf(roomFile({line}));
+    EXPECT_NE(said.find("room_plan_test.yaml"), std::string::npos) << said;
+    EXPECT_NE(said.find(words), std::string::npos) << line << ": " << said;
+  }
+  EXPECT_NE(complaintOf("no/such/room.yaml").find("no/such/room.yaml"), std::string::npos);
+  const std::string path = testing::TempDir() + "room_plan_test.yaml";
+  for (const char* text : {"", "- 1\n- 2\n", "a word\n"}) {
+    std::ofstream(path) << text;
+    EXPECT_NE(complaintOf(path).find("room_plan_test.yaml"), std::string::npos) << text;
+  }
+}
+
+RigidState<double> moving(const Point& at, double psi, double u, double v) {
+  RigidState<double> state;
+  state.eta << at, psi;
+  state.nu << u, v, 1.3;
+  return state;
+}
+
+/// Where a craft comes to rest that goes on for `coasting` [s] and is then braked, by small steps.
+Point simulatedRest(const RigidState<double>& state, double coasting, double braking) {
+  const double psi = state.eta.z(), u = state.nu.x(), v = state.nu.y();
+  Point velocity(std::cos(psi) * u - std::sin(psi) * v, std::sin(psi) * u + std::cos(psi) * v);
+  Point at = state.eta.head<2>();
+  constexpr double dt = 1e-4;
+  for (double t = 0; t < coasting - dt / 2; t += dt) at += dt * velocity;
+  while (velocity.norm() > 0) {
+    const double slower = std::max(0.0, velocity.norm() - braking * dt);
+    const Point after = slower * velocity.normalized();
+    at += 0.5 * dt * (velocity + after);
+    velocity = after;
+  }
+  return at;
+}
+
+TEST(Fence, RestIsWhereABrakedCraftComesToRest) {
+  RoomPlan room = square();
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4), time(0, 0.5);
+  for (int i = 0; i < 50; ++i) {
+    room.braking = 0.5 + time(random) * 5;
+    room.latency = time(random);
+    const double age = time(random);
+    const double u = speed(random), v = speed(random);
+    const RigidState<double> state = moving(somewhere(random), angle(random), u, v);
+    const Point expected = simulatedRest(state, room.latency + age, room.braking);
+    EXPECT_LT((Fence(room, 0.2).rest(state, age) - expected).norm(), 1e-3);
+  }
+}
+
+TEST(Fence, RestOfACraftThatStandsIsWhereItStands) {
+  EXPECT_EQ(Fence(square(), 0.2).rest(moving({1, 0.5}, 2, 0, 0), 0.3), Point(1, 0.5));
+  // A stamp ahead of the clock makes a state no fresher than fresh.
+  const RigidState<double> fast = moving({0, 0}, 0, 1, 0);
+  EXPECT_EQ(Fence(square(), 0.2).rest(fast, -5), Fence(square(), 0.2).rest(fast, 0));
+}
+
+TEST(Fence, ExcessIsHowMuchTheRestIsTooCloseAndHasExactDerivatives) {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4);
+  constexpr double h = 1e-6;
+  int positive = 0, none = 0;
+  for (const RoomPlan& room : {square(), angled()}) {
+    const Fence fence(room, 0.25);
+    for (int i = 0; i < 1000; ++i) {
+      const double u = speed(random), v = speed(random);
+      const RigidState<double> state = moving(somewhere(random, 2), angle(random), u, v);
+      Eigen::Matrix<double, 1, 5> derivative;
+      const double excess = fence.excess(state, 0.1, derivative);
+      const double expected = 0.25 - room.clearance(fence.rest(state, 0.1));
+      EXPECT_NEAR(excess, std::max(0.0, expected), 1e-12);
+      if (excess == 0) {
+        ++none;
+        continue;
+      }
+      const auto off = [&](int j, double by) {
+        RigidState<double> other = state;
+        (j < 3 ? other.eta(j) : other.nu(j - 3)) += by;
+        return 0.25 - room.clearance(fence.rest(other, 0.1));
+      };
+      // Skips states whose rest is equally near to two walls, where there is no derivative.
+      Eigen::Matrix<double, 1, 5> differences;
+      bool smooth = true;
+      for (int j = 0; j < 5; ++j) {
+        const double right = (off(j, h) - off(j, 0)) / h, left = (off(j, 0) - off(j, -h)) / h;
+        smooth = smooth && std::abs(right - left) < 1e-3;
+        differences(j) = 0.5 * (left + right);
+      }
+      if (!smooth) continue;
+      ASSERT_LT((derivative - differences).norm(), 1e-3 * (1 + differences.norm()));
+      ++positive;
+    }
+  }
+  EXPECT_GT(positive, 500);
+  EXPECT_GT(none, 100);
+}
+
+TEST(Fence, ExcessOfACraftThatStandsHasADerivative) {
+  const Fence fence(square(), 0.5);
+  Eigen::Matrix<double, 1, 5> derivative;
+  EXPECT_NEAR(fence.excess(moving({1.7, 0}, 0, 0, 0), 0.1, derivative), 0.2, 1e-12);
+  // Towards the wall by the latency of 0.1 s and the age of 0.1 s.
+  const Eigen::Matrix<double, 1, 5> expected(1, 0, 0, 0.2, 0);
+  EXPECT_LT((derivative - expected).norm(), 1e-12) << derivative;
+}
+
+TEST(Fence, ObjectsToWhatLeavesTheRoomAndSaysHow) {
+  const Fence fence(square(), 0.2);
+  const auto says = [&](const Point& at, double u, double age) {
+    return fence.objection(moving(at, 0, u, 0), age);  // u points to the wall x = 2
+  };
+  EXPECT_EQ(says({0, 0}, 0, 0), "");
+  EXPECT_EQ(says({1.5, 0}, 0, 0), "");
+  EXPECT_EQ(says({1.85, 0}, 0, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(says({1.85, 0}, -1, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(says({2.25, 0}, 0, 0), "the craft is 0.25 m outside of the room");
+  EXPECT_EQ(says({2.25, 0}, -1, 0), "the craft is 0.25 m outside of the room");
+  // 1 m/s needs 0.1 m of latency and 1 / (2 * 1.5) m of braking.
+  EXPECT_EQ(says({1.3, 0}, 1, 0), "");
+  EXPECT_EQ(says({1.5, 0}, 1, 0),
+            "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
+  EXPECT_EQ(says({1.7, 0}, 1, 0),
+            "the craft would come to rest 0.13 m outside of the room if it were stopped later");
+  EXPECT_EQ(says({1.7, 0}, -1, 0), "") << "it moves inward";
+  // The older the state, the farther it may have gone.
+  EXPECT_EQ(says({1.3, 0}, 1, 0.05), "");
+  EXPECT_EQ(says({1.3, 0}, 1, 0.2),
+            "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
+}
+
+TEST(Fence, ObjectsToAWayThatCutsACornerOfTheRoom) {
+  const Fence fence(angled(), 0.1);
+  const RigidState<double> cuts = moving({0.6, -0.3}, 3 * M_PI / 4, 1.6, 0);
+  ASSERT_GT(angled().clearance(fence.rest(cuts, 0)), 0.1) << "both ends are fine";
+  ASSERT_GT(angled().clearance(cuts.eta.head<2>()), 0.1);
+  EXPECT_NE(fence.objection(cuts, 0), "");
+  const RigidState<double> along = moving({0.6, -0.3}, M_PI, 0.5, 0);
+  EXPECT_EQ(fence.objection(along, 0), "");
+}
+
+TEST(LeavesRoom, JudgesACircleByItsRadius) {
+  EXPECT_EQ(leavesRoom(*makeCircle({0, 0}, 1.5, 0.6), square()), "");
+  EXPECT_EQ(leavesRoom(*makeCircle({0, 0}, 1.7999, 0.05), square()), "");
+  const std::string close = leavesRoom(*makeCircle({0, 0}, 1.9, 0.6), square());
+  EXPECT_EQ(close.rfind("it comes to 0.10 m of a wall after ", 0), 0u) << close;
+  EXPECT_NE(close.find("; margin is 0.20 m"), std::string::npos) << close;
+  const std::string out = leavesRoom(*makeCircle({0, 0}, 2.25, -0.6), square());
+  EXPECT_EQ(out.rfind("it leaves the room by 0.25 m after ", 0), 0u) << out;
+  EXPECT_NE(leavesRoom(*makeCircle({0.5, 0}, 1.5, 0.6), square()), "") << "off the middle";
+  // The L has a corner within the circle.
+  EXPECT_NE(leavesRoom(*makeCircle({0, 0}, 1, 0.6), angled()), "");
+  EXPECT_EQ(leavesRoom(*makeCircle({-1, -1}, 0.7, 0.6), angled()), "");
+}
+
+TEST(LeavesRoom, ASinusoidLeavesEveryRoomInTheEnd) {
+  const std::string said = leavesRoom(*makeSinusoid({-1.5, 0}, 0.5, 1, 0.6), square());
+  EXPECT_EQ(said.rfind("it leaves the room by ", 0), 0u) << said;
+  const std::string wide = leavesRoom(*makeSinusoid({-1.5, 0}, 0.001, 2.5, 0.6), square());
+  EXPECT_EQ(wide.rfind("it leaves the room by 0.50 m after ", 0), 0u) << wide;
+}
+
+TEST(LeavesRoom, SaysWhen) {
+  // Through the wall x = 2 to x = 3 at a constant 0.5 m/s.
+  const std::string said = leavesRoom(*makeLine({0, 0}, {3, 0}, 0.5, false), square());
+  EXPECT_EQ(said, "it leaves the room by 1.00 m after 6.0 s");
+  EXPECT_EQ(leavesRoom(*makeLine({-1, 0}, {1.7, 0}, 0.5, true), square()), "");
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
