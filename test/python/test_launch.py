@@ -211,7 +211,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
 
 MISTAKES = [
     ("sim_tracking.launch", "reference:=circel", "must be one of: circle, line, rhodonea"),
-    ("sim_tracking.launch", "controller:=TrajectoryTraking", "must be one of: OpenLoopPRBS, "),
+    ("sim_tracking.launch", "controller:=TrajectoryTraking", "must be one of: Excitation, OpenLoopPRBS, "),
     ("sim_tracking.launch", "gains:=nowhere.yaml", "nowhere.yaml does not exist"),
     ("sim_tracking.launch", "file:=way.csv", "way.csv does not exist"),
     ("sim_tracking.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
@@ -316,7 +316,7 @@ RELATIVE = [
             "file": "/controller/file",
         },
     ),
-    ("sim_prbs.launch", {"csv": "/controller/csv"}),
+    ("sim_prbs.launch", {"csv": "/controller/file"}),
     ("replay.launch", {"bag": "/play/bag", "model2": "/live_comparison/model2"}),
     ("record.launch", {"bag_dir": "/record/dir"}),
     (

@@ -1,8 +1,10 @@
 #!/usr/bin/python3
 """Whom the sender talks to, what it makes of datagrams, and what may be changed while it runs."""
 import math
+import os
 import subprocess
 import sys
+import time
 
 import dynamic_reconfigure.client
 import rospy
@@ -11,6 +13,9 @@ from ground_msgs.msg import SenderStatus, Telemetry
 
 from fake_craft import STATE, encode_state
 from sender_rig import DRIVE, NODELET, ZERO, SenderTest, spawn_controller, wait_for
+
+SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+ROOM = os.path.join(SHARE, "cfg", "room", "room_4x4.yaml")
 
 
 class SenderLink(SenderTest):
@@ -67,6 +72,25 @@ class SenderLink(SenderTest):
         self.wait_status(lambda s: s.foreign == 1, "foreign")
         self.arm_and_drive(craft)
         self.assertEqual(intruder.count(), 0)
+
+    def test_a_craft_that_would_leave_the_room_is_cut(self):
+        self.start(room=ROOM)
+        craft = self.craft()
+        # 2 m to the walls; at 1 m/s it comes to rest 0.1 m/s * 1 s + 0.5 m^2/s^2 / 1.5 m/s^2 ahead.
+        self.arm_and_drive(craft)
+        self.feed.set(eta=(1.5, 0.0, 0.0), nu=(1.0, 0.0, 0.0))
+        time.sleep(0.2)
+        self.assertEqual(self.status.state, SenderStatus.ARMED)
+        start = time.time()
+        self.feed.set(eta=(1.6, 0.0, 0.0))  # pushed by somebody
+        self.assert_zero_within_limit(craft, start, "a craft on its way through the wall")
+        self.assert_fault("outside of the room if it were stopped later")
+        self.feed.set(command=ZERO, eta=(2.2, 0.0, 0.0), nu=(0.0, 0.0, 0.0))
+        self.assertTrue(self.arm(False).success)
+        time.sleep(0.1)
+        self.assertIn("0.20 m outside of the room", self.arm().message)
+        self.feed.set(eta=(1.9, 0.0, 0.0))
+        wait_for(lambda: self.arm().success, "arming inside")
 
     def test_two_controllers(self):
         self.start()

@@ -51,6 +51,7 @@ class Feed:
     def __init__(self):
         self.command = ZERO
         self.valid = True
+        self.eta, self.nu = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         self.command_age = self.state_age = 0.0  # [s]
         self.last_state = self.last_command = 0.0  # [s, time.time()]
         self.lock = threading.Lock()
@@ -85,6 +86,7 @@ class Feed:
                 if self.valid is not None:
                     state = State(valid=self.valid, status="" if self.valid else "lost")
                     state.header.stamp = stamp(self.state_age)
+                    state.eta, state.nu = self.eta, self.nu
                     self.states.publish(state)
                     if self.valid and not self.state_age:
                         self.last_state = time.time()
@@ -124,6 +126,7 @@ class SenderTest(unittest.TestCase):
         self.port = free_port()
         self.feed.take_controls()
         self.feed.set(command=ZERO, valid=True, command_age=0.0, state_age=0.0)
+        self.feed.set(eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0))
 
     def tearDown(self):
         for process in self.processes:

@@ -328,6 +328,26 @@ TEST_F(GroundLinkTest, DisobedienceIsAFaultWhileArmedOnly) {
   EXPECT_TRUE(lastIs(kZero));
 }
 
+TEST_F(GroundLinkTest, ACraftThatLeavesTheRoomIsAFaultAndBarsArming) {
+  telemetry(kCraft);
+  link().confine(now_, "the craft is 0.10 m outside of the room");
+  EXPECT_EQ(link().current(), State::kDisarmed);
+  feed(0.1, kZero);
+  EXPECT_EQ(link().arm(now_), "the craft is 0.10 m outside of the room");
+  link().confine(now_, "");
+  armed();
+  feed(0.1, kDrive);
+  link().confine(now_, "");
+  EXPECT_TRUE(lastIs(kDrive));
+  link().confine(now_, "the craft is 0.01 m outside of the room");
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_EQ(link().reason(), "the craft is 0.01 m outside of the room");
+  EXPECT_TRUE(lastIs(kZero));
+  link().confine(now_, "");
+  feed(0.1, kDrive);
+  EXPECT_EQ(link().current(), State::kFault) << "until it is disarmed by hand";
+}
+
 TEST_F(GroundLinkTest, StaleCommandsAreAFault) {
   armed();
   command(kDrive);

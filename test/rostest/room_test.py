@@ -1,0 +1,69 @@
+#!/usr/bin/python3
+"""The default experiment in its room, through the whole chain."""
+import os
+import sys
+import unittest
+
+import rospy
+import rostest
+from ground_msgs.msg import Burst, Controls, ControllerStatus, State
+from visualization_msgs.msg import MarkerArray
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+HALF = 2.0  # width of the room [m]
+BIT = 1 / 15.0  # [s]
+
+
+class RoomTest(unittest.TestCase):
+    def test_the_default_experiment_stays_inside(self):
+        truth = harness.Latest("simulator/truth", State, keep=True)
+        status = harness.Latest("controller/status", ControllerStatus, keep=True)
+        bursts = harness.Latest("bursts", Burst, keep=True)
+        controls = harness.Latest("controls", Controls, keep=True)
+        room = harness.Latest("room", MarkerArray)
+        ended = (ControllerStatus.DONE, ControllerStatus.STOPPED)
+        harness.wait_for(
+            lambda: status.message and status.message.state in ended, 60, "the end"
+        )
+        self.assertEqual(status.message.state, ControllerStatus.DONE, status.message.reason)
+
+        farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)
+        print("farthest %.2f m, %d bursts" % (farthest, bursts.message.number))
+        self.assertLess(farthest, HALF)
+        self.assertGreater(farthest, 0.5)
+        marks = [(m.header.stamp.to_sec(), m.number, m.burst) for _, m in bursts.all]
+        self.assertGreater(len(marks), 4)
+        self.assertEqual(
+            [m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))]
+        )
+        self.assertTrue(all(m.reason for _, m in bursts.all))
+
+        # The bits of a burst begin on time, on the clock that stamps the commands.
+        late = []
+        for (begin, _, burst), (end, _, _) in zip(marks, marks[1:]):
+            if not burst:
+                continue
+            inside = [
+                (m.header.stamp.to_sec(), m.left, m.right)
+                for _, m in controls.all
+                if begin - 1e-3 <= m.header.stamp.to_sec() < end
+            ]
+            for before, after in zip(inside, inside[1:]):
+                if before[1:] != after[1:]:
+                    bits = (after[0] - begin) / BIT
+                    late.append(abs(bits - round(bits)) * BIT)
+        late.sort()
+        self.assertGreater(len(late), 20)
+        print("edges off by %.2f ms (median) of simulated time" % (1e3 * late[len(late) // 2]))
+        self.assertLess(late[len(late) // 2], 0.005)
+
+        walls = next(m for m in room.message.markers if m.id == 1)
+        self.assertEqual(len(walls.points), 8)
+        self.assertEqual(max(p.x for p in walls.points), HALF)
+
+
+if __name__ == "__main__":
+    rospy.init_node("room_test")
+    rostest.rosrun("ground", "room_test", RoomTest)
