@@ -16,7 +16,7 @@ WIDE ?= NATIVE
 UNITY ?= ON
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -93,6 +93,15 @@ bench-damage: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
+
+# Excitation and tracking inside a room over 200 seeds; goes on where it was interrupted.
+# OPTIONS="--count 20"
+bench-room: build
+	@$(in_workspace) test/bench/room.py --results build/room.jsonl $(OPTIONS)
+
+# The craft's own stop, proven on simulated crafts with watchdogs and without.
+bench-own-stop: build
+	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
 
 # Sweeps on all cores and on a Dask cluster, and what 1000 workers would do.
 bench-scaling: build

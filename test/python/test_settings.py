@@ -140,19 +140,31 @@ def test_bags_without_settings_are_read_as_before(tmp_path, verb):
     assert "--axes changes nothing: the bag has planar poses" in err
 
 
-def test_runs_that_were_measured_by_different_settings_are_named(tmp_path, verb):
+def test_runs_that_were_recorded_with_different_settings_are_named(tmp_path, verb):
     bags = [
         mocap_bag(tmp_path / ("%s.bag" % name), [(-5, "x, z, -y", offset)], offset, seed=seed)
         for name, offset, seed in (("a", 0.0, 1), ("b", 0.0, 2), ("c", OFFSET, 3))
     ]
     err = verb("info", *bags)[1]
     assert err == (
-        "note: the runs were measured by different settings: heading_offset 0.0 for a, b; "
+        "note: the runs were recorded with different settings: heading_offset 0.0 for a, b; "
         "heading_offset 0.5 for c\n"
     )
     assert "different settings" not in verb("info", *bags[:2])[1]
     fit = ["fit", *bags[:2], "--model", MODEL, "-o", tmp_path / "fit.yaml"]
     assert verb(*fit, "--holdout", bags[2])[1].count("different settings") == 1
+
+
+def test_what_flew_a_run_is_read_from_beside_it_and_named_where_runs_differ(tmp_path, verb):
+    bags = [mocap_bag(tmp_path / ("%s_0.bag" % name), seed=seed) for seed, name in enumerate("abc")]
+    for name, model in (("a", "one.yaml"), ("b", "two.yaml")):
+        controller = {"kind": "Excitation", "design": "spin", "model": "/x/" + model, "file": ""}
+        (tmp_path / (name + ".yaml")).write_text(yaml.safe_dump({"controller": controller}))
+    out, err = verb("info", *bags)
+    assert "flown by    controller Excitation, design spin, model one.yaml\n" in out
+    assert out.count("flown by") == 2
+    assert "model one.yaml for a_0; model two.yaml for b_0" in err and "c_0" not in err
+    assert verb("info", *bags[1:])[1] == ""
 
 
 def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, verb):

@@ -311,6 +311,17 @@ def test_csv_of_times(tmp_path):
     np.testing.assert_array_equal(at, [[0, 0, 1], [0.5, 0.5, 1], [0, 0, 0.5], [0, 0, 0]])
 
 
+@pytest.mark.parametrize(
+    "text, option", [(TIMED, ("--clock", 9)), (LIFTED, ("--lift", 0.5))], ids=["timed", "lifted"]
+)
+def test_a_csv_of_times_takes_no_other_timing(tmp_path, text, option):
+    csv = tmp_path / "rows.csv"
+    csv.write_text(text)
+    done = program("identify", "simulate", "--model", MODEL, "--input", csv, "-o", "x.bag", *option)
+    assert done.returncode == 2
+    assert "%s does not go with --input" % option[0] in done.stderr
+
+
 def test_sequences_of_the_real_experiments(tmp_path, recordings):
     path, _ = simulate(tmp_path, SHARED / "differential_prbs_50Hz.csv", "--clock", 50)
     rows = driven(path)

@@ -30,10 +30,9 @@ struct ReturnParams {
 /// While a burst lasts, the way home is planned again and again (kCheck). The burst ends as soon as
 /// somewhere on that way a craft whose mocap is lost for Fence::kLoss could no longer be stopped inside
 /// (Fence), were all ways longer by kModelError. A return ends near home, moving or not, as soon as
-/// there is room for a burst. The next burst
-/// goes on with the next row of the signal. All inputs are known, those of the returns as well, so
-/// that feedback does not bias an identification by prediction errors (Ljung, System Identification,
-/// 2nd ed., 13.4).
+/// there is room for a burst. The next burst goes on with the next row of the signal. All inputs are
+/// known, those of the returns as well, so that feedback does not bias an identification by prediction
+/// errors (Ljung, System Identification, 2nd ed., 13.4).
 class ExcitationPilot : public Pilot {
  public:
   static constexpr double kCheck = 0.05;      ///< between plans of the way home [s]

@@ -27,6 +27,8 @@ def facts(d):
     yield "recorded", when(d)
     yield "source", d["source"]
     yield "measured", _measured(d["settings"])
+    if d["flown_by"]:
+        yield "flown by", ", ".join("%s %s" % item for item in d["flown_by"].items())
     spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
     yield "usable", "%.2f of %.2f s: %s" % (
         d["usable"]["duration"],

@@ -173,6 +173,7 @@ class Run:
             "name": recording.name,
             "source": recording.source,
             "settings": recording.settings.describe(self.zero),
+            "flown_by": recording.flown_by,
             "changes": [change.describe(self.zero) for change in recording.changes],
             "begins": float(stamps.min()),
             "warnings": recording.warnings,

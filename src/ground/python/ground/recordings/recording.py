@@ -36,6 +36,7 @@ class Recording:
     # and until when it was said to be the newest
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
+    flown_by: dict = field(default_factory=dict)  # settings.flown_by
     changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
 
 
@@ -104,6 +105,7 @@ def read_bag(path, axes=None, heading_offset=None):
     ordered = sorted(drives.items(), key=lambda row: row[1])
     recording.drives = np.array(ordered, float).reshape(-1, 2)
     recording.settings, recording.changes = settings, changes
+    recording.flown_by = measured.flown_by(path)
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(
         np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))

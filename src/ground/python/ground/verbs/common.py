@@ -115,7 +115,7 @@ def say(arguments, text=""):
 def read(arguments, bags=None, others=()):
     """The recordings in the bags; IdentifyError when one cannot be read or is given twice.
 
-    Warns of runs that were measured by different settings, of these and of `others` (recordings).
+    Warns of runs that were recorded with different settings, of these and of `others` (recordings).
     """
     found, bags = [], bags or arguments.bags
     for path in bags:

@@ -16,6 +16,7 @@ SUMMARY = "records a simulated experiment to a bag, without ROS running and fast
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
+WITH_RETURNS = 4  # times the length of timed rows: what bursts and returns may take together
 
 DETAILS = (
     "\ninputs:\n"
@@ -76,11 +77,12 @@ TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_mod
 
 
 def _takes(kind):
-    """Which of these options an input takes; lifted: a CSV file with a column lift."""
+    """Which of these options an input takes; timed and lifted: a CSV file with a column time, and one
+    with a column lift as well."""
     if kind == "tracking":
         return TRACKING + LIFT + ["room"]
-    if kind == "lifted":
-        return []
+    if kind in ("timed", "lifted"):
+        return BURSTS + (LIFT if kind == "timed" else [])
     return [name for name in DESIGNS[kind].takes if name in PATTERN] + LIFT + BURSTS
 
 
@@ -300,8 +302,9 @@ def _drive(arguments):
         signal = experiments.design(kind, arguments.duration or DURATION, **options)
     except ValueError as error:
         arguments.refuse(str(error))
-    _refuse_unused(arguments, "lifted" if signal.has_lift else kind)
-    duration = arguments.duration or signal.end
+    timed = kind == "file" and not signal.description  # rows under a header, not bits
+    _refuse_unused(arguments, "lifted" if signal.has_lift else "timed" if timed else kind)
+    duration = arguments.duration or signal.end * (WITH_RETURNS if timed and room else 1)
     if room is None:
         if arguments.burst is not None:
             arguments.refuse("--burst needs --room")
