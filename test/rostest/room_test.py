@@ -4,16 +4,42 @@ import os
 import sys
 import unittest
 
+import numpy as np
 import rospy
 import rostest
+from ground import _core
 from ground_msgs.msg import Burst, Controls, ControllerStatus, State
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness  # noqa: E402
 
+MODEL = os.path.join(
+    os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml"
+)
 HALF = 2.0  # width of the room [m]
 BIT = 1 / 15.0  # [s]
+
+
+STATES = ["IDLE", "WAITING", "LIFTING", "RUNNING", "DONE", "STOPPED", "RECOVERING"]
+
+
+def changes(stages):
+    """Times [s] since LIFTING began and names of the states from then on, losses of the mocap apart."""
+    names = [n.replace("RECOVERING", "RUNNING") for _, n in stages]
+    first = names.index("LIFTING")
+    found = [i for i in range(first, len(names)) if names[i] != names[i - 1]]
+    return [stages[i][0] - stages[first][0] for i in found], [names[i] for i in found]
+
+
+def simulated():
+    """Stages (time [s], name) of the same experiment."""
+    params = _core.ExcitationParams()
+    params.room = _core.RoomPlan()
+    model = _core.load_model(MODEL)
+    zeros = np.zeros(3)
+    log = _core.excite(model, model, params, zeros, zeros, _core.MocapParams(), 4)
+    return [(time, name) for time, name, _ in log["stages"]]
 
 
 class RoomTest(unittest.TestCase):
@@ -39,6 +65,12 @@ class RoomTest(unittest.TestCase):
             [m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))]
         )
         self.assertTrue(all(m.reason for _, m in bursts.all))
+
+        # Without ROS, the same objects go through the same states at the same times.
+        names = {getattr(ControllerStatus, n): n for n in STATES}
+        lived = [(m.header.stamp.to_sec(), names[m.state]) for _, m in status.all]
+        self.assertEqual(changes(lived)[1], changes(simulated())[1])
+        np.testing.assert_allclose(changes(lived)[0], changes(simulated())[0], atol=0.05)
 
         # The bits of a burst begin on time, on the clock that stamps the commands.
         late = []
