@@ -167,6 +167,78 @@ TEST_F(Lifecycle, ALostStateTakesTheThrustAtOnceAndTheLiftWhenItDoesNotComeBack)
   EXPECT_NEAR(stages.back().first, lost + params.state_timeout + params.recovery_time, kFrame);
 }
 
+TEST_F(Lifecycle, LiftingGoesOnThroughAShortLossAndDrivesByAStateOnly) {
+  life.start(now());
+  pass(0.5);
+  pass(0.6, false);
+  EXPECT_EQ(life.current(), State::kLifting) << life.reason();
+  EXPECT_EQ(sent.back().inputs.lift, params.lift);
+  pass(0.02);
+  EXPECT_EQ(life.current(), State::kRunning) << "lift_time was over while the state was lost";
+  life.stop(now(), "by hand");
+  life.start(now());
+  pass(0.1);
+  pass(0.8, false);
+  expectStopped("the state is stale");
+}
+
+TEST_F(Lifecycle, APilotMayGoFromOpenLoopToTheStateAndBack) {
+  pilot.bit = 0.1;
+  drive();
+  pass(0.2);
+  pilot.bit = 0;
+  pilot.updates.clear();
+  pass(1);
+  EXPECT_NEAR(static_cast<double>(pilot.updates.size()), params.rate, 3);
+  pilot.bit = 0.1;
+  pass(0.3);
+  sent.clear();
+  pass(1);
+  const double since = std::find_if(stages.begin(), stages.end(), [](const auto& stage) {
+                         return stage.second == State::kRunning;
+                       })->first;
+  int edges = 0;
+  for (const Sent& s : sent) {
+    const double bits = (s.time - since) / pilot.bit;
+    edges += std::abs(bits - std::round(bits)) < 1e-9;
+  }
+  EXPECT_GE(edges, 9);
+}
+
+TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
+  RoomPlan room;
+  room.margin = 0.2;
+  room.braking = 1;
+  room.latency = 0.1;
+  life.setFence(Fence(room, room.margin));
+  drive();
+  // At 1 m/s the craft comes to rest 0.6 m on; walls are 2 m away.
+  measured.state.nu.x() = 1;
+  double x = 0;
+  while (x < 3 && life.current() == State::kRunning) {
+    measured.state.eta.x() = x;
+    pass(kFrame);
+    x += kFrame;
+  }
+  EXPECT_NEAR(x, 2 - 0.2 - 0.6, 0.03);
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
+}
+
+TEST_F(Lifecycle, TheFenceCountsTheAgeOfALostState) {
+  RoomPlan room;
+  room.braking = 1;
+  life.setFence(Fence(room, room.margin));
+  measured.state.eta.x() = 1.0;
+  drive();
+  measured.state.nu.x() = 1;  // it comes to rest at 1.6 m, and 0.1 m farther on every 0.1 s
+  pass(0.05);
+  EXPECT_EQ(life.current(), State::kRunning);
+  pass(0.3, false);
+  EXPECT_EQ(life.current(), State::kStopped) << "before recovery_time is over";
+  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
+}
+
 TEST_F(Lifecycle, WithoutRecoveryTimeALostStateStopsIt) {
   params.recovery_time = 0;
   life.setParams(params);

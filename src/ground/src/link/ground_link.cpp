@@ -254,7 +254,7 @@ void GroundLink::watch(double now) {
     return fault(now, because("packets cannot be sent", send_problem_));
 }
 
-/// Of a craft that has never sent telemetry nothing is known.
+/// A craft that has never sent telemetry may be silent: nothing is known of it.
 bool GroundLink::craftSilent(double now) const {
   return peer_speaks_ && params_.craft_timeout > 0 && now - peer_heard_ > params_.craft_timeout;
 }

@@ -93,11 +93,16 @@ class Excitation : public Controller {
     return params;
   }
 
+  bool hasModel() {
+    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    return model_.has_value();
+  }
+
   /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
   std::string wrong(const Config& c) {
     try {
       if (c.returns && !room()) return "returns need a room; returns:=false plays open loop";
-      if (c.returns && !model_) return "returns need a model; returns:=false plays open loop";
+      if (c.returns && !hasModel()) return "returns need a model; returns:=false plays open loop";
       built_ = signal(c);
       return c.returns ? returns(c).validate() : "";
     } catch (const std::exception& error) {
@@ -173,8 +178,8 @@ class Excitation : public Controller {
                    mark.number, mark.reason.c_str());
   }
 
-  std::optional<Model> model_;
-  InputSignal built_;  ///< by wrong() for apply()
+  std::optional<Model> model_;  ///< guarded by mutex(), as all below but built_
+  InputSignal built_;           ///< by wrong() for apply()
   InputSignal signal_;
   Config config_;
   std::string caution_;

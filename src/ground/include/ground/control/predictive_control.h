@@ -28,7 +28,7 @@ struct PredictiveParams {
 /// Nonlinear model predictive control with the whole model, effects included.
 ///
 /// An observer estimates velocity and the acceleration that the model lacks, so that a wrong model
-/// leaves no lasting error; it also foretells the state at which the inputs will act, which makes
+/// leaves no lasting error; it also predicts the state at which the inputs will act, which makes
 /// up for latency, delay and lag. A plan is carried on from decision to decision and improved a few
 /// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that
 /// turn it left or right first are tried. Work in one decision is bounded and allocates nothing.

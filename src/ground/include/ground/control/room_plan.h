@@ -11,7 +11,7 @@ namespace ground {
 /// origin.
 struct RoomPlan {
   std::string name;
-  /// Of a simple polygon, in order [m].
+  /// They make a simple polygon, in order [m].
   std::vector<Vector2<double>> corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
   double margin = 0.2;                   ///< controllers keep this distance from the walls [m]
   Vector2<double> home = {0, 0};         ///< where bursts of excitation begin [m]
