@@ -87,7 +87,7 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   if (driver.empty() || driver == name_) return;
   for (double input : {message->left, message->right, message->lift})
     if (!std::isfinite(input)) return;
-  published(seconds(message->header.stamp), {message->left, message->right, message->lift});
+  commanded(seconds(message->header.stamp), {message->left, message->right, message->lift});
   life_.otherDrives(now(), driver, message->lift);
 }
 
@@ -155,7 +155,7 @@ void Controller::publish(const Inputs& inputs) {
   message->right = inputs.right;
   message->lift = inputs.lift;
   controls_.publish(message);
-  published(seconds(stamp), inputs);
+  commanded(seconds(stamp), inputs);
 }
 
 void Controller::changed() {

@@ -164,7 +164,7 @@ class Excitation : public Controller {
   }
   double end() const override { return pilot_.end(); }
   double nextChange(double elapsed) const override { return pilot_.nextChange(elapsed); }
-  void published(double stamp, const Inputs& inputs) override { pilot_.commanded(stamp, inputs); }
+  void commanded(double time, const Inputs& inputs) override { pilot_.commanded(time, inputs); }
 
   void marked(const ExcitationPilot::Mark& mark) {
     auto message = boost::make_shared<ground_msgs::Burst>();

@@ -55,6 +55,29 @@ ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<doub
   return params;
 }
 
+/// Defines an experiment that a controller drives.
+template <class Params>
+void defExperiment(py::module_& module, const char* name, const char* params_name,
+                   ExperimentLog (*run)(const Model&, const Model&, const Params&,
+                                        const ExperimentParams&),
+                   const char* doc) {
+  module.def(
+      name,
+      [run](const Model& model, const Model& believed, const Params& drive,
+            const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
+            unsigned long seed, const Disturbance& disturbance) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+        ExperimentLog log;
+        {
+          const py::gil_scoped_release release;
+          log = run(model, believed, drive, params);
+        }
+        return toDict(log);
+      },
+      py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), doc);
+}
+
 }  // namespace
 
 void bindSimulation(py::module_& module) {
@@ -112,41 +135,13 @@ void bindSimulation(py::module_& module) {
       "Craft and mocap under rows of time, left, right, lift (0..1). Gives frames (captured, "
       "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot, "
       "wrench of the disturbance).");
-  module.def(
-      "track_reference",
-      [](const Model& model, const Model& believed, const TrackingParams& tracking,
-         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed, const Disturbance& disturbance) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
-        ExperimentLog log;
-        {
-          const py::gil_scoped_release release;
-          log = trackReference(model, believed, tracking, params);
-        }
-        return toDict(log);
-      },
-      py::arg("model"), py::arg("believed"), py::arg("tracking"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      "The same with a controller in the loop; besides, references (time, p, p_dot, p_ddot, "
-      "p_dddot), decisions (time, left, right, processor time), why it stopped early, empty when "
-      "it did not, and when.");
-  module.def(
-      "excite",
-      [](const Model& model, const Model& believed, const ExcitationParams& excitation,
-         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed, const Disturbance& disturbance) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
-        ExperimentLog log;
-        {
-          const py::gil_scoped_release release;
-          log = excite(model, believed, excitation, params);
-        }
-        return toDict(log);
-      },
-      py::arg("model"), py::arg("believed"), py::arg("excitation"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      "The same with an input design; besides, marks (time, number, whether a burst or a return "
-      "begins, why).");
+  defExperiment(module, "track_reference", "tracking", &trackReference,
+                "The same with a controller in the loop; besides, references (time, p, p_dot, "
+                "p_ddot, p_dddot), decisions (time, left, right, processor time), stages (time, "
+                "state, reason), why it stopped early, empty when it did not, and when.");
+  defExperiment(module, "excite", "excitation", &excite,
+                "The same with an input design; besides, marks (time, number, whether a burst or a "
+                "return begins, why).");
 }
 
 }  // namespace ground

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -62,15 +61,12 @@ class Player : public Driver {
 /// Controller have them.
 class LivePilot : public Driver {
  public:
-  /// Told of every command; the pilot of the same craft.
-  using Commanded = std::function<void(double now, const Inputs& inputs)>;
-
   LivePilot(const DriveParams& params, ExperimentLog& log)
       : params_(params), estimator_(makeKalmanEstimator(params.estimator)), log_(log) {}
 
-  /// Hands over the pilot, which may ask now() from then on.
-  void take(Pilot& pilot, Commanded commanded) {
-    commanded_ = std::move(commanded);
+  /// Hands over the pilot, which has to outlive it.
+  void take(Pilot& pilot) {
+    pilot_ = &pilot;
     life_ = std::make_unique<ControllerLifecycle>(
         pilot, [this](const Inputs& inputs) { send(inputs); },
         [this] { log_.stages.push_back({now_, life_->current(), life_->reason()}); });
@@ -126,13 +122,13 @@ class LivePilot : public Driver {
 
   void send(const Inputs& inputs) {
     commands_.push_back({now_, inputs.left, inputs.right, inputs.lift});
-    commanded_(now_, inputs);
+    pilot_->commanded(now_, inputs);
   }
 
   DriveParams params_;
   std::unique_ptr<VelocityEstimator> estimator_;
   ExperimentLog& log_;
-  Commanded commanded_;
+  Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
   double now_ = 0;                 ///< [s]
   std::vector<Command> commands_;  ///< that have not been handed out
@@ -249,8 +245,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
   pilot.setDuration(tracking.duration);
   pilot.swapController(controller, input_max);
   pilot.swapReference(reference);
-  live.take(pilot,
-            [&pilot](double now, const Inputs& inputs) { pilot.commanded(now, inputs); });
+  live.take(pilot);
   run(model, live, params, log);
   return log;
 }
@@ -275,8 +270,7 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   } else {
     pilot.play(std::move(signal), excitation.duration);
   }
-  live.take(pilot,
-            [&pilot](double now, const Inputs& inputs) { pilot.commanded(now, inputs); });
+  live.take(pilot);
   run(model, live, params, log);
   return log;
 }

@@ -47,6 +47,8 @@ class Pilot {
   static constexpr double kByState = -1.0;  ///< nextChange() while it is driven by the state
 
   virtual ~Pilot() = default;
+  /// Every command that went out, whoever gave it, in order of time (clock of stamps) [s].
+  virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
   /// Driving begins at the time of `stamp`; what it throws refuses the start.
   virtual void activate(double /*stamp*/) {}
   /// Driving ends, for whatever reason.

@@ -60,8 +60,7 @@ class ExcitationPilot : public Pilot {
   void playInside(InputSignal signal, double duration, const Model& model,
                   const ReturnParams& params);
 
-  /// Every command that went out, whoever gave it, in order of time [s].
-  void commanded(double time, const Inputs& inputs) { home_.commanded(time, inputs); }
+  void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
   /// As DriveClock::record.
   void driveBegan(double began, double as_of) { home_.driveBegan(began, as_of); }
 

@@ -42,8 +42,7 @@ class ReferencePilot : public Pilot {
   TrackingController* controller() const { return controller_.get(); }
   const ReferencePtr& reference() const { return reference_; }
 
-  /// Every command that went out, whoever gave it, in order of time [s].
-  void commanded(double time, const Inputs& inputs);
+  void commanded(double time, const Inputs& inputs) override;
   /// As DriveClock::record.
   void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
 

@@ -42,9 +42,6 @@ class Controller : public nodelet::Nodelet, protected Pilot {
   void shutdown();
   /// Loads parameters and advertises; throws on anything missing or wrong.
   virtual void load(ros::NodeHandle& nh) = 0;
-  /// Every command, also those of other controllers.
-  virtual void published(double /*stamp*/, const Inputs& /*inputs*/) {}
-
   /// Where topics are advertised and subscribed.
   ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }
   /// Takes effect at once; require_armed stays. Call from any thread.

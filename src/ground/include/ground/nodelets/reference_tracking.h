@@ -235,7 +235,7 @@ class ReferenceTracking : public Controller {
     wanted_publisher_.publish(message);
   }
 
-  void published(double stamp, const Inputs& inputs) override { pilot_.commanded(stamp, inputs); }
+  void commanded(double time, const Inputs& inputs) override { pilot_.commanded(time, inputs); }
 
   void publishReference(const ReferencePoint& point) {
     published_ = measuredAt();

@@ -14,7 +14,7 @@ from ground.errors import IdentifyError
 from ground.simulation import experiments
 
 DURATION = 8.0  # of the thrust [s]
-IN_ROOM = 16.0  # of bursts and returns, which take half of the time each [s]
+IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
 HOLD = 1.0  # of a pattern's levels [s]
 CLOCKS = (2, 5, 10, 20, 40)  # of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))

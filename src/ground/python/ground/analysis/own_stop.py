@@ -18,12 +18,12 @@ from scipy.optimize import least_squares
 
 PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
 
-BEFORE = 0.4  # of the motion before the silence that is fitted as well [s]
-AFTER = 1.0  # of the motion after it that shows what zeros do [s]
+BEFORE = 0.4  # the fit begins so long before the silence [s]
+AFTER = 1.0  # motion after the silence that shows what zeros do [s]
 MIN_SPEED = 0.15  # at the last packet, for its loss to be seen [m/s]
 MIN_BRAKING = 0.5  # gliding loses less than that [m/s^2]
 MAX_BRAKING = 6.0  # a floor brakes no harder, walls do [m/s^2]
-MIN_LOSS = 0.1  # of speed by braking [m/s]
+MIN_LOSS = 0.1  # least fall of the speed that is taken for braking [m/s]
 MAX_GAP = 0.1  # between states [s]
 BLUR = 0.02  # standard deviation of T by filter, latency and the packets' period [s]
 TELEMETRY_AGREES = 0.2  # with the mocap's T [s]
@@ -80,7 +80,7 @@ class Break:
     deviation: float  # standard deviation of time [s]
     slope: float  # before [m/s^2]
     braking: float  # after, positive when it slows down [m/s^2]
-    loss: float  # of speed from the break to the end of the fit [m/s]
+    loss: float  # fall of the speed from the break to the end of the fit [m/s]
 
     @property
     def brakes(self):

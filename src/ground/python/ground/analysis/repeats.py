@@ -20,8 +20,8 @@ STEP = 0.01  # commands are compared at instants so far apart [s]
 BEFORE = 0.3  # commands before a window count as well [s]
 # Largest mean squared difference of repeated commands, relative to their variance: edges jitter.
 MAX_DIFFERENCE = 0.15
-MIN_VARIANCE = 1e-3  # of commands: those that hardly change repeat everywhere
-MAX_REPETITIONS = 3  # of each window
+MIN_VARIANCE = 1e-3  # commands that vary less repeat everywhere
+MAX_REPETITIONS = 3  # repetitions of a window that are used
 MIN_WINDOWS = 8  # with a repetition, that an estimate needs
 SLACK = 0.02  # poses do not fall on the same instants of the commands [s]
 

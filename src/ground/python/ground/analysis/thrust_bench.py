@@ -17,7 +17,7 @@ from ground.errors import IdentifyError
 SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
 LEVEL = 0.01  # chance of a curve or an asymmetry that is not there
 OFF = 1e-9  # input of a thruster that is off
-# Of a fit, k in parts of the largest force of a thruster: start and bounds.
+# Start and bounds of a fit; k as a share of the largest force of a thruster.
 START = {"k": 1.0, "a": 0.0, "p": 1.0}
 BOUNDS = {"k": (1e-3, 1e3), "a": (-1.0, 1.0), "p": (0.2, 5.0)}
 
