@@ -1,6 +1,8 @@
-// How soon a craft that hears nothing is noticed by its motion, and how often one that hears is
-// blamed: ObedienceMonitor over simulated runs, of crafts that are other than the model.
-//   obedience [SEEDS [DRIVE]]    a table, of the drives whose name contains DRIVE; exit status 1 when a craft that hears was blamed
+// How soon a craft that does not do as it is told is noticed by its motion, what is said of it, and
+// how often a sound one is blamed: ObedienceMonitor over simulated runs, of crafts that are other
+// than the model.
+//   obedience [SEEDS [DRIVE]]    a table, of the drives whose name contains DRIVE; 
+//                              exit status 1 when a sound craft was blamed
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -32,6 +34,7 @@ struct Craft {
 };
 struct Verdict {
   double blamed = -1;  ///< when [s]; never: -1
+  std::string said;
   double most = -1e9;  ///< evidence over the monitor's duration
   double error = 0;    ///< from the reference when blamed [m]
 };
@@ -54,7 +57,8 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
     while (reference + 1 < log.references.size() &&
            log.references[reference + 1].time <= frame.captured)
       ++reference;
-    if (!monitor.disobeys(kTimeout)) continue;
+    verdict.said = monitor.disobedience(kTimeout);
+    if (verdict.said.empty()) continue;
     verdict.blamed = frame.delivered;
     if (tracks && !log.references.empty())
       verdict.error = (frame.eta.head<2>() - log.references[reference].point.p).norm();
@@ -63,9 +67,9 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
   return verdict;
 }
 
-/// Hears all, or nothing from some instant on (0: from the start).
+/// Sound, or with a fault from some instant on.
 Verdict run(const Model& model, const Drive& drive, const Craft& craft, unsigned long seed,
-            double deaf_from) {
+            CraftFault fault, double fault_from) {
   std::mt19937 random(static_cast<unsigned>(seed));
   Model truth = model;
   craft.make(truth, random);
@@ -76,10 +80,11 @@ Verdict run(const Model& model, const Drive& drive, const Craft& craft, unsigned
   tracking.reference.kind = drive.reference;
   tracking.reference.size = 1.5;
   tracking.reference.rate_of_turn = 0.4;
-  tracking.duration = deaf_from < kDuration ? deaf_from + 4 : kDuration;
+  tracking.duration = fault_from < kDuration ? fault_from + 4 : kDuration;
   ExperimentParams params;
   params.seed = seed;
-  params.deaf_from = deaf_from;
+  params.fault = fault;
+  params.fault_from = fault_from;
   try {
     return judge(model, trackReference(truth, model, tracking, params),
                  drive.controller != "OpenLoopPRBS");
@@ -122,52 +127,90 @@ std::vector<Craft> crafts() {
           {"a quarter of the damping", scaled("damping", 0.25)}};
 }
 
+struct Failing {
+  std::string name;
+  CraftFault fault;
+  std::string named;  ///< a part of what has to be said
+};
+const std::vector<Failing> kFaults = {{"hears nothing", CraftFault::kDeaf, "without"},
+                                      {"swapped", CraftFault::kSwapped, "swapped"},
+                                      {"left off", CraftFault::kLeftOff, "left thruster"},
+                                      {"right off", CraftFault::kRightOff, "right thruster"},
+                                      {"no lift", CraftFault::kNoLift, "without lift"}};
+
+/// Verdicts of all seeds, two at a time.
+std::vector<Verdict> verdicts(int seeds, const std::function<Verdict(int)>& judge) {
+  std::vector<Verdict> found;
+  for (int first = 0; first < seeds; first += 2) {
+    std::vector<std::future<Verdict>> runs;
+    for (int seed = first; seed < std::min(first + 2, seeds); ++seed)
+      runs.push_back(std::async(std::launch::async, judge, seed));
+    for (auto& each : runs) found.push_back(each.get());
+  }
+  return found;
+}
+
+double quantile(std::vector<double> values, double share) {
+  if (values.empty()) return NAN;
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
+}
+
+/// Prints how sound crafts are judged; gives how many are blamed.
+int judgeSound(const Model& model, const Drive& drive, const Craft& craft, int seeds) {
+  int blamed = 0;
+  double most = -1e9;
+  for (const Verdict& verdict : verdicts(seeds, [&](int seed) {
+         return run(model, drive, craft, static_cast<unsigned long>(seed + 1), CraftFault::kDeaf,
+                    1e9);
+       })) {
+    blamed += verdict.blamed >= 0;
+    most = std::max(most, verdict.most);
+    if (verdict.blamed >= 0) std::printf("  blamed at %.1f s: %s\n", verdict.blamed, verdict.said.c_str());
+  }
+  std::printf("%-22s %-26s %-14s blamed %3d/%3d, most evidence %.1f\n", drive.name.c_str(),
+              craft.name.c_str(), "sound", blamed, seeds, most);
+  return blamed;
+}
+
+void judgeFaulty(const Model& model, const Drive& drive, const Craft& craft, int seeds,
+                 const Failing& failing) {
+  std::vector<double> times, errors;
+  int right = 0, wrong = 0;
+  for (const Verdict& verdict : verdicts(seeds, [&](int seed) {
+         const double from = 8 + 0.37 * (seed % 20);
+         Verdict found = run(model, drive, craft, static_cast<unsigned long>(seed + 1),
+                             failing.fault, from);
+         if (found.blamed >= 0) found.blamed -= from;
+         return found;
+       })) {
+    if (verdict.blamed < 0) continue;
+    times.push_back(verdict.blamed);
+    errors.push_back(verdict.error);
+    const bool named = verdict.said.find(failing.named) != std::string::npos;
+    (named ? right : wrong) += 1;
+  }
+  std::printf("%-22s %-26s %-14s right %3d, other %3d, missed %3d of %3d; after %.2f s (%.2f s), "
+              "error %.2f m (%.2f m)\n",
+              drive.name.c_str(), craft.name.c_str(), failing.name.c_str(), right, wrong,
+              seeds - right - wrong, seeds, quantile(times, 0.5), quantile(times, 1),
+              quantile(errors, 0.5), quantile(errors, 1));
+}
+
 int main(int count, char** arguments) {
   const Model model = loadModel(std::string(GROUND_WORKSPACE) + "/cfg/hovercraft/tiny_whoover.yaml");
   const int seeds = count > 1 ? std::atoi(arguments[1]) : 200;
-  int wrong = 0;
-  std::printf("%-22s %-26s %7s %9s  %s\n", "drive", "craft", "blamed", "evidence",
-              "seconds until noticed (median, worst), error [m], missed");
+  int blamed = 0;
+  std::puts("drive, craft, fault: what was said; after a median (worst) of seconds");
   for (const Drive& drive : kDrives) {
     if (count > 2 && drive.name.find(arguments[2]) == std::string::npos) continue;
     for (const Craft& craft : crafts()) {
-      std::vector<std::future<std::pair<Verdict, Verdict>>> runs;
-      std::vector<double> times, errors;
-      int blamed = 0, missed = 0;
-      double most = -1e9;
-      for (int first = 0; first < seeds; first += 2) {
-        runs.clear();
-        for (int seed = first; seed < std::min(first + 2, seeds); ++seed)
-          runs.push_back(std::async(std::launch::async, [&, seed] {
-            const auto s = static_cast<unsigned long>(seed + 1);
-            const double deaf_from = 8 + 0.37 * (seed % 20);
-            Verdict deaf = run(model, drive, craft, s, deaf_from);
-            if (deaf.blamed >= 0) deaf.blamed -= deaf_from;
-            return std::make_pair(run(model, drive, craft, s, 1e9), deaf);
-          }));
-        for (auto& each : runs) {
-          const auto [hears, deaf] = each.get();
-          blamed += hears.blamed >= 0;
-          most = std::max(most, hears.most);
-          if (deaf.blamed < 0) {
-            ++missed;
-          } else {
-            times.push_back(deaf.blamed);
-            errors.push_back(deaf.error);
-          }
-        }
-      }
-      wrong += blamed;
-      std::sort(times.begin(), times.end());
-      std::sort(errors.begin(), errors.end());
-      if (times.empty()) times = errors = {NAN};
-      std::printf("%-22s %-26s %3d/%3d %9.1f  %.2f %.2f  %.2f %.2f  %d\n", drive.name.c_str(),
-                  craft.name.c_str(), blamed, seeds, most, times[times.size() / 2], times.back(),
-                  errors[errors.size() / 2], errors.back(), missed);
+      blamed += judgeSound(model, drive, craft, seeds);
+      for (const Failing& failing : kFaults) judgeFaulty(model, drive, craft, seeds, failing);
       std::fflush(stdout);
     }
   }
-  return wrong > 0;
+  return blamed > 0;
 }
 
 }  // namespace

@@ -30,7 +30,7 @@ struct FakePilot : Pilot {
     ++activated;
   }
   void deactivate() override { ++deactivated; }
-  std::string objection(double, const RigidState<double>&) override { return objects; }
+  std::string objection(const MeasuredState&) override { return objects; }
   Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
     updates.push_back(elapsed);
     return {inputs.x(), inputs.y(), lift};

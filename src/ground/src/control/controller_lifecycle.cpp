@@ -72,7 +72,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   }
   tick(now);
   if (state_ == State::kRunning && change_at_) {
-    const std::string reason = pilot_.objection(measured.stamp, measured.state);
+    const std::string reason = pilot_.objection(measured);
     if (!reason.empty()) return enter(now, State::kStopped, reason);
     if (pilot_.nextChange(elapsed(now.time)) == Pilot::kByState) {
       change_at_.reset();
@@ -204,7 +204,7 @@ void ControllerLifecycle::control(Instant now, double stamp) {
   // The state may be older than the start by the mocap's latency.
   const double elapsed = std::max(0.0, stamp - running_since_);
   if (!change_at_) {
-    const std::string reason = pilot_.objection(stamp, measured_->state);
+    const std::string reason = pilot_.objection(*measured_);
     if (!reason.empty()) return enter(now, State::kStopped, reason);
   }
   const Inputs inputs = pilot_.update(elapsed, stamp, measured_->state, params_.lift);

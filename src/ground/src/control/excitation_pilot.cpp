@@ -40,7 +40,7 @@ void ExcitationPilot::playInside(InputSignal signal, double duration, const Mode
   control_ = control.get();
   std::unique_ptr<TrackingController> controller = std::move(control);
   ReferencePtr reference = makePoint(params.room.home);
-  home_.swapController(controller, model.body.input_max);
+  home_.swapController(controller, model);
   home_.swapReference(reference);
   home_.setMaxError(std::numeric_limits<double>::infinity());
   play(std::move(signal), duration);
@@ -58,12 +58,13 @@ void ExcitationPilot::activate(double stamp) {
   begin(true, "the first one");
 }
 
-std::string ExcitationPilot::objection(double stamp, const RigidState<double>& state) {
+std::string ExcitationPilot::objection(const MeasuredState& measured) {
   if (!returns_) return "";
-  const std::string reason = home_.objection(stamp, state);
+  const double stamp = measured.stamp;
+  const std::string reason = home_.objection(measured);
   if (!reason.empty() || !bursting_ || stamp < checked_ + kCheck) return reason;
   checked_ = stamp;
-  home_.update(0, stamp, state, lift_);  // the plan alone
+  home_.update(0, stamp, measured.state, lift_);  // the plan alone
   const double elapsed = clock_() - activated_;
   if (spare() < 0) {
     begin(false, "the way home would come close to a wall");

@@ -20,9 +20,11 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided)
     : clock_(std::move(clock)), decided_(std::move(decided)) {}
 
 void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller,
-                                    double input_max) {
+                                    const Model& model) {
   controller_.swap(controller);
-  input_max_ = input_max;
+  input_max_ = model.body.input_max;
+  obedience_.reset();
+  if (controller_->follows()) obedience_.emplace(model);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -32,9 +34,9 @@ void ReferencePilot::swapReference(ReferencePtr& reference) {
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
   drive_.command(time, inputs.lift);
-  if (controller_)
-    controller_->commanded(time, input_max_ * Vector2<double>(inputs.left, inputs.right),
-                           inputs.lift);
+  const Vector2<double> thrusters = input_max_ * Vector2<double>(inputs.left, inputs.right);
+  if (controller_) controller_->commanded(time, thrusters, inputs.lift);
+  if (obedience_) obedience_->command(time, thrusters, inputs.lift);
 }
 
 void ReferencePilot::activate(double) {
@@ -42,13 +44,17 @@ void ReferencePilot::activate(double) {
   controller_->reset();
 }
 
-std::string ReferencePilot::objection(double stamp, const RigidState<double>& state) {
+std::string ReferencePilot::objection(const MeasuredState& measured) {
+  const double stamp = measured.stamp;
   if (!reference_start_) {
     reference_start_ = stamp;
     watch_.restart();
   }
   if (!controller_->follows()) return "";
-  const double error = (controller_->position(state) - at(stamp).p).norm();
+  obedience_->measure(stamp, measured.state, measured.nu_variance);
+  const std::string instead = obedience_->disobedience(kDisobedient);
+  if (!instead.empty()) return "the craft does not do as it is told: " + instead;
+  const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);
 }
 

@@ -2,6 +2,9 @@
 
 #include <cmath>
 
+#include "ground/model/effect_registry.h"
+#include "ground/model/typical.h"
+
 namespace ground {
 namespace {
 
@@ -9,54 +12,105 @@ constexpr double kInterval = 0.1;     // over which velocities change visibly [s
 constexpr double kMemory = 40;        // of evidence [s]
 constexpr double kLeastHalf = 0.5;    // evidence of each half of the time
 constexpr double kMostGap = 0.25;     // without a state; beyond, an interval says nothing [s]
-constexpr double kShare = 0.5;        // of the commanded thrust that a wrong model may leave
 constexpr double kPush = 0.03;        // white disturbance, of full thrust [1/sqrt(Hz)]
 constexpr double kTrim = 0.05;        // constant disturbance, of full thrust
 constexpr double kDrag = 0.5;         // share of the motion without thrust that may be wrong
 constexpr double kFreedom = 4;        // of Student's t
+constexpr double kLeastLift = 0.5;    // below, a craft sits as it is told
 constexpr std::size_t kMany = 4000;   // commands, before old ones are forgotten
+
+/// Of the commanded thrust, within which a model may be wrong.
+constexpr std::array<double, 3> kShares = {0.5, 1, 2};
 
 double square(double x) { return x * x; }
 
-/// Minus logarithm of Student's density, but for a constant.
-double loss(double z) { return 0.5 * (kFreedom + 1) * std::log1p(z * z / kFreedom); }
-
-/// Evidence that a velocity changed by `seen` without thrust, against a share of `told`.
-double evidenceOf(double seen, double told, double sigma) {
-  return loss((seen - kShare * told) / sigma) - loss(seen / sigma);
+/// Minus logarithm of Student's density in `dimension` dimensions, but for a constant.
+double loss(double square_of_z, int dimension) {
+  return 0.5 * (kFreedom + dimension) * std::log1p(square_of_z / kFreedom);
 }
 
-Vector2<double> overFloor(const RigidState<double>& state) {
-  return bodyToWorld<double>(state.eta.z(), state.nu.head<2>());
+/// What a craft may do instead of what it is told: what to say, and what its thrusters get. The
+/// first has none.
+struct Explanation {
+  const char* text;
+  bool swapped;
+  double left, right;  ///< shares that arrive
+  bool lifted;
+};
+constexpr Explanation kExplanations[] = {
+    {"as without thrust", false, 0, 0, true},
+    {"as with a fifth of the model's thrust", false, 0.2, 0.2, true},
+    {"as with five times the model's thrust", false, 5, 5, true},
+    {"as if left and right were swapped", true, 1, 1, true},
+    {"as if the left thruster were off", false, 0, 1, true},
+    {"as if the right thruster were off", false, 1, 0, true},
+    {"as if it sat on the floor, without lift", false, 1, 1, false}};
+
+/// A model whose craft sits down without lift: full thrust hardly moves it then.
+Model sitting(Model model) {
+  if (!model.hasEffect("skirt_friction")) {
+    model.addEffect(makeEffect("skirt_friction"));
+    model.setValue("skirt_friction.f0", typical::force(model.body));
+    model.setValue("skirt_friction.n0", typical::moment(model.body));
+  }
+  return model;
+}
+
+/// Velocity over the floor, world_ned [m/s], and yaw rate [rad/s].
+Vector3<double> overFloor(const RigidState<double>& state) {
+  Vector3<double> moving;
+  moving << bodyToWorld<double>(state.eta.z(), state.nu.head<2>()), state.nu.z();
+  return moving;
 }
 
 }  // namespace
 
+/// Variances of what is predicted and measured.
+struct ObedienceMonitor::Spread {
+  double velocity, yaw_rate;
+
+  double logLikelihood(const Vector3<double>& seen, const Vector3<double>& predicted) const {
+    const Vector3<double> off = seen - predicted;
+    const double found = loss(off.head<2>().squaredNorm() / velocity, 2) +
+                         loss(square(off.z()) / yaw_rate, 1);
+    return std::isfinite(found) ? -found : 0;
+  }
+};
+
 ObedienceMonitor::ObedienceMonitor(const Model& model)
     : dynamics_(model),
+      sitting_(sitting(model)),
       most_(2 * model.body.k * model.body.input_max / model.body.m),
-      most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {}
+      most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
+  static_assert(std::size(kExplanations) == kCount);
+}
 
 void ObedienceMonitor::reset() {
-  inputs_ = without_ = InputSequence();
+  told_ = {};
+  others_ = {};
   started_ = false;
   intervals_.clear();
 }
 
 void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, double lift) {
-  if (inputs_.size() > 0 && time < inputs_.times.back()) return reset();
+  if (told_.size() > 0 && time < told_.times.back()) return reset();
   forgetOldCommands(time);
-  inputs_.add(time, thrusters.x(), thrusters.y(), lift);
-  without_.add(time, 0, 0, lift);
+  told_.add(time, thrusters.x(), thrusters.y(), lift);
+  for (std::size_t i = 0; i < kCount; ++i) {
+    const Explanation& e = kExplanations[i];
+    const double left = e.swapped ? thrusters.y() : thrusters.x();
+    const double right = e.swapped ? thrusters.x() : thrusters.y();
+    others_[i].add(time, e.left * left, e.right * right, e.lifted ? lift : 0);
+  }
 }
 
 void ObedienceMonitor::forgetOldCommands(double time) {
-  if (inputs_.size() < kMany) return;
+  if (told_.size() < kMany) return;
   const double oldest = time - kActuatorMemory - dynamics_.inputDelay() - kMostGap;
   std::size_t count = 0;
-  while (count + 1 < inputs_.size() && inputs_.times[count + 1] < oldest) ++count;
-  inputs_.drop(count);
-  without_.drop(count);
+  while (count + 1 < told_.size() && told_.times[count + 1] < oldest) ++count;
+  told_.drop(count);
+  for (InputSequence& other : others_) other.drop(count);
 }
 
 void ObedienceMonitor::measure(double time, const RigidState<double>& state,
@@ -64,55 +118,76 @@ void ObedienceMonitor::measure(double time, const RigidState<double>& state,
   const Sample now{time, state, nu_variance};
   const double elapsed = time - start_.time;
   if (started_ && elapsed < kInterval) return;
-  if (started_ && elapsed <= kMostGap) intervals_.push_back({time, compare(now)});
+  if (started_ && elapsed <= kMostGap && lifted()) intervals_.push_back(compare(now));
   started_ = true;
   start_ = now;
   while (!intervals_.empty() && intervals_.front().end <= time - kMemory)
     intervals_.pop_front();
 }
 
-RigidState<double> ObedienceMonitor::predict(const InputSequence& inputs, double time) const {
-  Simulation<double> simulation(dynamics_, inputs, start_.state, start_.time);
-  simulation.advance(time);
-  return simulation.state();
+bool ObedienceMonitor::lifted() const {
+  return told_.size() > 0 && told_.lift.back() >= kLeastLift;
 }
 
-double ObedienceMonitor::compare(const Sample& now) const {
+Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
+                                          const InputSequence& inputs, double time) const {
+  Simulation<double> simulation(dynamics, inputs, start_.state, start_.time);
+  simulation.advance(time);
+  return overFloor(simulation.state());
+}
+
+ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const double dt = now.time - start_.time;
-  const RigidState<double> told = predict(inputs_, now.time), free = predict(without_, now.time);
+  std::array<Vector3<double>, kCount> others;
+  for (std::size_t i = 0; i < kCount; ++i)
+    others[i] = predict(kExplanations[i].lifted ? dynamics_ : sitting_, others_[i], now.time);
+  const Vector3<double>& free = others[0];
+  const Vector3<double> told = predict(dynamics_, told_, now.time);
+  const Vector3<double> dragged = free - overFloor(start_.state), seen = overFloor(now.state);
   const auto variance = [&](double most, double drag, double noise) {
     return square(kPush * most) * dt + square(kTrim * most * dt) + square(kDrag * drag) + noise;
   };
-  const Vector2<double> coasting = overFloor(free);
-  const Vector2<double> thrust = overFloor(told) - coasting;
-  const double drag = (coasting - overFloor(start_.state)).norm();
-  const double noise =
-      (start_.nu_variance + now.nu_variance).head<2>().maxCoeff();
-  double evidence = 0;
-  if (thrust.norm() > 1e-9) {
-    const double seen = (overFloor(now.state) - coasting).dot(thrust.normalized());
-    evidence += evidenceOf(seen, thrust.norm(), std::sqrt(variance(most_, drag, noise)));
+  const Vector3<double> noise = start_.nu_variance + now.nu_variance;
+  const Spread spread{variance(most_, dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
+                      variance(most_yaw_, dragged.z(), noise.z())};
+  Interval interval{now.time, {}, {}};
+  for (std::size_t i = 0; i < kShares.size(); ++i)
+    interval.told(static_cast<Eigen::Index>(i)) =
+        spread.logLikelihood(seen, free + kShares[i] * (told - free));
+  for (std::size_t i = 0; i < kCount; ++i)
+    interval.others(static_cast<Eigen::Index>(i)) = spread.logLikelihood(seen, others[i]);
+  return interval;
+}
+
+/// For each other explanation, of the last `duration` seconds.
+ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) const {
+  Told told = Told::Zero();
+  Evidence others = Evidence::Zero();
+  for (const Interval& i : intervals_) {
+    if (i.end <= start_.time - duration) continue;
+    told += i.told;
+    others += i.others;
   }
-  const double yaw_drag = free.nu.z() - start_.state.nu.z();
-  const double yaw_noise = start_.nu_variance.z() + now.nu_variance.z();
-  evidence += evidenceOf(now.state.nu.z() - free.nu.z(), told.nu.z() - free.nu.z(),
-                         std::sqrt(variance(most_yaw_, yaw_drag, yaw_noise)));
-  return std::isfinite(evidence) ? evidence : 0;
+  return others - told.maxCoeff();
 }
 
 double ObedienceMonitor::evidence(double duration) const {
-  double sum = 0;
-  for (const Interval& i : intervals_)
-    if (i.end > start_.time - duration) sum += i.evidence;
-  return sum;
+  return evidenceOfOthers(duration).maxCoeff();
 }
 
-bool ObedienceMonitor::disobeys(double duration) const {
+std::string ObedienceMonitor::disobedience(double duration) const {
   for (double span : {duration, 2 * duration, 4 * duration}) {
-    const double all = evidence(span), recent = evidence(span / 2);
-    if (all >= kEvidence && recent >= kLeastHalf && all - recent >= kLeastHalf) return true;
+    const Evidence all = evidenceOfOthers(span), recent = evidenceOfOthers(span / 2);
+    Eigen::Index best = 0;
+    if (all.maxCoeff(&best) < kEvidence || recent(best) < kLeastHalf ||
+        all(best) - recent(best) < kLeastHalf)
+      continue;
+    std::string said;
+    for (Eigen::Index i = 0; i < all.size(); ++i)
+      if (all(i) > all(best) - kEvidence) said += (said.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
+    return "it moves " + said;
   }
-  return false;
+  return "";
 }
 
 }  // namespace ground

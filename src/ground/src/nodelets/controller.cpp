@@ -19,6 +19,8 @@ MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
   measured.stamp = stamp;
   std::copy(message.eta.begin(), message.eta.end(), measured.state.eta.data());
   std::copy(message.nu.begin(), message.nu.end(), measured.state.nu.data());
+  for (int i = 0; i < 3; ++i)
+    measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
   measured.valid = message.valid;
   measured.problem = message.status;
   return measured;

@@ -155,8 +155,8 @@ class Excitation : public Controller {
     }
     pilot_.activate(stamp);
   }
-  std::string objection(double stamp, const RigidState<double>& state) override {
-    return pilot_.objection(stamp, state);
+  std::string objection(const MeasuredState& measured) override {
+    return pilot_.objection(measured);
   }
   Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                 double lift) override {

@@ -197,8 +197,8 @@ class Sender : public nodelet::Nodelet {
                                    message.nu_covariance[8]);
     if (!variance.allFinite()) return;
     obedience_->measure(secondsBetween(armed_at_, message.header.stamp), state, variance);
-    if (obedience_->disobeys(obedience_timeout_))
-      link_->disobeyed(steadyNow(), "it moves as without thrust");
+    const std::string instead = obedience_->disobedience(obedience_timeout_);
+    if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
   }
 
   /// Keeps what was sent while armed, for watchMotion(). mutex_ is held.

@@ -78,11 +78,16 @@ class LivePilot : public Driver {
 
   void see(double now, const MocapFrame& frame) override {
     now_ = now;
-    MeasuredState measured{frame.captured, {}, true, ""};
+    MeasuredState measured;
+    measured.stamp = frame.captured;
+    measured.valid = true;
     if (params_.estimate) {
       const StateEstimate& estimate = estimator_->update(frame.captured, frame.eta);
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
-      measured = {frame.captured, {estimate.eta, estimate.nu}, estimate.valid, estimate.status};
+      measured.state = {estimate.eta, estimate.nu};
+      measured.nu_variance = estimate.nu_covariance.diagonal();
+      measured.valid = estimate.valid;
+      measured.problem = estimate.status;
     } else {
       const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(),
                                       [&](const auto& t) { return t.time <= frame.captured; });
@@ -157,6 +162,14 @@ void note(const Room& room, ExperimentLog& log) {
                        room.wrench()});
 }
 
+Command spoiled(Command command, CraftFault fault) {
+  if (fault == CraftFault::kSwapped) std::swap(command.left, command.right);
+  if (fault == CraftFault::kLeftOff) command.left = 0;
+  if (fault == CraftFault::kRightOff) command.right = 0;
+  if (fault == CraftFault::kNoLift) command.lift = 0;
+  return command;
+}
+
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
   Room::Params place;
   place.initial = params.initial;
@@ -176,8 +189,11 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     }
     if (now >= driver.end()) return;
     for (const Command& command : driver.act(now)) {
-      const bool deaf = now >= params.deaf_from && now < params.deaf_until;
-      if (!deaf) room.command(input_max * command.left, input_max * command.right, command.lift);
+      const bool faulty = now >= params.fault_from && now < params.fault_until;
+      if (!faulty || params.fault != CraftFault::kDeaf) {
+        const Command heard = faulty ? spoiled(command, params.fault) : command;
+        room.command(input_max * heard.left, input_max * heard.right, heard.lift);
+      }
       log.commands.push_back(command);
     }
   }
@@ -243,7 +259,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
   if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
-  pilot.swapController(controller, input_max);
+  pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);
   run(model, live, params, log);

@@ -38,7 +38,8 @@ struct MeasuredState {
   double stamp = 0;  ///< when it was measured, on the clock of stamps [s]
   RigidState<double> state;
   bool valid = false;
-  std::string problem;  ///< why it is not valid
+  std::string problem = {};  ///< why it is not valid
+  Vector3<double> nu_variance = Vector3<double>::Zero();  ///< of the velocities
 };
 
 /// Says what to command while a controller drives. Times `elapsed` are seconds since it began.
@@ -55,9 +56,7 @@ class Pilot {
   virtual void deactivate() {}
   /// Why it has to stop, empty when it may go on; asked with every state and before every update
   /// that goes by the state.
-  virtual std::string objection(double /*stamp*/, const RigidState<double>& /*state*/) {
-    return "";
-  }
+  virtual std::string objection(const MeasuredState& /*measured*/) { return ""; }
   /// The inputs from now on; `lift`: that of the life cycle's parameters, 0..1.
   virtual Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                         double lift) = 0;

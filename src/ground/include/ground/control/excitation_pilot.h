@@ -65,7 +65,7 @@ class ExcitationPilot : public Pilot {
   void driveBegan(double began, double as_of) { home_.driveBegan(began, as_of); }
 
   void activate(double stamp) override;
-  std::string objection(double stamp, const RigidState<double>& state) override;
+  std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                 double lift) override;
   double end() const override { return std::min(duration_, ended_); }

@@ -9,12 +9,13 @@
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/control/tracking_watch.h"
+#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/drive_clock.h"
 
 namespace ground {
 
 /// Follows a reference by a TrackingController, and stops when the craft does not come along
-/// (TrackingWatch). The reference begins with the first state. What is set takes effect with the
+/// (TrackingWatch) or moves otherwise than it is told (ObedienceMonitor). The reference begins with the first state. What is set takes effect with the
 /// next state.
 class ReferencePilot : public Pilot {
  public:
@@ -25,14 +26,15 @@ class ReferencePilot : public Pilot {
     Vector2<double> wanted;   ///< the same before they were limited
     double computing;         ///< time of the processor that it took [s]
   };
+  static constexpr double kDisobedient = 1.0;  ///< for so long, where that is enough to tell [s]
   /// The time [s], on the clock of the states' stamps.
   using Clock = std::function<double()>;
   using Decided = std::function<void(const Decision&)>;
 
   ReferencePilot(Clock clock, Decided decided);
 
-  /// Exchanges the controller; input_max: of the model that it believes in.
-  void swapController(std::unique_ptr<TrackingController>& controller, double input_max);
+  /// Exchanges the controller, and the model by which it drives.
+  void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Exchanges the reference, which begins anew.
   void swapReference(ReferencePtr& reference);
   /// Error that is a reason to stop when it lasts [m].
@@ -47,7 +49,7 @@ class ReferencePilot : public Pilot {
   void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
-  std::string objection(double stamp, const RigidState<double>& state) override;
+  std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                 double lift) override;
   double end() const override { return duration_; }
@@ -63,6 +65,7 @@ class ReferencePilot : public Pilot {
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< none until the first state with this reference [s]
   TrackingWatch watch_;
+  std::optional<ObedienceMonitor> obedience_;  ///< of a craft that follows a reference
   DriveClock drive_;
 };
 

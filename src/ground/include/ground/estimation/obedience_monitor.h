@@ -1,22 +1,25 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <deque>
+#include <string>
 
 #include "ground/model/simulation.h"
 
 namespace ground {
 
-/// Judges by a craft's motion whether it does as it is told: the motors of one that does not hear
-/// its commands are off, whatever is sent to it.
+/// Judges by a craft's motion whether it does as it is told, and what it does instead.
 ///
 /// It cuts the motion into intervals of 0.1 s. From the state measured at the start of each, the
-/// model predicts the velocities at the end twice: with the commands that were sent, and without
-/// thrust. What the measured velocities say of the two is a logarithm of a likelihood ratio
-/// (Student's t, so that one collision counts little): no thrust, against half of what the model
-/// makes of the commands, because the model may be wrong by that much. Noise, pushes, a trim and a
-/// wrong drag (kPush, kTrim, kDrag) make the prediction uncertain, so that small commands say
-/// little and are looked at for longer. The sum over some time decides, and each half of it has to
-/// agree.
+/// model predicts the velocities at the end: with half, all and twice of the thrust that was
+/// commanded, because the model may be wrong by that much, and by every other explanation: no thrust
+/// (the motors of a craft that does not hear its commands are off, whatever is sent to it), a fifth
+/// or five times of it, left and right swapped, one thruster off, no lift. The measured velocities
+/// give each a logarithm of a likelihood (Student's t, so that one collision counts little). Noise,
+/// pushes, a trim and a wrong drag (kPush, kTrim, kDrag) make the predictions uncertain, so that
+/// small commands say little and are looked at for longer. The sum over some time decides, and each
+/// half of it has to agree.
 class ObedienceMonitor {
  public:
   explicit ObedienceMonitor(const Model& model);
@@ -28,35 +31,45 @@ class ObedienceMonitor {
   /// A valid state that was measured at `time` [s], and the variance of its velocities. Times that
   /// do not ascend are left out.
   void measure(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
-  /// Evidence of the last `duration` seconds that the craft has no thrust, against half of what was
-  /// commanded: logarithm of the likelihood ratio, positive for none.
+  /// What the craft has done during the last `duration` seconds, 10 at most, in place of what it was
+  /// told, such as "it moves as without thrust"; empty when it has done as told. Where that is too short to
+  /// tell, during twice or four times as long.
+  std::string disobedience(double duration) const;
+  /// Evidence of the last `duration` seconds for the best other explanation against what was
+  /// commanded: logarithm of the likelihood ratio.
   double evidence(double duration) const;
-  /// Whether the craft has not done as told during the last `duration` seconds, 10 at most; where
-  /// that is too short to tell, during twice or four times as long.
-  bool disobeys(double duration) const;
 
   static constexpr double kEvidence = 4.0;  ///< with which a craft is said not to do as told
 
  private:
+  static constexpr std::size_t kCount = 7;  ///< other explanations
+  using Told = Eigen::Array3d;               ///< half of it, all of it, twice of it
+  using Evidence = Eigen::Array<double, static_cast<int>(kCount), 1>;
+  /// Likelihoods of an interval, as logarithms, negative.
   struct Interval {
     double end;  ///< [s]
-    double evidence;
+    Told told;
+    Evidence others;
   };
   struct Sample {
     double time;
     RigidState<double> state;
     Vector3<double> nu_variance;
   };
+  struct Spread;
 
-  RigidState<double> predict(const InputSequence& inputs, double time) const;
-  double compare(const Sample& now) const;
+  Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs,
+                          double time) const;
+  Interval compare(const Sample& now) const;
+  Evidence evidenceOfOthers(double duration) const;
+  bool lifted() const;
   void forgetOldCommands(double time);
 
-  Dynamics<double> dynamics_;
-  double most_;            ///< acceleration of full thrust [m/s^2]
-  double most_yaw_;        ///< of one thruster's full moment [rad/s^2]
-  InputSequence inputs_;   ///< as they were sent
-  InputSequence without_;  ///< the lift alone
+  Dynamics<double> dynamics_, sitting_;  ///< sitting_: with a skirt that brakes without lift
+  double most_;                          ///< acceleration of full thrust [m/s^2]
+  double most_yaw_;                      ///< of one thruster's full moment [rad/s^2]
+  InputSequence told_;
+  std::array<InputSequence, kCount> others_;
   bool started_ = false;
   Sample start_;  ///< of the interval
   std::deque<Interval> intervals_;

@@ -165,7 +165,7 @@ class ReferenceTracking : public Controller {
       params.rate = c.rate;
       setParams(params);
       if (first_) {
-        pilot_.swapController(first_, model_.body.input_max);
+        pilot_.swapController(first_, model_);
       } else {
         tune(*pilot_.controller(), c);
       }
@@ -185,7 +185,7 @@ class ReferenceTracking : public Controller {
     std::unique_ptr<TrackingController> controller = made(model, config_);
     const std::string caution = judge(model, *pilot_.reference(), config_.reference);
     const std::lock_guard<std::recursive_mutex> lock(mutex());
-    pilot_.swapController(controller, model.body.input_max);
+    pilot_.swapController(controller, model);
     model_ = model;
     caution_ = caution;
     return caution;
@@ -211,8 +211,8 @@ class ReferenceTracking : public Controller {
   std::string caution() const override { return caution_; }
 
   void activate(double stamp) override { pilot_.activate(stamp); }
-  std::string objection(double stamp, const RigidState<double>& state) override {
-    return pilot_.objection(stamp, state);
+  std::string objection(const MeasuredState& measured) override {
+    return pilot_.objection(measured);
   }
   Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                 double lift) override {

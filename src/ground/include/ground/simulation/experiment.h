@@ -14,14 +14,19 @@
 
 namespace ground {
 
+/// What may go wrong with the craft: commands do not reach it, reach the wrong thrusters, or reach
+/// all but one thruster or the lift fan.
+enum class CraftFault { kDeaf, kSwapped, kLeftOff, kRightOff, kNoLift };
+
 /// Craft and mocap of an experiment; its clock starts at 0 s.
 struct ExperimentParams {
   RigidState<double> initial;  ///< of the craft
   MocapParams mocap;
   unsigned long seed = 1;  ///< of the mocap's noise and losses, and of the disturbance
-  /// From when until when commands do not reach the craft [s].
-  double deaf_from = std::numeric_limits<double>::infinity();
-  double deaf_until = std::numeric_limits<double>::infinity();
+  /// What goes wrong, from when until when [s].
+  CraftFault fault = CraftFault::kDeaf;
+  double fault_from = std::numeric_limits<double>::infinity();
+  double fault_until = std::numeric_limits<double>::infinity();
   /// Acts on the craft; that of the model does not.
   Disturbance disturbance = {};
 };
