@@ -84,6 +84,7 @@ class Bench(SenderTest):
         self.assertEqual(self.status.reason, "armed with commands of /controller; " + BENCH)
         ended = lambda: self.controller_status.message.state == ControllerStatus.DONE
         wait_for(ended, "the end")
+        self.hovercraft.wait_packets(3)  # the zero is on its way
         packets = self.hovercraft.since(0)
         edges = [
             (after.time, after[1:])
