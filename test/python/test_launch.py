@@ -43,6 +43,7 @@ def roslaunch(log, *arguments, **environment):
 
 def test_the_experiments_are_there():
     expected = [
+        "bench",
         "identification",
         "own_stop",
         "record",
@@ -221,6 +222,7 @@ MISTAKES = [
     ("replay.launch", "bag:=fifo", "fifo is not a regular file"),
     ("identification.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read"),
     ("own_stop.launch", "mocap_host:=none", "it must be given"),
+    ("bench.launch", "design:=prbs", "must be one of: single-thruster, steps"),
 ]
 
 
@@ -275,6 +277,73 @@ def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(tmp_path, 
     assert loaded("room_prbs.launch", "own_stop:=mine.yaml", *room)["/sender/own_stop"] == mine
     simulated = loaded("own_stop.launch", "own_stop:=mine.yaml", "simulated:=true", "watchdog:=0")
     assert simulated["/prove_stop/output"] == mine and simulated["/simulator/watchdog"] == 0
+
+
+def test_only_the_bench_is_armed_without_mocap():
+    room = ["mocap_host:=localhost"]
+    for name in ("room_prbs", "room_tracking", "own_stop", "sim_prbs", "sim_tracking"):
+        config = configured(name + ".launch", *(room if name[0] != "s" else []))
+        assert config.params["/sender/bench"].value is False, "an earlier launch left its own"
+        assert "/controller/require_state" not in config.params
+        assert "/controller/" in config.clear_params
+    for name in ("room_prbs", "room_tracking"):
+        config = configured(name + ".launch", "room:=none", *room)
+        assert config.params["/sender/bench"].value is False
+    config = configured("bench.launch")
+    assert config.params["/sender/bench"].value is True
+    assert config.params["/controller/require_state"].value is False
+    assert {"/controller/", "/sender/"} <= set(config.clear_params)
+    for name in ("/sender/auto_arm", "/sender/room", "/controller/auto_start", "/controller/room"):
+        assert name not in config.params
+
+
+def test_bench_puts_zero_before_each_level_and_goes_through_them_once():
+    parameters = loaded("bench.launch", "levels:=0.5, 1", "hold:=3")
+    assert parameters["/controller/levels"] == "0 0.5 0 1"
+    assert parameters["/controller/duration"] == 2 * 4 * 3
+    assert parameters["/controller/lift"] == 0
+    parameters = loaded("bench.launch", "levels:=1", "design:=steps")
+    assert parameters["/controller/levels"] == "0 1"
+    assert parameters["/controller/duration"] == 2 * 10
+
+
+def test_the_bench_says_its_levels_and_leaves_a_table_beside_the_bag(tmp_path):
+    log = tmp_path / "log"
+    port = free_port(socket.SOCK_DGRAM)
+    with roslaunch(
+        log,
+        "bench.launch",
+        "simulated:=true",
+        "levels:=0.5 1",
+        "hold:=1",
+        "bag_dir:=%s" % tmp_path,
+        "port:=%d" % port,
+    ) as launch:
+
+        def call(*words):
+            return subprocess.run(
+                ["rosservice", "call"] + list(words),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                universal_newlines=True,
+                env=launch.env,
+                timeout=20,
+            ).stdout
+
+        wait_for(lambda: list(tmp_path.glob("*_bench_0.bag.active")), 30, "the recording")
+        wait_for(lambda: "success: True" in call("/sender/arm", "true"), 30, "arming")
+        assert "success: True" in call("/controller/start")
+        table = wait_for(lambda: list(tmp_path.glob("*_thrust.csv")), 30, "the table")[0]
+        assert "success: True" in call("/controller/start")
+        wait_for(lambda: list(tmp_path.glob("*_thrust-1.csv")), 30, "the second table")
+    text = log.read_text()
+    bag = list(tmp_path.glob("*_bench_0.bag"))[0]
+    assert table.name == bag.name.replace("_0.bag", "_thrust.csv")
+    assert table.read_text() == "input,left,right\n0.5,,\n1,,\n"
+    assert "without mocap nobody sees where the craft goes; fasten it" in text
+    for line in ("left 0.5, right 0 since 1.0 s", "left 0, right 1 since 7.0 s", "write the for"):
+        assert line in text, text
+    assert "has died" not in text and "Traceback" not in text, text
 
 
 @pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])

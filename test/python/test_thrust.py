@@ -96,3 +96,52 @@ def test_what_cannot_be_read_is_said_with_its_line(tmp_path, text, said):
     assert result.returncode == 1
     assert said in result.stderr and "Traceback" not in result.stderr
     assert not (tmp_path / "thrust.yaml").exists()
+
+
+def test_a_draft_has_a_cell_for_every_level_that_was_held(tmp_path):
+    from ground.analysis import thrust_bench
+
+    single = [(0, 0), (0.2, 0), (0, 0), (0.7, 0), (0, 0), (0, 0.2), (0, 0), (0, 0.7)]
+    assert thrust_bench.draft(single) == "input,left,right\n0.2,,\n0.7,,\n"
+    assert thrust_bench.draft([(0.5, 0.5), (0, 0), (1, 1)]) == "input,both\n0.5,\n1,\n"
+    twice = thrust_bench.draft(2 * single[:4])
+    assert twice == "input,left_1,left_2\n0.2,,\n0.7,,\n"
+    path = tmp_path / "bench.csv"
+    path.write_text(twice.replace("0.2,,", "0.2,0.02,0.02").replace("0.7,,", "0.7,0.07,0.07"))
+    assert thrust_bench.fit(thrust_bench.read(path)).values["k"] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "levels, said",
+    [
+        ([(0.2, 0), (0.7, 0), (0, 0.2)], "not held at the same levels"),  # cut short
+        ([(0.2, 0), (0.7, 0), (0.2, 0)], "equally often"),
+        ([(0.2, 0.7)], "left 0.2 and right 0.7 at once"),
+        ([(0, 0)], "not held"),
+    ],
+)
+def test_levels_that_fit_no_table_are_said(levels, said):
+    from ground.analysis import thrust_bench
+    from ground.errors import IdentifyError
+
+    with pytest.raises(IdentifyError, match=said):
+        thrust_bench.draft(levels)
+
+
+def test_a_level_is_said_once_it_is_held():
+    from ground.nodes.bench_levels import Levels
+
+    levels, said = Levels(), []
+    for i in range(300):  # at 50 Hz: zero, a level, one that passes, zero, the level again
+        time = 10 + i / 50
+        left = 0.5 if 1 <= i / 50 < 3 or i / 50 >= 5 else 1.0 if 3 <= i / 50 < 3.3 else 0.0
+        level = levels.command(time, left, 0.0)
+        if level:
+            said.append((round(time, 2), level.text(levels.start)))
+    assert said == [
+        (10.5, "left 0, right 0 since 0.0 s of the run; read the scale's zero"),
+        (11.5, "left 0.5, right 0 since 1.0 s of the run; read the scale"),
+        (13.8, "left 0, right 0 since 3.3 s of the run; read the scale's zero"),
+        (15.5, "left 0.5, right 0 since 5.0 s of the run; read the scale"),
+    ]
+    assert [level.left for level in levels.held] == [0, 0.5, 0, 0.5]

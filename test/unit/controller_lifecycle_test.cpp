@@ -316,6 +316,70 @@ TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   expectStopped("the sender is not armed: disarmed by hand");
 }
 
+TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
+  params.require_state = false;
+  params.require_armed = true;
+  life.setParams(params);
+  RoomPlan room;
+  life.setFence(Fence(room, room.margin));
+  pilot.bit = 0.1;
+  pilot.ends = 2;
+  pass(0.1, false);
+  EXPECT_EQ(life.start(now()), "");
+  pass(0.2, false);
+  EXPECT_EQ(life.current(), State::kWaiting);
+  EXPECT_EQ(life.reason(), "waits for an armed sender");
+  life.sender(now(), true, "");
+  const double armed = time;
+  pass(4, false);
+  ASSERT_EQ(stages.size(), 4u);
+  EXPECT_EQ(stages[1].second, State::kLifting);
+  EXPECT_NEAR(stages[1].first, armed, 0.0201);
+  EXPECT_NEAR(stages[2].first, stages[1].first + params.lift_time, 1e-9);
+  EXPECT_NEAR(stages[3].first, stages[2].first + 2, 1e-9);
+  EXPECT_EQ(stages[3].second, State::kDone);
+  for (std::size_t i = 1; i < sent.size(); ++i)
+    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "nothing went out for long";
+
+  life.start(now());
+  pass(1.5, false);
+  EXPECT_EQ(sent.back().inputs.left, 0.4);
+  life.sender(now(), false, "disarmed by hand");
+  expectStopped("the sender is not armed: disarmed by hand");
+}
+
+TEST_F(Lifecycle, WithoutAStateThoseThatComeAreIgnored) {
+  params.require_state = false;
+  life.setParams(params);
+  RoomPlan room;
+  life.setFence(Fence(room, room.margin));
+  pilot.bit = 0.1;
+  measured.state.eta.x() = 50;  // outside, and then as if it had jumped, and lost
+  drive();
+  measured.state.eta.x() = 0;
+  pass(0.1);
+  measured.state.nu.x() = NAN;
+  pass(0.1);
+  measured.valid = false;
+  pass(2);
+  EXPECT_EQ(life.current(), State::kRunning) << life.reason();
+}
+
+TEST_F(Lifecycle, WithoutAStateWhoGoesByItIsRefused) {
+  const std::string needs = "it drives by the state, and require_state is false";
+  params.require_state = false;
+  life.setParams(params);
+  EXPECT_EQ(life.start(now()), needs);
+  pass(2);
+  EXPECT_EQ(life.current(), State::kIdle);
+  EXPECT_EQ(pilot.activated, 0);
+  pilot.bit = 0.1;
+  drive();
+  pilot.bit = 0;  // a pilot that changes its mind
+  pass(0.2);
+  expectStopped(needs);
+}
+
 TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
   for (int i = 0; i < 20; ++i) {  // another drives: not a word of this one
     life.otherDrives(now(), "other", 0.8);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <limits>
 #include <utility>
 
 #include "ground/estimation/jump.h"
@@ -12,6 +13,15 @@ namespace ground {
 namespace {
 
 constexpr double kHandover = 0.2;    // after which a silent controller has gone [s]
+constexpr const char* kNeedsState = "it drives by the state, and require_state is false";
+
+/// No pilot that may drive without a state uses it: one that did would give a command of NaN.
+RigidState<double> noState() {
+  RigidState<double> state;
+  state.eta.setConstant(std::numeric_limits<double>::quiet_NaN());
+  state.nu.setConstant(std::numeric_limits<double>::quiet_NaN());
+  return state;
+}
 
 }  // namespace
 
@@ -36,9 +46,12 @@ ControllerLifecycle::ControllerLifecycle(Pilot& pilot, Send send, Changed change
 
 std::string ControllerLifecycle::start(Instant now) {
   if (started()) return "it has been started already";
+  if (!params_.require_state && pilot_.nextChange(0) == Pilot::kByState) return kNeedsState;
   started_at_ = now.steady;
   lifted_ = lifted_ && others_until_ > started_at_;
-  enter(now, State::kWaiting, "waits for a valid state and an armed sender");
+  enter(now, State::kWaiting,
+        params_.require_state ? "waits for a valid state and an armed sender"
+                              : "waits for an armed sender");
   return "";
 }
 
@@ -63,6 +76,7 @@ void ControllerLifecycle::otherDrives(Instant now, const std::string& name, doub
 }
 
 void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
+  if (!params_.require_state) return;
   measured_ = measured;
   measured_at_ = now.steady;
   if (driving() && measured.valid && stateIsFinite()) {
@@ -110,7 +124,7 @@ void ControllerLifecycle::tick(Instant now) {
     if (now.time >= *change_at_ || now.steady >= repeatAt()) control(now, now.time);
   } else if (state_ == State::kRunning) {
     // Without a new state it decides upon the last one, until that is stale.
-    if (now.steady >= repeatAt()) control(now, measured_->stamp);
+    if (now.steady >= repeatAt()) control(now, measured_ ? measured_->stamp : now.time);
   } else if (now.steady >= repeatAt()) {
     send(now, {0, 0, driving() ? params_.lift : liftAlone()});
   }
@@ -131,6 +145,7 @@ Instant ControllerLifecycle::due() const {
 }
 
 std::string ControllerLifecycle::stateProblem(Instant now) const {
+  if (!params_.require_state) return "";
   if (!measured_) return "there is no state";
   if (!measured_->valid) return "the state is invalid: " + measured_->problem;
   // A state may also come on time and be old.
@@ -175,7 +190,7 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 
 /// Why the craft has to be stopped to stay inside; empty when it may go on.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
-  if (!fence_ || !measured_ || !stateIsFinite()) return "";
+  if (!fence_ || !params_.require_state || !stateIsFinite()) return "";
   return fence_->objection(measured_->state, now.time - measured_->stamp);
 }
 
@@ -201,13 +216,15 @@ void ControllerLifecycle::begin(Instant now) {
 }
 
 void ControllerLifecycle::control(Instant now, double stamp) {
+  if (!change_at_ && !params_.require_state) return enter(now, State::kStopped, kNeedsState);
   // The state may be older than the start by the mocap's latency.
   const double elapsed = std::max(0.0, stamp - running_since_);
   if (!change_at_) {
     const std::string reason = pilot_.objection(*measured_);
     if (!reason.empty()) return enter(now, State::kStopped, reason);
   }
-  const Inputs inputs = pilot_.update(elapsed, stamp, measured_->state, params_.lift);
+  const Inputs inputs = pilot_.update(
+      elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
   last_update_ = stamp;
   schedule(elapsed);
   if (!std::isfinite(inputs.left + inputs.right + inputs.lift))

@@ -54,8 +54,11 @@ void Controller::onInit() {
     auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
     LifecycleParams params;
     params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
+    params.require_state = require_state_ = optionalParameter<bool>(nh, "require_state", true);
     life_.setParams(params);
     const auto room = optionalParameter<std::string>(nh, "room", "");
+    if (!room.empty() && !require_state_)
+      throw std::runtime_error("without the state (require_state) no room can be kept: leave out room");
     if (!room.empty()) {
       room_ = loadRoomPlan(room);
       life_.setFence(Fence(*room_, room_->margin));
@@ -80,6 +83,7 @@ void Controller::onInit() {
 void Controller::setParams(LifecycleParams params) {
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   params.require_armed = life_.params().require_armed;
+  params.require_state = require_state_;
   life_.setParams(params);
 }
 
@@ -128,7 +132,8 @@ double Controller::watch() {
   if (!jump.empty()) life_.timeJumped(now(), jump);
   if (auto_start_) {
     auto_start_ = false;
-    life_.start(now());
+    const std::string refusal = life_.start(now());
+    if (!refusal.empty()) ROS_WARN("%s: not started: %s", name_.c_str(), refusal.c_str());
   }
   life_.tick(now());
   const Instant at = now();

@@ -101,6 +101,8 @@ class Excitation : public Controller {
   /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
   std::string wrong(const Config& c) {
     try {
+      if (c.returns && !requiresState())
+        return "returns go by the state (require_state); returns:=false plays open loop";
       if (c.returns && !room()) return "returns need a room; returns:=false plays open loop";
       if (c.returns && !hasModel()) return "returns need a model; returns:=false plays open loop";
       built_ = signal(c);
@@ -129,6 +131,7 @@ class Excitation : public Controller {
 
   /// What whoever starts it should know of where the craft will go.
   std::string judge(const Config& c, const InputSignal& signal) const {
+    if (!requiresState()) return "open loop, without the state: the craft has to be fastened";
     if (!room()) return "open loop, without a room that would keep it inside";
     if (c.returns) return "bursts of " + c.design + " between returns home";
     if (!model_) return "open loop; the room stops it";

@@ -58,7 +58,9 @@ class OpenLoopPRBS : public Controller {
     return {inputs.x(), inputs.y(), lift};
   }
   double end() const override { return signal_->duration(); }
-  double nextChange(double elapsed) const override { return signal_->nextChange(elapsed); }
+  double nextChange(double elapsed) const override {
+    return signal_ ? signal_->nextChange(elapsed) : 0.0;
+  }
 
   std::string csv_;  ///< empty when the sequence is made
   PrbsFile sequence_;

@@ -41,7 +41,8 @@ namespace ground {
 /// (model file of the craft, through which its motion shows whether it does as it is told; not looked
 /// at when empty), own_stop (records of prove_stop, by which arming says whether the craft of `model`
 /// is proven to stop by itself; not looked at when empty), room (file of a room: a craft that is about
-/// to leave it is a fault; no bounds when empty), and those of Sender.cfg. Subscribes:
+/// to leave it is a fault; no bounds when empty), bench (false; true: the craft is fastened, is armed
+/// without a state, and may have thrust without lift), and those of Sender.cfg. Subscribes:
 /// controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; when the newest drive
 /// began). Services: ~arm and ~silence, in a thread of their own. Zero packets go out when disarmed,
 /// in fault and at the end.
@@ -72,6 +73,8 @@ class Sender : public nodelet::Nodelet {
   static constexpr double kStatusPeriod = 0.5;        // [s]
   static constexpr double kCountPeriod = 0.1;         // between counts of publishers [s]
   static constexpr std::size_t kLargestOutbox = 100;  // older telemetry is dropped
+  static constexpr const char* kBench =
+      "on the bench: without mocap nobody sees where the craft goes; fasten it";
 
   void onInit() override {
     try {
@@ -99,8 +102,10 @@ class Sender : public nodelet::Nodelet {
     own_stop_ = optionalParameter<std::string>(nh, "own_stop", "");
     if (!own_stop_.empty() && model_file.empty())
       throw std::runtime_error("parameter own_stop needs parameter model, which names the craft");
-    remark_ = armingRemark();
+    bench_ = optionalParameter<bool>(nh, "bench", false);
     const auto room = optionalParameter<std::string>(nh, "room", "");
+    if (bench_) prepareForBench(room);
+    remark_ = armingRemark();
     if (!room.empty()) fence_ = Fence(loadRoomPlan(room), 0);
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
     if (!peer_text.empty() && !peer.known())
@@ -118,7 +123,7 @@ class Sender : public nodelet::Nodelet {
     drive_publisher_ =
         callbacks_.handle(getNodeHandle()).advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, [](const SenderConfig& c) { return params(c).validate(); },
+        nh, [this](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {
           const std::lock_guard<std::mutex> lock(mutex_);
           link_->setParams(params(c));
@@ -138,6 +143,16 @@ class Sender : public nodelet::Nodelet {
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
   }
 
+  /// Throws std::runtime_error when the other parameters need a state or spare the person who arms.
+  void prepareForBench(const std::string& room) {
+    if (!room.empty())
+      throw std::runtime_error("on a bench no room can be kept: leave out parameter room or bench");
+    if (auto_arm_)
+      throw std::runtime_error("on a bench a person arms: leave out parameter auto_arm or bench");
+    obedience_ = nullptr;  // a fastened craft does not move as it is told
+    NODELET_WARN("sender: %s", kBench);
+  }
+
   /// roscpp ends tidily on SIGINT only; SIGTERM and SIGHUP would kill the process before its zeros.
   static void endTidilyOnSignals() {
     struct sigaction interrupt = {}, current = {};
@@ -149,14 +164,14 @@ class Sender : public nodelet::Nodelet {
         sigaction(signal, &interrupt, nullptr);
   }
 
-  static GroundLinkParams params(const SenderConfig& c) {
+  GroundLinkParams params(const SenderConfig& c) const {
     GroundLinkParams p;
     p.command_timeout = c.command_timeout;
     p.state_timeout = c.state_timeout;
     p.recovery_time = c.recovery_time;
     p.keepalive_rate = c.keepalive_rate;
-    p.require_state = c.require_state;
-    p.require_lift = c.require_lift;
+    p.require_state = !bench_;
+    p.require_lift = c.require_lift && !bench_;
     p.craft_timeout = c.craft_timeout;
     p.obedience_timeout = c.obedience_timeout;
     return p;
@@ -218,9 +233,11 @@ class Sender : public nodelet::Nodelet {
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
-  /// What arming says of the craft's own stop; reads a file.
+  /// What arming says of a bench and of the craft's own stop; reads a file.
   std::string armingRemark() const {
-    return own_stop_.empty() ? "" : ownStopRemark(own_stop_, craft_);
+    const std::string stop = own_stop_.empty() ? "" : ownStopRemark(own_stop_, craft_);
+    if (!bench_) return stop;
+    return stop.empty() ? kBench : kBench + ("; " + stop);
   }
 
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
@@ -426,7 +443,8 @@ class Sender : public nodelet::Nodelet {
   std::optional<Fence> fence_;  ///< none for a floor without bounds
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< nobody when there is no model
   double obedience_timeout_ = 0, input_max_ = 1;
-  std::string remark_;  ///< on the craft's own stop, when last armed; empty when there is none
+  bool bench_ = false;  ///< no state is needed; fixed
+  std::string remark_;  ///< on bench and own stop, when last armed; empty when there is none
   std::optional<MotorCommand> noted_;  ///< the last command that obedience_ knows of, while armed
   ros::Time armed_at_;
   bool auto_arm_ = false;

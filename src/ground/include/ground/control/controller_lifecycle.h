@@ -18,6 +18,9 @@ struct LifecycleParams {
   double recovery_time = 0.0;  ///< zero thrust bridges such a loss of the state [s]
   double rate = 50.0;          ///< of closed-loop control [Hz]
   bool require_armed = true;   ///< whether it waits for an armed sender, and stops with it
+  /// Whether it waits for a valid state, and stops without one. Otherwise states are ignored, and the
+  /// fence with them: on a bench, where the craft is fastened.
+  bool require_state = true;
 
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
@@ -63,7 +66,8 @@ class Pilot {
   /// When it is done.
   virtual double end() const { return std::numeric_limits<double>::infinity(); }
   /// When an open-loop controller changes its inputs next; a closed-loop one is driven by the state
-  /// instead, at most at `rate`. Asked anew after every state and update.
+  /// instead, at most at `rate`. Asked before it is activated where no state is required, and anew
+  /// after every state and update.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
   /// What whoever starts it should know; empty when nothing.
   virtual std::string caution() const { return ""; }
@@ -78,7 +82,8 @@ class Pilot {
 /// RUNNING and RECOVERING. It stops when the state is stale or invalid for recovery_time, at once
 /// where that is 0 or the state is not finite, when the state jumps as no craft can, when the craft
 /// would leave the room, when the sender disarms, when the clock was set, when another controller
-/// takes over, when the pilot objects and when a command is not finite.
+/// takes over, when the pilot objects and when a command is not finite. Where no state is required
+/// (LifecycleParams), only a pilot that does not go by it may drive.
 class ControllerLifecycle {
  public:
   /// Numbers as in ground_msgs/ControllerStatus.

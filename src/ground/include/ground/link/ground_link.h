@@ -24,7 +24,9 @@ struct GroundLinkParams {
   /// The craft may not do as told for so long before a fault, 0 for ever [s].
   double obedience_timeout = 1.0;
   double send_timeout = 0.2;  ///< longest that the system may refuse to send while armed [s]
-  bool require_state = true;  ///< whether a valid state is needed to drive
+  /// Whether a valid state inside the room is needed to drive; false on a bench only, where the craft
+  /// is fastened.
+  bool require_state = true;
   bool require_lift = true;   ///< whether thrust is refused while the lift is off
 
   std::string validate() const;  ///< what is wrong; empty when nothing is

@@ -28,8 +28,9 @@ namespace ground {
 /// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
 /// the lift stays on.
 ///
-/// Parameters: auto_start (false), require_armed (true: wait for the sender), room (file of a room in
-/// which the craft is kept; no bounds when empty). Subscribes: state,
+/// Parameters: auto_start (false), require_armed (true: wait for the sender), require_state (true;
+/// false on a bench only, where the craft is fastened), room (file of a room in which the craft is
+/// kept; no bounds when empty), none of them live. Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in a
 /// thread of their own.
 class Controller : public nodelet::Nodelet, protected Pilot {
@@ -44,10 +45,12 @@ class Controller : public nodelet::Nodelet, protected Pilot {
   virtual void load(ros::NodeHandle& nh) = 0;
   /// Where topics are advertised and subscribed.
   ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }
-  /// Takes effect at once; require_armed stays. Call from any thread.
+  /// Takes effect at once; require_armed and require_state stay. Call from any thread.
   void setParams(LifecycleParams params);
   /// The room in which the life cycle keeps the craft; does not change once loaded.
   const std::optional<RoomPlan>& room() const { return room_; }
+  /// Whether it waits for a state and stops without one; does not change once loaded.
+  bool requiresState() const { return require_state_; }
   /// Guards what child and base share.
   std::recursive_mutex& mutex() { return mutex_; }
   /// ROS time on the clock of the pilot's stamps: since the nodelet was loaded [s].
@@ -79,6 +82,7 @@ class Controller : public nodelet::Nodelet, protected Pilot {
                             [this] { changed(); }};
   std::optional<RoomPlan> room_;
   bool auto_start_ = false;
+  bool require_state_ = true;
   RosTimeWatch time_watch_;
   double next_status_ = 0;  ///< steady clock [s]
   ros::Publisher controls_, status_;

@@ -5,6 +5,7 @@ The force of a thruster at input w (0..1) is k (1 + a) w^p on the left, k (1 - a
 show it beyond chance.
 """
 
+import collections
 import csv
 from dataclasses import dataclass
 from typing import Dict
@@ -84,6 +85,31 @@ def read(path, off=0.0, full=1.0, unit=1.0):
     if len({level for level, *_ in found if level > OFF}) < 2:
         raise IdentifyError("%s: a fit needs forces at two inputs above zero" % path)
     return Bench(*np.array(found).T)
+
+
+def draft(levels):
+    """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and no forces
+    yet; a level that comes again gets a column of its own. Raises IdentifyError when the columns would
+    not be of the same inputs."""
+    counts = {}
+    for left, right in levels:
+        if left > OFF and right > OFF and left != right:
+            raise IdentifyError(
+                "left %.3g and right %.3g at once have no column in a table of forces"
+                % (left, right)
+            )
+        side = "left" if right <= OFF else "right" if left <= OFF else "both"
+        if max(left, right) > OFF:
+            counts.setdefault(side, collections.Counter())[max(left, right)] += 1
+    inputs = {tuple(sorted(count)) for count in counts.values()}
+    if len(inputs) != 1 or any(len(set(count.values())) > 1 for count in counts.values()):
+        raise IdentifyError("the thrusters were not held at the same levels equally often")
+    header = ["input"]
+    for side, count in counts.items():
+        rounds = next(iter(count.values()))
+        header += ["%s_%d" % (side, i + 1) for i in range(rounds)] if rounds > 1 else [side]
+    rows = ["%.6g" % level + "," * (len(header) - 1) for level in inputs.pop()]
+    return "\n".join([",".join(header)] + rows) + "\n"
 
 
 def fit(bench):

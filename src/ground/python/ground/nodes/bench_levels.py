@@ -1,0 +1,45 @@
+"""Levels that a controller holds on a thruster bench, for the person who reads the force."""
+
+from dataclasses import dataclass
+
+SETTLED = 0.5  # how long a level is held before the force is read [s]
+
+
+@dataclass(frozen=True)
+class Level:
+    """Inputs of the thrusters that are held."""
+
+    since: float  # [s]
+    left: float  # 0..1
+    right: float  # 0..1
+
+    def text(self, start):
+        """What the reader is told; start: when the run began, on the clock of since [s]."""
+        on = self.left > 0 or self.right > 0
+        return "left %.3g, right %.3g since %.1f s of the run; read the scale%s" % (
+            self.left,
+            self.right,
+            self.since - start,
+            "" if on else "'s zero",
+        )
+
+
+class Levels:
+    """Levels of one run, from its commands."""
+
+    def __init__(self):
+        self.start = None  # time of the first command [s]; None before
+        self.held = []  # Level, in order of time
+        self._level = None
+
+    def command(self, time, left, right):
+        """Takes a command given at time [s], inputs 0..1; gives its Level as soon as that has been held
+        for SETTLED, and None at all other times."""
+        if self.start is None:
+            self.start = time
+        if self._level is None or (left, right) != (self._level.left, self._level.right):
+            self._level = Level(time, left, right)
+        if time - self._level.since < SETTLED or self.held[-1:] == [self._level]:
+            return None
+        self.held.append(self._level)
+        return self._level
