@@ -1,4 +1,5 @@
 """Sphinx: the documentation of ground (make docs). Pages are MyST Markdown, mathematics is KaTeX."""
+
 import os
 import sys
 import xml.etree.ElementTree as ElementTree

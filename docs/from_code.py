@@ -6,6 +6,7 @@
 A generator is a function of this module's table GENERATORS: it returns lines of Markdown. What needs
 the built package (make build) fails with one line that says so.
 """
+
 import contextlib
 import io
 import os
