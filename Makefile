@@ -123,6 +123,7 @@ docs: build
 	@$(in_workspace) for builder in html $(if $(LINKCHECK),linkcheck); do \
 	  /usr/bin/python3 -m sphinx -n -W --keep-going -q -b $$builder docs build/docs/$$builder || exit 1; \
 	done
+	@docs/check_math.py build/docs/html
 	@echo "build/docs/html/index.html"
 
 build/CMakeCache.txt: $(installed)

@@ -4,6 +4,6 @@ document.addEventListener("DOMContentLoaded", () => {
     const number = element.querySelector(".eqno");
     if (number) number.remove();
     const tex = element.textContent.trim().replace(/^\\[([]/, "").replace(/\\[)\]]$/, "");
-    katex.render(tex, element, { displayMode: element.tagName === "DIV", throwOnError: true });
+    katex.render(tex, element, { displayMode: element.tagName === "DIV", throwOnError: false });
   }
 });
