@@ -116,12 +116,12 @@ bench-soak: build
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
 
-# The documentation, from docs/ and from the code; warnings, such as broken links, are errors.
+# The documentation, from docs/ and from the code, which is why it begins anew each time; warnings, such as broken links, are errors.
 # LINKCHECK=1 follows external links, too, which takes a network.
 docs: build
 	@.ci/install-dependencies .ci/debian-packages-docs.txt
 	@$(in_workspace) for builder in html $(if $(LINKCHECK),linkcheck); do \
-	  /usr/bin/python3 -m sphinx -n -W --keep-going -q -b $$builder docs build/docs/$$builder || exit 1; \
+	  /usr/bin/python3 -m sphinx -E -a -n -W --keep-going -q -b $$builder docs build/docs/$$builder || exit 1; \
 	done
 	@docs/check_math.py build/docs/html
 	@echo "build/docs/html/index.html"

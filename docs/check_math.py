@@ -5,10 +5,17 @@ import sys
 
 from selenium import webdriver
 
+# KaTeX draws what it does not know in red; asked once more, it throws.
 CANNOT = """
-  if (typeof katex === "undefined") return ["katex is not there"];
-  return [...document.querySelectorAll(".math")].filter(
-    e => e.querySelector(".katex-error") || !e.querySelector(".katex")).map(e => e.textContent)
+  if (typeof katex === "undefined") return ["anything: it is not there"];
+  const draws = element => {
+    const tex = element.querySelector("annotation");
+    if (!tex) return false;
+    const display = { displayMode: element.tagName === "DIV" };
+    try { katex.renderToString(tex.textContent, display); return true; } catch (error) { return false; }
+  };
+  return [...document.querySelectorAll(".math")].filter(e => !draws(e)).map(
+    e => (e.querySelector("annotation") || e).textContent);
 """
 
 

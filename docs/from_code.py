@@ -18,9 +18,9 @@ import xml.etree.ElementTree as ElementTree
 from unittest import mock
 
 from docutils.nodes import section
+from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.errors import ExtensionError
-from sphinx.util.docutils import SphinxDirective
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PACKAGE = os.path.join(ROOT, "src", "ground")
@@ -212,11 +212,10 @@ GENERATORS = {
 }
 
 
-class FromCode(SphinxDirective):
+class FromCode(Directive):
     required_arguments = 1
 
     def run(self):
-        self.env.note_reread()  # the code may change while the page does not
         name = self.arguments[0]
         if name not in GENERATORS:
             raise self.error("from-code knows %s, not %s" % (", ".join(GENERATORS), name))
