@@ -15,6 +15,7 @@ copyright = author
 release = ElementTree.parse(os.path.join(ROOT, "src/ground/package.xml")).findtext("version")
 extensions = ["myst_parser", "from_code"]
 exclude_patterns = ["schemas"]
+smartquotes = False  # they would turn --option into a dash
 nitpicky = True  # a reference that leads nowhere is a warning, and make docs fails by warnings
 
 myst_enable_extensions = ["dollarmath", "deflist"]
