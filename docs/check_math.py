@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """check_math.py HTML_FOLDER: says which formulas KaTeX cannot draw, by a browser; 1 if there are any."""
+
 import pathlib
 import sys
 

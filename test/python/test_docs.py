@@ -102,15 +102,18 @@ def complaint(program, words):
         parse_args(parser, arguments, namespace)
         raise Parsed
 
-    err = io.StringIO()
-    with contextlib.redirect_stderr(err), mock.patch.object(cli, "_run", side_effect=Parsed):
-        with mock.patch.object(argparse.ArgumentParser, "parse_args", only_parse):
-            try:
-                run_as(program, words)
-            except Parsed:
-                return ""
-            except SystemExit as end:
-                return err.getvalue() or "ends with %s" % end.code
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(out))
+        stack.enter_context(contextlib.redirect_stderr(err))
+        stack.enter_context(mock.patch.object(cli, "_run", side_effect=Parsed))
+        stack.enter_context(mock.patch.object(argparse.ArgumentParser, "parse_args", only_parse))
+        try:
+            run_as(program, words)
+        except Parsed:
+            return ""
+        except SystemExit as end:  # 0: --help
+            return "" if end.code == 0 and out.getvalue() else err.getvalue() or str(end.code)
     return "has no parser"
 
 
