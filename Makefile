@@ -16,7 +16,7 @@ WIDE ?= NATIVE
 UNITY ?= ON
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop docs install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -115,6 +115,16 @@ bench-soak: build
 # Controllers in closed loop, also with hidden effects before and after a diagnosis.
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
+
+# The documentation, from docs/ and from the code, which is why it begins anew each time; warnings, such as broken links, are errors.
+# LINKCHECK=1 follows external links, too, which takes a network.
+docs: build
+	@.ci/install-dependencies .ci/debian-packages-docs.txt
+	@$(in_workspace) for builder in html $(if $(LINKCHECK),linkcheck); do \
+	  /usr/bin/python3 -m sphinx -E -a -n -W --keep-going -q -b $$builder docs build/docs/$$builder || exit 1; \
+	done
+	@docs/check_math.py build/docs/html
+	@echo "build/docs/html/index.html"
 
 build/CMakeCache.txt: $(installed)
 	@$(in_ros) cmake -S . -B build -DGROUND_WIDE=$(WIDE) -DCMAKE_UNITY_BUILD=$(UNITY) \

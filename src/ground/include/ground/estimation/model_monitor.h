@@ -32,7 +32,7 @@ class ModelMonitor {
     Vector3<double> wrench;         ///< missing: X, Y [N], N [N m], body
     Vector3<double> mean;           ///< of |nu| over the window
     Vector3<double> spread;         ///< standard deviations of the measured nu in the window
-    double error;                   ///< sum of mean / spread (DESIGN 8, over this horizon)
+    double error;                   ///< sum of mean / spread
     double error_now;               ///< sum of |nu| / spread
     double covered;                 ///< part of the window that there are errors of [s]
   };

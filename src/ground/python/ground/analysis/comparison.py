@@ -1,4 +1,4 @@
-"""Model against measurement: the error numbers of DESIGN 8 and the thesis."""
+"""Model against measurement: error numbers, as docs/theory/identification.md defines them."""
 from dataclasses import dataclass
 from typing import List, Optional
 
@@ -141,7 +141,7 @@ def _predict_horizons(run, model, sigma):
 
 
 def numbers(evaluations):
-    """The numbers of DESIGN 8 of one run, or pooled over several: every sample counts alike."""
+    """Error numbers of one run, or pooled over several: every sample counts alike."""
     normalised = np.vstack([e.residual / e.sigma for e in evaluations])
     predicted = np.vstack([e.predicted for e in evaluations])
     residual = np.vstack([e.residual for e in evaluations])

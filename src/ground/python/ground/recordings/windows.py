@@ -56,7 +56,7 @@ def problem(runs, windows, target=_core.Target.velocities):
 def error(runs, model, windows=None):
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 
-    Initial velocities are those that suit the model best (DESIGN 8). Raises IdentifyError when the
+    Initial velocities are those that suit the model best. Raises IdentifyError when the
     model cannot be simulated.
     """
     try:

@@ -1,0 +1,35 @@
+"""Sphinx: the documentation of ground (make docs). Pages are MyST Markdown, mathematics is KaTeX."""
+
+import os
+import sys
+import xml.etree.ElementTree as ElementTree
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+ROOT = os.path.dirname(HERE)
+KATEX = "/usr/share/javascript/katex"  # of Debian's libjs-katex
+sys.path.insert(0, HERE)
+
+project = "ground"
+author = "the ground team"
+copyright = author
+release = ElementTree.parse(os.path.join(ROOT, "src/ground/package.xml")).findtext("version")
+extensions = ["myst_parser", "from_code"]
+exclude_patterns = ["schemas"]
+smartquotes = False  # they would turn --option into a dash
+nitpicky = True  # a reference that leads nowhere is a warning, and make docs fails by warnings
+
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_heading_anchors = 3
+
+html_theme = "furo"
+html_title = "ground %s" % release
+html_static_path = ["_static", KATEX]
+html_css_files = ["katex.min.css", "ground.css"]
+html_show_sphinx = False
+# Not MathJax: that comes from the network, and KaTeX draws without it.
+mathjax_path = "math.js"
+mathjax_options = {"defer": "defer"}
+html_js_files = [("katex.min.js", {"defer": "defer"})]
+
+linkcheck_timeout = 10
+linkcheck_anchors = False

@@ -1,0 +1,199 @@
+"""README and docs: links lead somewhere, and what is printed to be typed is understood."""
+
+import argparse
+import ast
+import contextlib
+import io
+import re
+import runpy
+import shlex
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from unittest import mock
+
+import pytest
+
+from conftest import ROOT
+
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES += sorted((ROOT / "docs").rglob("*.md"))
+SCRIPTS = ROOT / "src" / "ground" / "scripts"
+IMAGE_OR_LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.M | re.S)
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+def prose(text):
+    return FENCE.sub("", text)
+
+
+def anchors(text):
+    """Of the headings of a page, as GitHub and MyST make them."""
+    for heading in re.findall(r"^#+ +(.*)$", prose(text), re.M):
+        yield re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def generated(text):
+    return "{from-code}" in text
+
+
+def broken_links(page):
+    for target in IMAGE_OR_LINK.findall(prose(page.read_text())):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        if not file.exists():
+            yield target
+        elif anchor and file.suffix == ".md":
+            text = file.read_text()
+            if not generated(text) and anchor not in anchors(text):  # sphinx knows the others
+                yield target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    assert list(broken_links(page)) == []
+
+
+def command_lines(text, start):
+    """Every command line of a page that begins so, as words after that: in fences and in `code`,
+    without comments, and without those that stand for several (VERB, ...)."""
+    fences = [body for language, body in FENCE.findall(text) if language == "sh"]
+    lines = "\n".join(fences).replace("\\\n", " ").splitlines()
+    lines += [code.replace("\n", " ") for code in re.findall(r"`([^`]+)`", prose(text))]
+    for line in lines:
+        command = line.partition(start + " ")[2]
+        command = re.sub(r"\$\([^)]*\)|\$\w+", "1", command)  # what a shell puts in
+        words = shlex.split(re.split(r" [|&;]|[;|]", command)[0], comments=True)
+        if len(words) > 1 and not re.search(r"\b(VERB|NAME)\b|\.\.\.", command):
+            yield words
+
+
+class Parsed(BaseException):
+    """Thrown in place of what would be done."""
+
+
+def run_as(program, words):
+    """Runs the main function of a program with a user's words."""
+    from ground import cli
+    from ground.verbs import track, tune
+
+    if program == "identify":
+        cli.main(words)
+    elif program in ("track", "tune"):
+        cli.program({"track": track, "tune": tune}[program], words)
+    else:
+        with mock.patch("sys.argv", [program] + words):
+            runpy.run_path(str(SCRIPTS / program), run_name="__main__")
+
+
+def complaint(program, words):
+    """What a program's own parser says against the words; empty when it understands them. Nothing is
+    run."""
+    from ground import cli
+
+    parse_args = argparse.ArgumentParser.parse_args
+
+    def only_parse(parser, arguments=None, namespace=None):
+        parse_args(parser, arguments, namespace)
+        raise Parsed
+
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(out))
+        stack.enter_context(contextlib.redirect_stderr(err))
+        stack.enter_context(mock.patch.object(cli, "_run", side_effect=Parsed))
+        stack.enter_context(mock.patch.object(argparse.ArgumentParser, "parse_args", only_parse))
+        try:
+            run_as(program, words)
+        except Parsed:
+            return ""
+        except SystemExit as end:  # 0: --help
+            return "" if end.code == 0 and out.getvalue() else err.getvalue() or str(end.code)
+    return "has no parser"
+
+
+def complaints(page):
+    text = page.read_text()
+    for program, *words in command_lines(text, "rosrun ground"):
+        problem = complaint(program, words)
+        if problem:
+            yield "%s %s: %s" % (program, " ".join(words), problem.splitlines()[-1])
+    for file, *arguments in command_lines(text, "roslaunch ground"):
+        launch = ElementTree.parse(str(ROOT / "launch" / file)).getroot()
+        known = {arg.get("name") for arg in launch.findall("arg")}
+        for argument in arguments:
+            if argument.partition(":=")[0] not in known:
+                yield "%s does not take %s" % (file, argument)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_printed_commands_are_understood(page):
+    assert list(complaints(page)) == []
+
+
+def test_commands_are_found():
+    texts = [page.read_text() for page in PAGES]
+    programs = {words[0] for text in texts for words in command_lines(text, "rosrun ground")}
+    assert {"identify", "track", "tune", "plot", "parameters"} <= programs
+    files = {words[0] for text in texts for words in command_lines(text, "roslaunch ground")}
+    assert {"sim_prbs.launch", "room_prbs.launch", "own_stop.launch"} <= files
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "rosrun ground identify fit RUN.bag --model M.yaml --hold-out B.bag -o N.yaml",
+        "rosrun ground identify fit RUN.bag --modl M.yaml -o N.yaml",
+        "rosrun ground identify fitt RUN.bag --model M.yaml -o N.yaml",
+        "rosrun ground track --model M.yaml --controler ModelPredictive",
+        "rosrun ground tune --model M.yaml -o G.yaml --evaluation many",
+        "rosrun ground plot --during 60",
+        "rosrun ground parameters --show",
+        "roslaunch ground sim_prbs.launch recrod:=true",
+    ],
+)
+def test_misspelled_options_are_noticed(line, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("Text.\n\n```sh\n%s    # a comment\n```\n" % line)
+    assert len(list(complaints(page))) == 1
+
+
+def test_a_misspelled_link_is_noticed(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# A title\n\n[a](page.md#a-title) [b](page.md#title) [c](pages.md)\n")
+    assert list(broken_links(page)) == ["page.md#title", "pages.md"]
+
+
+def test_every_effect_has_its_equation():
+    from ground import _core
+
+    page = (ROOT / "docs" / "theory" / "effects.md").read_text()
+    described = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
+    assert described == set(_core.effects())
+
+
+def test_every_program_is_in_the_reference():
+    source = (ROOT / "docs" / "from_code.py").read_text()  # sphinx, which it imports, may be absent
+    listed = ast.literal_eval(re.search(r"^PROGRAMS = (\[.*\])", source, re.M).group(1))
+    listed += ["identify", "track", "tune"]
+    names = {path.name for path in SCRIPTS.iterdir()}
+    assert set(listed) <= names
+    launched = "".join(p.read_text() for p in (ROOT / "launch").rglob("*") if p.is_file())
+    # The others are no programs of their own: launch files start them.
+    others = [name for name in names - set(listed) if not re.search(r"\b%s\b" % name, launched)]
+    assert others == []
+
+
+def test_the_effect_of_the_how_to_compiles(tmp_path):
+    text = (ROOT / "docs" / "howto" / "effect_cpp.md").read_text()
+    (source,) = [body for language, body in FENCE.findall(text) if language == "cpp"]
+    file = tmp_path / "effect.cpp"
+    file.write_text(source)
+    flags = ["-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", "-Wno-psabi"]
+    include = ["-I", str(ROOT / "src" / "ground" / "include"), "-isystem", "/usr/include/eigen3"]
+    subprocess.run(["g++", *flags, *include, str(file)], check=True)
