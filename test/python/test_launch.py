@@ -12,6 +12,7 @@ import time
 import xml.etree.ElementTree
 
 import pytest
+import yaml
 from conftest import ROOT, free_port, identify, located, wait_for, write_bag
 
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
@@ -73,6 +74,14 @@ def test_every_argument_is_documented_and_required_only_without_default(name, ca
     text = (ROOT / "launch" / name).read_text()
     declared = text.count("<arg name=") - text.count('" value=')
     assert text.count(" doc=") >= declared > 0
+
+
+@pytest.mark.parametrize("name", LAUNCH)
+def test_roslaunch_finds_one_file_of_the_name(name):
+    # it looks in the whole share folder of the package, test/ included
+    assert [str(p) for folder in ("launch", "test") for p in (ROOT / folder).rglob(name)] == [
+        str(ROOT / "launch" / name)
+    ]
 
 
 def test_launch_files_name_no_absolute_path():
@@ -340,6 +349,29 @@ def test_relative_paths_are_those_of_the_callers_folder(tmp_path, monkeypatch):
         parameters = loaded(launch, *("%s:=%s" % (name, name) for name in arguments))
         for name, parameter in arguments.items():
             assert parameters[parameter] == str(folder / name)
+
+
+def test_the_trial_of_the_own_stop_is_kept_in_a_room():
+    where = ["own_stop.launch", "mocap_host:=localhost"]
+    names = ("/sender/room", "/controller/room", "/visualizer/room")
+    given = loaded(*where)
+    room = str(ROOT / "cfg/room/room_4x4.yaml")
+    assert {os.path.realpath(given[n]) for n in names} == {room}
+    given = loaded(*where, "room:=none")
+    assert {given[n] for n in names} == {""}
+
+
+def test_a_simulated_craft_stops_by_itself_in_the_room(tmp_path):
+    outcomes = tmp_path / "outcomes.yaml"
+    port = free_port(socket.SOCK_DGRAM)
+    arguments = ["simulated:=true", "record:=false", "port:=%d" % port, "own_stop:=%s" % outcomes]
+    home = {"ROS_HOME": str(tmp_path / "ros")}
+    with roslaunch(tmp_path / "log", "own_stop.launch", *arguments, **home) as launch:
+        launch.wait(timeout=60)
+    log = (tmp_path / "log").read_text()
+    assert "PASSED: it stopped by itself" in log, log
+    (trial,) = yaml.safe_load(outcomes.read_text())["Tiny Whoover"]
+    assert trial["outcome"] == "passed" and trial["simulated"]
 
 
 def nodes_of(*arguments):
