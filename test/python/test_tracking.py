@@ -33,7 +33,7 @@ def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
     assert drive["rms"] == pytest.approx(simulated["tracking_error"], rel=0.02)
     assert drive["duration"] == pytest.approx(15, abs=0.1)
     assert 0 < drive["saturated_fraction"] < 1
-    assert drive["controller"] == "/controller"
+    assert (drive["controller"], drive["kind"]) == ("/controller", "ModelPredictive")
     assert 0 < drive["wanted_outside"] < 1 < drive["wanted_largest"]
     assert drive["compute_ms"]["median"] > 0
     assert picture.stat().st_size > 20000

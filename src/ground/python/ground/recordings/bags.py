@@ -10,6 +10,7 @@ from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
 SETTINGS = "/mocap_state/settings"
+RUN_SETTINGS = "/run/settings"
 CONTROLS = "/controls"
 WANTED = "/controls/wanted"
 DECISION = "/decision"
@@ -72,14 +73,16 @@ def _time(seconds):
 
 def _in_order(run, axes, heading_offset):
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
-    from ground_msgs.msg import MocapSettings
+    from ground_msgs.msg import MocapSettings, RunSettings
 
     start = run.truth_times[:1]
+    made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
     decided, statuses = run.decisions[:, 0], _statuses(run)
     reported = np.array([status[0] for status in statuses], float)
     series = [
         (SETTINGS, start, start, [MocapSettings(axes=axes, heading_offset=heading_offset)]),
+        (RUN_SETTINGS, made, made, [RunSettings(yaml=run.made_with)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),

@@ -33,6 +33,7 @@ class SimulatedRun(Recording):
     marks: list = field(default_factory=list)  # (time, number, burst or return, why) of excitations
     stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
     stopped: str = ""  # why the controller stopped before its end
+    made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
 
 
 @dataclass

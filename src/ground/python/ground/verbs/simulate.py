@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from ground import _core, files
-from ground.recordings import bags
+from ground.recordings import bags, run_parameters
 from ground.recordings.settings import AXES
 from ground.simulation import experiments, tracking as loop
 from ground.verbs import common
@@ -243,6 +243,7 @@ def run(arguments):
         )
     except ValueError as error:
         arguments.refuse(str(error))
+    run.made_with = run_parameters.document(_parameters(arguments, drive))
     counts = bags.write(
         run, arguments.output, arguments.axes, arguments.heading_offset, arguments.force
     )
@@ -284,6 +285,22 @@ def run(arguments):
     if run.stopped:
         print("identify simulate: the controller stopped: %s" % run.stopped, file=sys.stderr)
     return result
+
+
+def _parameters(arguments, drive):
+    """What the run was made with, by the nodes that would have made it."""
+    controller = {"design": arguments.input if arguments.input in KINDS else "file"}
+    if isinstance(drive, _core.ExcitationParams):
+        controller.update(kind="Excitation")
+    elif isinstance(drive, _core.TrackingParams):
+        controller = {"kind": drive.controller.kind, "reference": drive.reference.kind}
+    if arguments.input not in KINDS:
+        controller["file"] = arguments.input
+    if isinstance(drive, _core.DriveParams):
+        controller["model"] = arguments.controller_model or arguments.model
+    if arguments.room:
+        controller["room"] = arguments.room
+    return {"controller": controller, "simulator": {"model": arguments.model}}
 
 
 def _drive(arguments):

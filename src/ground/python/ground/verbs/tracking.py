@@ -20,6 +20,9 @@ def configure(parser):
         help="errors count from so long after the reference began (%(default)g)",
     )
     parser.add_argument(
+        "--room", metavar="ROOM.yaml", help="whose walls are drawn (that of the run)"
+    )
+    parser.add_argument(
         "--picture",
         metavar="FILE.png",
         help="path, error, inputs and computing time of the longest drive",
@@ -30,6 +33,7 @@ def configure(parser):
 def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
+    room = common.load_room(arguments.room) if arguments.room else None
     runs, longest = [], None
     for path, recording in zip(arguments.bags, common.read(arguments)):
         drives = []
@@ -49,7 +53,8 @@ def run(arguments):
         title = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
         title = tracking_plots.title(title, numbers)
         counts = arguments.settled, track.times[-1]
-        tracking_plots.driven(arguments.picture, track, title, counts, force=arguments.force)
+        room = room or common.room_of(recording)
+        tracking_plots.driven(arguments.picture, track, title, counts, room, arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result
