@@ -249,6 +249,10 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
     room.rename(lab / "other.yaml")
     bags.append(flown(verb, lab, tmp_path / "c.bag", "--room", lab / "other.yaml", "--seed", 3))
     assert verb("info", *bags)[1] == "", "neither is a name"
+    named = mocap_bag(tmp_path / "e_0.bag")
+    controller = {"model": "/x/craft.yaml", "room": "/x/room.yaml"}
+    (tmp_path / "e.yaml").write_text(yaml.safe_dump({"controller": controller}))
+    assert verb("info", bags[0], named)[1] == "", "all that is known of it is the same"
     room.write_text((lab / "other.yaml").read_text().replace("margin: 0.2", "margin: 0.3"))
     model.write_text(model.read_text().replace("m: 0.0583", "m: 0.0601"))
     bags.append(flown(verb, lab, tmp_path / "d.bag", "--seed", 4))
