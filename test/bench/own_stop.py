@@ -30,7 +30,7 @@ def stack(seed, noise):
     """A launch with a master of its own; gives the environment of its programs."""
     port = free_port(socket.SOCK_STREAM)
     env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % port)
-    launch = os.path.join(ROOT, "test", "rostest", "own_stop.launch")
+    launch = os.path.join(ROOT, "test", "rostest", "resting_craft.launch")
     arguments = ["seed:=%d" % seed, "position_noise:=%g" % noise]
     arguments += ["port:=%d" % free_port(socket.SOCK_DGRAM)]
     process = subprocess.Popen(

@@ -12,7 +12,8 @@ import time
 import xml.etree.ElementTree
 
 import pytest
-from conftest import ROOT, free_port, identify, located, wait_for, write_bag
+import yaml
+from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
 
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
@@ -74,6 +75,14 @@ def test_every_argument_is_documented_and_required_only_without_default(name, ca
     text = (ROOT / "launch" / name).read_text()
     declared = text.count("<arg name=") - text.count('" value=')
     assert text.count(" doc=") >= declared > 0
+
+
+@pytest.mark.parametrize("name", LAUNCH)
+def test_roslaunch_finds_one_file_of_the_name(name):
+    # it looks in the whole share folder of the package, test/ included
+    assert [str(p) for folder in ("launch", "test") for p in (ROOT / folder).rglob(name)] == [
+        str(ROOT / "launch" / name)
+    ]
 
 
 def test_launch_files_name_no_absolute_path():
@@ -163,6 +172,10 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
     assert len(bag) == 1, (tmp_path / "log").read_text()
     parameters = bag[0].with_name(bag[0].name.replace("_0.bag", ".yaml"))
     assert "real_time_factor" in parameters.read_text()
+    kept = yaml.safe_load(parameters.read_text())["run_files"]
+    kept = {os.path.realpath(path): text for path, text in kept.items()}
+    room = ROOT / "cfg/room/room_4x4.yaml"
+    assert kept[str(room)] == room.read_text() and kept[str(MODEL)] == MODEL.read_text()
     info = subprocess.run(
         ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
@@ -177,6 +190,7 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         assert topic + " " in info
     measured = identify("info", str(bag[0])).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
+    assert "room room_4x4.yaml ('4 x 4 m', kept with the run)" in measured
     assert "s: visualizer: rate 10 -> 7.5" in measured
     assert "s: simulator: k_factor 1 -> 0.9" in measured
 
@@ -411,6 +425,56 @@ def test_relative_paths_are_those_of_the_callers_folder(tmp_path, monkeypatch):
             assert parameters[parameter] == str(folder / name)
 
 
+def test_a_run_is_replayed_in_its_room_and_with_its_model(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    monkeypatch.chdir(tmp_path)
+    for source, name in ((MODEL, "craft.yaml"), (ROOT / "cfg/room/room_4x4.yaml", "room.yaml")):
+        text = source.read_text().replace("margin: 0.2", "margin: 0.3")
+        pathlib.Path(name).write_text(text.replace('name: "Tiny Whoover"', "name: mine"))
+    command = ["--input", "tracking", "--size", 1, "--duration", 2, "-o", "run.bag"]
+    files = ["--model", "craft.yaml", "--room", "room.yaml", "--controller", "ModelPredictive"]
+    made = identify("simulate", *command, *files)
+    assert made.returncode == 0, made.stderr
+    shown = loaded("replay.launch", "bag:=run.bag")
+    assert shown["/visualizer/room"] == str(tmp_path / "room.yaml")
+    for node in ("/live_comparison", "/visualizer"):
+        assert shown[node + "/model"] == str(tmp_path / "craft.yaml")
+    for name in ("room.yaml", "craft.yaml"):
+        pathlib.Path(name).write_text("something else")
+    shown = loaded("replay.launch", "bag:=run.bag")
+    assert "margin: 0.3" in pathlib.Path(shown["/visualizer/room"]).read_text()
+    assert "name: mine" in pathlib.Path(shown["/live_comparison/model"]).read_text()
+    shown = loaded("replay.launch", "bag:=run.bag", "room:=none", "model:=%s" % MODEL)
+    assert (shown["/visualizer/room"], shown["/visualizer/model"]) == ("", str(MODEL))
+    write_bag("old.bag", duration=1.0)
+    shown = loaded("replay.launch", "bag:=old.bag")
+    assert shown["/visualizer/room"] == ""
+    assert os.path.realpath(shown["/visualizer/model"]) == str(MODEL)
+
+
+def test_the_trial_of_the_own_stop_is_kept_in_a_room():
+    where = ["own_stop.launch", "mocap_host:=localhost"]
+    names = ("/sender/room", "/controller/room", "/visualizer/room")
+    given = loaded(*where)
+    room = str(ROOT / "cfg/room/room_4x4.yaml")
+    assert {os.path.realpath(given[n]) for n in names} == {room}
+    given = loaded(*where, "room:=none")
+    assert {given[n] for n in names} == {""}
+
+
+def test_a_simulated_craft_stops_by_itself_in_the_room(tmp_path):
+    outcomes = tmp_path / "outcomes.yaml"
+    port = free_port(socket.SOCK_DGRAM)
+    arguments = ["simulated:=true", "record:=false", "port:=%d" % port, "own_stop:=%s" % outcomes]
+    home = {"ROS_HOME": str(tmp_path / "ros")}
+    with roslaunch(tmp_path / "log", "own_stop.launch", *arguments, **home) as launch:
+        launch.wait(timeout=60)
+    log = (tmp_path / "log").read_text()
+    assert "PASSED: it stopped by itself" in log, log
+    (trial,) = yaml.safe_load(outcomes.read_text())["Tiny Whoover"]
+    assert trial["outcome"] == "passed" and trial["simulated"]
+
+
 def nodes_of(*arguments):
     command = ["roslaunch", "--nodes", "ground"] + list(arguments)
     return subprocess.run(command, stdout=subprocess.PIPE, universal_newlines=True).stdout.split()
@@ -466,9 +530,8 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
             }
             return {name: sum(close(p, c) for p in pixels) for name, c in wanted.items()}
 
-        with roslaunch(
-            tmp_path / "log", "replay.launch", "bag:=" + bag, "model2:=" + truth, **drawing
-        ):
+        models = ["model:=%s" % MODEL, "model2:=" + truth]
+        with roslaunch(tmp_path / "log", "replay.launch", "bag:=" + bag, *models, **drawing):
             seen = {}
 
             def all_there():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import MODEL, ROOT, identify, process
 from test_identify import fails
-from test_simulate import TRUTH, digest, messages, simulate
+from test_simulate import TRUTH, digest_of_messages, messages, simulate
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 BURSTS = "/bursts"
@@ -28,7 +28,7 @@ def excited(tmp_path_factory):
         "simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", folder / "again.bag"
     )
     assert again.returncode == 0, again.stderr
-    assert digest(folder / "again.bag") == digest(path)
+    assert digest_of_messages(folder / "again.bag") == digest_of_messages(path)
     return path, result, again.stdout
 
 
@@ -91,8 +91,8 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     first, _ = simulate(tmp_path, kind, *options, "--seed", 3, name="first.bag")
     again, _ = simulate(tmp_path, kind, *options, "--seed", 3, name="again.bag", run=process)
     other, _ = simulate(tmp_path, kind, *options, "--seed", 4, name="other.bag")
-    assert digest(first) == digest(again)
-    assert digest(first) != digest(other)
+    assert digest_of_messages(first) == digest_of_messages(again)
+    assert digest_of_messages(first) != digest_of_messages(other)
 
 
 def test_a_short_burst_makes_more_of_them(tmp_path):

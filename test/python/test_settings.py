@@ -1,14 +1,20 @@
 """Settings of the measurement travel with the run: axes and heading_offset, as recorded or as given."""
+import hashlib
 import json
+import shutil
 
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, simulate_run, write_bag
+from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
+from ground.analysis import diagnosis_report
 from ground.errors import IdentifyError
-from ground.recordings import recording
+from ground.recordings import recording, run_parameters
+from ground.recordings.flown import RunFile
+from ground.reports import report, tracking_plots
+from ground.verbs import common
 
 TURNED = "y, -x, z"  # a mocap whose z is down
 OFFSET = 0.5
@@ -165,6 +171,151 @@ def test_what_flew_a_run_is_read_from_beside_it_and_named_where_runs_differ(tmp_
     assert out.count("flown by") == 2
     assert "model one.yaml for a_0; model two.yaml for b_0" in err and "c_0" not in err
     assert verb("info", *bags[1:])[1] == ""
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """A model and a room in a folder of their own."""
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    shutil.copy(str(MODEL), str(folder / "craft.yaml"))
+    shutil.copy(str(ROOT / "cfg/room/room_4x4.yaml"), str(folder / "room.yaml"))
+    return folder
+
+
+def flown(verb, lab, bag, *options):
+    """A bag of a tracking run in the lab's room."""
+    tracking = ["--input", "tracking", "--controller", "ModelPredictive", "--size", 1]
+    tracking += ["--duration", 3, "--room", lab / "room.yaml", "--model", lab / "craft.yaml"]
+    verb("simulate", *tracking, "-o", bag, *options)
+    return bag
+
+
+def test_model_and_room_travel_with_a_simulated_run(tmp_path, verb, lab):
+    kept = {name: (lab / name).read_text() for name in ("craft.yaml", "room.yaml")}
+    bag = flown(verb, lab, tmp_path / "run.bag")
+    shutil.rmtree(str(lab))
+    files = recording.read_bag(str(bag)).files
+    assert files["model"].text == kept["craft.yaml"] and files["room"].text == kept["room.yaml"]
+    (described,) = verb("info", bag, "--json")[0]
+    digest = hashlib.sha256(kept["room.yaml"].encode()).hexdigest()
+    assert described["files"]["room"]["sha256"] == digest
+    assert (
+        "controller ModelPredictive, reference circle, model craft.yaml ('Tiny Whoover', kept with the "
+        "run), room room.yaml ('4 x 4 m', kept with the run)\n"
+    ) in verb("info", bag)[0]
+    assert recording.read_files(str(bag)) == files
+
+
+def test_model_and_room_travel_beside_a_recorded_run(tmp_path, lab):
+    nowhere = str(lab / "nowhere.yaml")
+    parameters = {"controller": {"kind": "Excitation"}, "sender": {"room": nowhere}}
+    for name, file in (("model", "craft.yaml"), ("room", "room.yaml")):
+        parameters["controller"][name] = str(lab / file)
+    bag = mocap_bag(tmp_path / "run_0.bag")
+    room = (lab / "room.yaml").read_text()
+    (tmp_path / "run.yaml").write_text(run_parameters.document(parameters))
+    (lab / "room.yaml").write_text("something else")
+    read = recording.read_bag(bag)
+    assert read.files["room"].text == room and not read.warnings
+    assert common.room_of(read).margin == 0.2
+    assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "people can read it, too"
+
+
+def test_a_file_of_a_run_is_found_where_it_was_or_is_written_again(tmp_path, monkeypatch, lab):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    path = lab / "room.yaml"
+    text = path.read_text()
+    file = RunFile(str(path), text)
+    assert file.place() == str(path)
+    path.write_text("something else")
+    copy = file.place()
+    assert copy.startswith(str(tmp_path / "ros")) and copy.endswith("/room.yaml")
+    with open(copy) as written:
+        assert written.read() == text
+    assert file.place() == copy
+    with open(copy, "w") as written:
+        written.write("spoiled")
+    assert open(file.place()).read() == text
+
+
+def test_files_differ_by_their_contents(tmp_path, verb, lab):
+    bags = [flown(verb, lab, tmp_path / "a.bag")]
+    room, model = lab / "room.yaml", lab / "craft.yaml"
+    room.write_text("# a comment\n" + room.read_text())
+    model.write_text(model.read_text() + 'provenance: {date: "2026-11-23"}\n')
+    bags.append(flown(verb, lab, tmp_path / "b.bag", "--seed", 2))
+    assert verb("info", *bags)[1] == "", "comments and provenance are no difference"
+    room.rename(lab / "other.yaml")
+    bags.append(flown(verb, lab, tmp_path / "c.bag", "--room", lab / "other.yaml", "--seed", 3))
+    assert verb("info", *bags)[1] == "", "neither is a name"
+    named = mocap_bag(tmp_path / "e_0.bag")
+    controller = {"model": "/x/craft.yaml", "room": "/x/room.yaml"}
+    (tmp_path / "e.yaml").write_text(yaml.safe_dump({"controller": controller}))
+    assert verb("info", bags[0], named)[1] == "", "all that is known of it is the same"
+    room.write_text((lab / "other.yaml").read_text().replace("margin: 0.2", "margin: 0.3"))
+    model.write_text(model.read_text().replace("m: 0.0583", "m: 0.0601"))
+    bags.append(flown(verb, lab, tmp_path / "d.bag", "--seed", 4))
+    assert verb("info", *bags)[1] == (
+        "note: the runs were recorded with different settings: model craft.yaml for a, b, c; model "
+        "craft.yaml for d; two files named craft.yaml differ: body.m 0.0583 against 0.0601; room "
+        "room.yaml for a, b, c; room room.yaml for d; two files named room.yaml differ: margin 0.2 "
+        "against 0.3\n"
+    )
+
+
+def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
+    bag = flown(verb, lab, tmp_path / "run.bag")
+    drawn = []
+    monkeypatch.setattr(tracking_plots, "driven", lambda *given: drawn.append(given[4]))
+    verb("tracking", bag, "--picture", tmp_path / "run.png")
+    assert drawn[-1].margin == 0.2
+    wide = lab / "wide.yaml"
+    wide.write_text((lab / "room.yaml").read_text().replace("margin: 0.2", "margin: 0.35"))
+    verb("tracking", bag, "--picture", tmp_path / "run.png", "--room", wide)
+    assert drawn[-1].margin == 0.35
+    verb("tracking", bag, "--picture", tmp_path / "run.png", "--room", lab / "no.yaml", status=1)
+
+
+def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb, lab, monkeypatch):
+    room = lab / "room.yaml"
+    text = room.read_text().replace("4 x 4 m", "hall")
+    room.write_text(text.replace("margin: 0.2", "margin: 0.3"))
+    bag = tmp_path / "run.bag"
+    source = ["--input", "spin", "--duration", 6, "--room", room, "--model", lab / "craft.yaml"]
+    verb("simulate", *source, "-o", bag)
+    planned = []
+
+    def propose(_, alike, thorough, room):
+        planned.append(room)
+        words = {"separates": ["a", "b"], "repeat": 1, "expected_disagreement": 7.0}
+        lines = {"input": "a spin", "arguments": "--input spin", "launch": "roslaunch it"}
+        return dict(words, **lines, room=room.name, rows=[[0, 0, 1]], all=[])
+
+    monkeypatch.setattr(diagnosis_report, "_next_experiment", propose)
+    monkeypatch.setattr(report, "diagnosis", lambda *_: None)  # which takes long
+    diagnose = ["diagnose", bag, "--model", MODEL, "--only", "yaw_bias", "-o"]
+    said = verb(*diagnose, tmp_path / "first")[0]
+    assert (planned[-1].name, planned[-1].margin) == ("hall", 0.3)
+    assert "In the room hall one such run" in said
+    assert "roslaunch it room:=%s " % room in said
+    other = lab / "other room.yaml"
+    other.write_text(room.read_text().replace("margin: 0.3", "margin: 0.1"))
+    said = verb(*diagnose, tmp_path / "second", "--room", other)[0]
+    assert planned[-1].margin == 0.1
+    assert "roslaunch it room:='%s' " % other in said
+
+
+def test_what_is_spoiled_in_a_bag_is_no_settings(tmp_path):
+    import rosbag
+    from ground_msgs.msg import RunSettings
+
+    bag = mocap_bag(tmp_path / "run.bag")
+    with rosbag.Bag(bag, "a") as file:
+        for text in ("controller: [", "[1, 2]", "controller: {model: 3, room: x}\nrun_files: 7"):
+            file.write("/run/settings", RunSettings(yaml=text))
+    read = recording.read_bag(bag)
+    assert (read.flown_by, read.files) == ({"room": "x"}, {})
 
 
 def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, verb):

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import MODEL, identify, write_bag
+from conftest import MODEL, identify, program, write_bag
 
 CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "15"]
 
@@ -33,7 +33,9 @@ def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
     assert drive["rms"] == pytest.approx(simulated["tracking_error"], rel=0.02)
     assert drive["duration"] == pytest.approx(15, abs=0.1)
     assert 0 < drive["saturated_fraction"] < 1
-    assert drive["wanted_outside"] is None  # not recorded
+    assert (drive["controller"], drive["kind"]) == ("/controller", "ModelPredictive")
+    assert 0 < drive["wanted_outside"] < 1 < drive["wanted_largest"]
+    assert drive["compute_ms"]["median"] > 0
     assert picture.stat().st_size > 20000
     (settled,) = tracking(bag, "--settled", 5)["runs"][0]["drives"]
     assert settled["rms"] < 0.01 < drive["rms"]
@@ -42,22 +44,53 @@ def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
 
 def test_what_was_wanted_and_who_drove_is_told(driven, tmp_path):
     import rosbag
-    from ground_msgs.msg import Controls
 
-    path = tmp_path / "wanted.bag"
+    path, computed = tmp_path / "wanted.bag", []
     with rosbag.Bag(str(driven[0])) as source, rosbag.Bag(str(path), "w") as bag:
         for topic, message, time in source.read_messages():
-            if topic == "/reference":
-                wanted = Controls(left=1.5, right=-0.25)
-                wanted.header.stamp = message.header.stamp
-                bag.write("/controls/wanted", wanted, time)
+            if topic == "/controls/wanted":
+                message.left, message.right = 1.5, -0.25
             if topic == "/controls":
                 message.header.frame_id = "/tracking"
+            if topic == "/decision":
+                computed.append(0.001 * (1 + len(computed)))
+                message.computing = computed[-1]
             bag.write(topic, message, time)
     (drive,) = tracking(path)["runs"][0]["drives"]
     assert drive["controller"] == "/tracking"
     assert drive["wanted_outside"] == 1.0
     assert drive["wanted_largest"] == 1.5
+    milliseconds = 1e3 * np.array(computed)
+    assert drive["compute_ms"] == {
+        "median": pytest.approx(np.median(milliseconds), abs=1),
+        "p999": pytest.approx(np.quantile(milliseconds, 0.999), abs=1),
+        "max": pytest.approx(milliseconds.max(), abs=1),
+    }
+
+
+def test_a_run_without_decisions_says_nothing_of_them(driven, tmp_path):
+    import rosbag
+
+    path = tmp_path / "old.bag"
+    with rosbag.Bag(str(driven[0])) as source, rosbag.Bag(str(path), "w") as bag:
+        for topic, message, time in source.read_messages():
+            if topic not in ("/controls/wanted", "/decision"):
+                bag.write(topic, message, time)
+    (drive,) = tracking(path, "--picture", tmp_path / "old.png")["runs"][0]["drives"]
+    assert drive["wanted_outside"] is None and drive["compute_ms"] is None
+    said = identify("tracking", path).stdout
+    assert "saturated" in said and "wanted" not in said and "computing" not in said
+
+
+def test_the_page_of_a_simulated_run_and_of_its_bag_say_the_same(driven):
+    options = ["--reference", "circle", "--size", "1", "--settled", "5", "--end-time", "15"]
+    options += ["--controller", "ModelPredictive", "--noise", "--model", MODEL]
+    simulated = program("track", *options)
+    assert simulated.returncode == 0, simulated.stderr
+    recorded = identify("tracking", driven[0], "--settled", "5").stdout
+    for word in ("error", "saturated", "effort", "wanted", "computing"):
+        assert "\n%s " % word in simulated.stdout, word
+        assert "\n%s " % word in recorded, word
 
 
 def test_a_pause_of_the_reference_parts_two_drives(driven):
@@ -68,7 +101,8 @@ def test_a_pause_of_the_reference_parts_two_drives(driven):
     references = np.column_stack([whole.times + whole.began, whole.reference, 0 * whole.reference])
     pause = (whole.times < 6) | (whole.times > 7)
     parts = np.split(references[pause], np.flatnonzero(np.diff(references[pause, 0]) > 0.5) + 1)
-    found = [tracks._track(recording, part, np.empty((0, 3)), []) for part in parts]
+    nothing = np.empty((0, 3)), np.empty((0, 2)), []
+    found = [tracks._track(recording, part, *nothing) for part in parts]
     assert [round(track.times[-1]) for track in found] == [6, 8]
 
 

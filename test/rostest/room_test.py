@@ -8,7 +8,7 @@ import numpy as np
 import rospy
 import rostest
 from ground import _core
-from ground_msgs.msg import Burst, Controls, ControllerStatus, State
+from ground_msgs.msg import Burst, Controls, ControllerStatus, Decision, State
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -48,6 +48,7 @@ class RoomTest(unittest.TestCase):
         status = harness.Latest("controller/status", ControllerStatus, keep=True)
         bursts = harness.Latest("bursts", Burst, keep=True)
         controls = harness.Latest("controls", Controls, keep=True)
+        decisions = harness.Latest("decision", Decision, keep=True)
         room = harness.Latest("room", MarkerArray)
         ended = (ControllerStatus.DONE, ControllerStatus.STOPPED)
         harness.wait_for(
@@ -65,6 +66,11 @@ class RoomTest(unittest.TestCase):
             [m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))]
         )
         self.assertTrue(all(m.reason for _, m in bursts.all))
+        # only returns home are decided by the state
+        decided = [m.header.stamp.to_sec() for _, m in decisions.all]
+        spans = [(a, b) for (a, _, burst), (b, _, _) in zip(marks, marks[1:]) if burst]
+        self.assertGreater(len(decided), 50)
+        self.assertEqual([t for t in decided for a, b in spans if a + 0.02 < t < b - 0.02], [])
 
         # Without ROS, the same objects go through the same states at the same times.
         names = {getattr(ControllerStatus, n): n for n in STATES}

@@ -10,7 +10,7 @@ import dynamic_reconfigure.client
 import rosnode
 import rospy
 import rostest
-from ground_msgs.msg import Reference
+from ground_msgs.msg import Controls, Decision, Reference
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 
@@ -126,6 +126,20 @@ class TrackingTest(ControllerCase):
         self.expect_stop("2.00 m from the reference for 1 s, more than max_error 0.4 m")
         client.update_configuration({"max_error": 0.0})
         client.close()
+
+    def test_each_decision_is_published(self):
+        decisions = harness.Latest("decision", Decision, keep=True)
+        wanted = harness.Latest("controls/wanted", Controls, keep=True)
+        reference = harness.Latest("reference", Reference, keep=True)
+        self.run_it()
+        harness.wait_for(lambda: len(decisions.all) > 30 and len(wanted.all) > 30, 5, "decisions")
+        found = {m.header.stamp: m for _, m in list(decisions.all)}
+        given = {m.header.stamp for _, m in list(wanted.all)}
+        self.assertGreater(len(given & set(found)), 25)
+        self.assertTrue(all(0 < m.computing < 0.05 for m in found.values()))
+        self.assertEqual({m.header.frame_id for m in found.values()}, {"/tracking"})
+        states = {m.header.stamp for _, m in list(reference.all)}
+        self.assertGreater(len(states & {m.state for m in found.values()}), 25)
 
     def test_a_large_reference_is_built_while_commands_go_out(self):
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)

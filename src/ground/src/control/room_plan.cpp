@@ -106,8 +106,12 @@ double RoomPlan::clearanceOfWay(const Position& from, const Position& to) const 
 }
 
 RoomPlan loadRoomPlan(const std::string& path) {
-  const YamlReader reader(path);
-  const YAML::Node root = reader.parse(readTextFile(path, kLargestRoom));
+  return parseRoomPlan(readTextFile(path, kLargestRoom), path);
+}
+
+RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source) {
+  const YamlReader reader(source);
+  const YAML::Node root = reader.parse(yaml);
   const std::string top = "the room file";
   if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() ||
       root["schema"].Scalar() != kRoomSchema)

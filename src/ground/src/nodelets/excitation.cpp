@@ -9,6 +9,7 @@
 
 #include "ground/control/excitation_pilot.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/decision_publisher.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
@@ -20,8 +21,8 @@ namespace ground {
 ///
 /// Parameters: model (model file, by which it returns home; required, as is the base's room, while
 /// returns is true) and those of Excitation.cfg, which take effect at the next start. Publishes
-/// besides: bursts (latched; each burst and each return as it begins). Service: ~load_model (takes
-/// effect at the next start). A file with a column lift is played as it is, its lift included.
+/// besides: bursts (latched; each burst and each return as it begins), and each decision of a return
+/// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column lift is played as it is, its lift included.
 class Excitation : public Controller {
  public:
   ~Excitation() override {
@@ -37,7 +38,9 @@ class Excitation : public Controller {
   void load(ros::NodeHandle& nh) override {
     const auto file = optionalParameter<std::string>(nh, "model", "");
     if (!file.empty()) model_ = loadModelAndWarn(file);
-    burst_publisher_ = topics().advertise<ground_msgs::Burst>("bursts", 10, true);
+    ros::NodeHandle topics = this->topics();
+    burst_publisher_ = topics.advertise<ground_msgs::Burst>("bursts", 10, true);
+    decision_publisher_.advertise(topics);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     model_service_ =
@@ -47,7 +50,7 @@ class Excitation : public Controller {
           caution_ = judge(config_, signal_);
           return caution_;
         });
-    drive_subscriber_ = topics().subscribe("drive", 4, &Excitation::onDrive, this);
+    drive_subscriber_ = topics.subscribe("drive", 4, &Excitation::onDrive, this);
   }
 
   void onDrive(const ground_msgs::Drive::ConstPtr& message) {
@@ -188,8 +191,12 @@ class Excitation : public Controller {
   std::string caution_;
   ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); },
                          [this](const ExcitationPilot::Mark& mark) { marked(mark); },
-                         [](const ReferencePilot::Decision&) {}};
+                         [this](const ReferencePilot::Decision& decision) {
+                           decision_publisher_.publish(decision, measuredAt(), getName(),
+                                                       config_.lift);
+                         }};
   ros::Publisher burst_publisher_;
+  DecisionPublisher decision_publisher_;
   ros::Subscriber drive_subscriber_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

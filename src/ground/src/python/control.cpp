@@ -100,6 +100,7 @@ void bindControl(py::module_& module) {
            py::overload_cast<const Vector2<double>&>(&RoomPlan::clearance, py::const_),
            py::arg("point"), "Distance from the nearest wall [m], negative outside.");
   module.def("load_room", &loadRoomPlan, py::arg("path"));
+  module.def("parse_room", &parseRoomPlan, py::arg("yaml"), py::arg("source"));
   module.def(
       "leaves_room",
       [](const ReferenceParams& params, const RoomPlan& room) {

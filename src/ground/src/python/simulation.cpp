@@ -29,8 +29,10 @@ py::dict toDict(const ExperimentLog& log) {
             r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
         .finished();
   });
-  d["decisions"] = toRows(log.decisions, 4, [](const ExperimentLog::Decision& c) {
-    return Eigen::RowVector4d(c.time, c.thrusters.x(), c.thrusters.y(), c.computing);
+  d["decisions"] = toRows(log.decisions, 7, [](const ExperimentLog::Decision& c) {
+    return (Eigen::RowVectorXd(7) << c.time, c.thrusters.transpose(), c.computing,
+            c.wanted.transpose(), c.stamp)
+        .finished();
   });
   py::list marks;
   for (const ExcitationPilot::Mark& mark : log.marks)
@@ -137,8 +139,9 @@ void bindSimulation(py::module_& module) {
       "wrench of the disturbance).");
   defExperiment(module, "track_reference", "tracking", &trackReference,
                 "The same with a controller in the loop; besides, references (time, p, p_dot, "
-                "p_ddot, p_dddot), decisions (time, left, right, processor time), stages (time, "
-                "state, reason), why it stopped early, empty when it did not, and when.");
+                "p_ddot, p_dddot), decisions (time, left, right, processor time, wanted left and "
+                "right, stamp of the state), stages (time, state, reason), why it stopped early, "
+                "empty when it did not, and when.");
   defExperiment(module, "excite", "excitation", &excite,
                 "The same with an input design; besides, marks (time, number, whether a burst or a "
                 "return begins, why).");

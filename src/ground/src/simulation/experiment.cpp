@@ -140,8 +140,13 @@ class LivePilot : public Driver {
   double end_ = std::numeric_limits<double>::infinity();
 };
 
+void noteDecision(const ReferencePilot::Decision& made, double input_max, ExperimentLog& log) {
+  log.decisions.push_back({made.now, made.stamp, input_max * made.inputs, input_max * made.wanted,
+                           made.computing});
+}
+
 void note(const ReferencePilot::Decision& decision, double input_max, ExperimentLog& log) {
-  log.decisions.push_back({decision.now, input_max * decision.inputs, decision.computing});
+  noteDecision(decision, input_max, log);
   if (log.references.empty() || decision.stamp > log.references.back().time)
     log.references.push_back({decision.stamp, decision.reference});
 }
@@ -275,9 +280,7 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   ExcitationPilot pilot(
       [&live] { return live.now(); },
       [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
-      [&log, input_max](const ReferencePilot::Decision& d) {
-        log.decisions.push_back({d.now, input_max * d.inputs, d.computing});
-      });
+      [&log, input_max](const ReferencePilot::Decision& d) { noteDecision(d, input_max, log); });
   InputSignal signal = makeDesign(excitation.design, excitation.duration);
   if (excitation.room) {
     ReturnParams returns = excitation.returns;

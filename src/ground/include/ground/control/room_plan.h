@@ -30,5 +30,7 @@ struct RoomPlan {
 
 /// Reads a room file, schema ground/room/1. Throws std::runtime_error that names file, line and key.
 RoomPlan loadRoomPlan(const std::string& path);
+/// The same from YAML text; `source` names it in messages.
+RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source);
 
 }  // namespace ground

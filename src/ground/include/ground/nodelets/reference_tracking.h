@@ -20,6 +20,7 @@
 #include "ground/control/reference_pilot.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/decision_publisher.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
@@ -36,8 +37,8 @@ namespace ground {
 /// does not follow the reference (TrackingWatch, max_error). Service: ~load_model (another model
 /// file, also while it drives).
 /// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it).
-/// Publishes besides: reference, path/reference (latched), controls/wanted (the inputs before they
-/// are limited, of full scale). Which effects of the model the controller uses, and that the craft
+/// Publishes besides: reference, path/reference (latched), and each decision (DecisionPublisher).
+/// Which effects of the model the controller uses, and that the craft
 /// cannot follow the reference, is said in the log, in ~status and in the answers of ~start and
 /// ~load_model. Refused are a reference that does not fit into the room, a model that the controller
 /// must not drive by (effectUse), and parameters that only another kind of controller has.
@@ -69,7 +70,7 @@ class ReferenceTracking : public Controller {
     if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
-    wanted_publisher_ = topics.advertise<ground_msgs::Controls>("controls/wanted", 4);
+    decision_publisher_.advertise(topics);
     path_publisher_ = topics.advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
@@ -222,17 +223,7 @@ class ReferenceTracking : public Controller {
 
   void decided(const ReferencePilot::Decision& decision) {
     if (measuredAt() != published_) publishReference(decision.reference);
-    publishWanted(decision.wanted);
-  }
-
-  void publishWanted(const Vector2<double>& wanted) {
-    auto message = boost::make_shared<ground_msgs::Controls>();
-    message->header.stamp = ros::Time::now();
-    message->header.frame_id = getName();
-    message->left = wanted.x();
-    message->right = wanted.y();
-    message->lift = config_.lift;
-    wanted_publisher_.publish(message);
+    decision_publisher_.publish(decision, measuredAt(), getName(), config_.lift);
   }
 
   void commanded(double time, const Inputs& inputs) override { pilot_.commanded(time, inputs); }
@@ -279,7 +270,8 @@ class ReferenceTracking : public Controller {
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }};
   ros::Time published_;  ///< stamp of the newest message of the reference; guarded by mutex()
-  ros::Publisher reference_publisher_, path_publisher_, wanted_publisher_;
+  ros::Publisher reference_publisher_, path_publisher_;
+  DecisionPublisher decision_publisher_;
   ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   ros::Subscriber drive_subscriber_;

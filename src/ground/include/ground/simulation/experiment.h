@@ -79,7 +79,9 @@ struct ExperimentLog {
   };
   struct Decision {
     double time;                ///< [s]
+    double stamp;               ///< of the state by which it was made [s]
     Vector2<double> thrusters;  ///< inputs, in the model's units
+    Vector2<double> wanted;     ///< the same before they were limited
     double computing;           ///< time of the processor that it took [s]
   };
   struct Stage {
@@ -96,7 +98,7 @@ struct ExperimentLog {
   std::vector<Command> commands;
   std::vector<Truth> truth;           ///< at every frame's capture, also of lost frames
   std::vector<Reference> references;  ///< when tracking
-  std::vector<Decision> decisions;    ///< when tracking
+  std::vector<Decision> decisions;    ///< when tracking or returning home
   std::vector<Stage> stages;          ///< of the controller's life, when one drives
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
   std::string stopped;    ///< why the controller stopped before its end; empty when it did not

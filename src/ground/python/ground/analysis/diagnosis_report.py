@@ -10,11 +10,12 @@ LEAST_JUDGED = 3  # effects, best first, that have these errors whatever the num
 PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 
 
-def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
+def of(diagnosis, conclusion, model_name, heldout=(), thorough=False, room=None):
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
     thorough: errors of all effects in the table and the next experiment beside all runs, however
-    many there are; else errors of the effects that are ranked low in much data are None.
+    many there are; else errors of the effects that are ranked low in much data are None. room: the
+    _core.RoomPlan in which the next experiment has to stay (4 x 4 m).
     """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
@@ -57,7 +58,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False):
         "budget": _budget(conclusion.budget),
         "repeats": conclusion.repeats and dataclasses.asdict(conclusion.repeats),
         "bands": bands.coverage(conclusion.bands),
-        "next_experiment": _next_experiment(diagnosis, alike, thorough),
+        "next_experiment": _next_experiment(diagnosis, alike, thorough, room),
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
     if conclusion.verdict in ("unexplained", "memory"):
@@ -168,7 +169,7 @@ def _slight(diagnosis):
     }
 
 
-def _next_experiment(diagnosis, alike, thorough):
+def _next_experiment(diagnosis, alike, thorough, room):
     """What would distinguish the first group of effects that the runs do not, or, where there is
     none, would show an effect that they cannot; None without one. What does not matter needs no
     experiment."""
@@ -181,13 +182,13 @@ def _next_experiment(diagnosis, alike, thorough):
             names = (diagnosis.names - {step.added}) | {name}
             rivals.append(next_experiment.Rival(name, diagnosis.search.fits[names]))
         if len(rivals) > 1:
-            return next_experiment.propose(rivals, runs, each)
+            return next_experiment.propose(rivals, runs, each, room)
     for other in alike:
         rivals = [
             next_experiment.Rival(other.name, other.fit),
             next_experiment.Rival("", diagnosis.fit),
         ]
-        proposed = next_experiment.propose(rivals, runs, each)
+        proposed = next_experiment.propose(rivals, runs, each, room)
         if proposed:
             proposed["separates"] = [other.name, *other.moved]
             return proposed

@@ -92,7 +92,7 @@ def propose(rivals, runs, each=map, room=None):
     maps over experiments, in parallel if it can.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
-    `launch` (the line that flies it), `rows` (time [s], left, right of the design), `repeat`, the
+    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design), `repeat`, the
     number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
     and `all`: every experiment with its disagreement open loop and before the refit, best first. None
     when no experiment distinguishes the rivals.
@@ -125,6 +125,7 @@ def propose(rivals, runs, each=map, room=None):
         "input": proposed.input,
         "arguments": proposed.arguments(),
         "launch": proposed.launch(),
+        "room": room.name,
         "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
         "repeat": math.ceil((SURE / best) ** 2),
         "expected_disagreement": best,

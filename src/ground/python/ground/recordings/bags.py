@@ -10,13 +10,20 @@ from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
 SETTINGS = "/mocap_state/settings"
+RUN_SETTINGS = "/run/settings"
 CONTROLS = "/controls"
+WANTED = "/controls/wanted"
+DECISION = "/decision"
+STATUS = "/controller/status"
 DRIVE = "/drive"
 BURSTS = "/bursts"
 TRUTH = "/simulator/truth"
 REFERENCE = "/reference"
 REFERENCE_PATH = "/path/reference"
 DRIVE_PERIOD = 0.5  # between records of when the drive began [s]
+STATUS_PERIOD = 0.5  # of the controller's status, while it does not change [s]
+CONTROLLER = "/controller"  # name of its node
+STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # while it gives the commands
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
@@ -38,43 +45,53 @@ def listed(paths):
 
 
 def write(run, path, axes=AXES, heading_offset=0.0, force=False):
-    """Writes a SimulatedRun to a bag; the same run gives the same bytes.
+    """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
+    of a controller.
 
     Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
     the craft; the bag says so. Header stamps are times of measurement, record times those of
     delivery. Gives the number of messages by topic; raises IdentifyError when the file exists.
     """
-    import genpy
     import rosbag
-
-    def time(seconds):
-        return genpy.Time(*divmod(int(round(seconds * NS)), NS))
 
     counts = {}
     with files.new_file(path, force) as temporary:
         with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=CHUNK) as bag:
             for received, topic, stamp, message in _in_order(run, axes, heading_offset):
                 message.header.seq = counts.get(topic, 0)
-                message.header.stamp = time(stamp)
-                bag.write(topic, message, time(received))
+                message.header.stamp = _time(stamp)
+                bag.write(topic, message, _time(received))
                 counts[topic] = counts.get(topic, 0) + 1
     return counts
 
 
+def _time(seconds):
+    import genpy
+
+    return genpy.Time(*divmod(int(round(seconds * NS)), NS))
+
+
 def _in_order(run, axes, heading_offset):
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
-    from ground_msgs.msg import MocapSettings
+    from ground_msgs.msg import MocapSettings, RunSettings
 
     start = run.truth_times[:1]
+    made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
+    decided, statuses = run.decisions[:, 0], _statuses(run)
+    reported = np.array([status[0] for status in statuses], float)
     series = [
         (SETTINGS, start, start, [MocapSettings(axes=axes, heading_offset=heading_offset)]),
+        (RUN_SETTINGS, made, made, [RunSettings(yaml=run.made_with)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
         (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
         (DRIVE, drives[:, 1], drives[:, 1], _drive_records(drives)),
+        (STATUS, reported, reported, _status_messages(statuses)),
         (BURSTS, marks, marks, _bursts(run)),
+        (WANTED, decided, decided, _wanted(run)),
+        (DECISION, decided, decided, _decisions(run)),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
     received = np.concatenate([s[1] for s in series])
@@ -102,8 +119,58 @@ def _poses(run, axes, heading_offset):
 def _controls(run):
     from ground_msgs.msg import Controls
 
-    for left, right, lift in run.controls:
-        yield Controls(left=left, right=right, lift=lift)
+    started = [name in STARTED for _, name, _ in run.stages]
+    at = np.searchsorted([stage[0] for stage in run.stages], run.control_times, side="right") - 1
+    for stage, (left, right, lift) in zip(at, run.controls):
+        message = Controls(left=left, right=right, lift=lift)
+        if stage >= 0 and started[stage]:
+            message.header.frame_id = CONTROLLER
+        yield message
+
+
+def _wanted(run):
+    """The inputs that a controller wanted before they were limited."""
+    from ground_msgs.msg import Controls
+
+    at = np.searchsorted(run.control_times, run.decisions[:, 0])
+    for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
+        message = Controls(left=row[2], right=row[3], lift=command[2])
+        message.header.frame_id = CONTROLLER
+        yield message
+
+
+def _decisions(run):
+    from ground_msgs.msg import Decision
+
+    for row in run.decisions:
+        message = Decision(state=_time(row[1]), computing=row[4])
+        message.header.frame_id = CONTROLLER
+        yield message
+
+
+def _statuses(run):
+    """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
+    found, began, stages = [], None, run.stages
+    if stages:
+        stages = [(run.truth_times[0], "IDLE", "not started yet")] + stages
+    ends = [stage[0] for stage in stages[1:]] + [run.truth_times[-1]]
+    for (start, state, reason), end in zip(stages, ends):
+        if state == "RUNNING" and began is None:
+            began = start
+        driving = state in ("RUNNING", "RECOVERING")
+        for time in np.concatenate([[start], np.arange(start + STATUS_PERIOD, end, STATUS_PERIOD)]):
+            found.append((time, state, reason, time - began if driving else 0.0))
+        if not driving:
+            began = None
+    return found
+
+
+def _status_messages(statuses):
+    from ground_msgs.msg import ControllerStatus
+
+    for _, state, reason, elapsed in statuses:
+        number = getattr(ControllerStatus, state)
+        yield ControllerStatus(None, number, CONTROLLER, reason, elapsed)
 
 
 def _bursts(run):
@@ -122,11 +189,10 @@ def _drives(run):
 
 
 def _drive_records(drives):
-    import genpy
     from ground_msgs.msg import Drive
 
     for began in drives[:, 0]:
-        yield Drive(began=genpy.Time(*divmod(int(round(began * NS)), NS)))
+        yield Drive(began=_time(began))
 
 
 def _truths(run):

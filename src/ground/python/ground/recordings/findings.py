@@ -20,6 +20,12 @@ def when(d):
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
+def _flown_by(kind, name, d):
+    """A name, and what the file that was kept with the run calls itself."""
+    kept = d["files"].get(kind)
+    return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
+
+
 def facts(d):
     """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
     poses, controls = d["poses"], d["controls"]
@@ -28,7 +34,9 @@ def facts(d):
     yield "source", d["source"]
     yield "measured", _measured(d["settings"])
     if d["flown_by"]:
-        yield "flown by", ", ".join("%s %s" % item for item in d["flown_by"].items())
+        yield "flown by", ", ".join(
+            _flown_by(kind, name, d) for kind, name in d["flown_by"].items()
+        )
     spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
     yield "usable", "%.2f of %.2f s: %s" % (
         d["usable"]["duration"],

@@ -174,6 +174,7 @@ class Run:
             "source": recording.source,
             "settings": recording.settings.describe(self.zero),
             "flown_by": recording.flown_by,
+            "files": {kind: file.describe() for kind, file in recording.files.items()},
             "changes": [change.describe(self.zero) for change in recording.changes],
             "begins": float(stamps.min()),
             "warnings": recording.warnings,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ground import files
 from ground.errors import IdentifyError
-from ground.recordings import bags, live_changes, plausibility, settings as measured
+from ground.recordings import bags, flown, live_changes, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
 
 CSV_RECEIVED = "%time"
@@ -36,7 +36,8 @@ class Recording:
     # and until when it was said to be the newest
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
-    flown_by: dict = field(default_factory=dict)  # settings.flown_by
+    flown_by: dict = field(default_factory=dict)  # flown.read
+    files: dict = field(default_factory=dict)  # flown.RunFile by `model` and `room`, where kept
     changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
 
 
@@ -61,6 +62,7 @@ def read_bag(path, axes=None, heading_offset=None):
         poses, controls, receipts = [], [], {pose_topic: [], control_topic: []}
         drives = {}
         changes = live_changes.changes_of(bag)
+        flown_by, run_files = flown.read(path, bag)
         kind = info[pose_topic].msg_type
         settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
         lost = 0
@@ -105,7 +107,7 @@ def read_bag(path, axes=None, heading_offset=None):
     ordered = sorted(drives.items(), key=lambda row: row[1])
     recording.drives = np.array(ordered, float).reshape(-1, 2)
     recording.settings, recording.changes = settings, changes
-    recording.flown_by = measured.flown_by(path)
+    recording.flown_by, recording.files = flown_by, run_files
     # The recorder received both: if their delays differ by much, their stamps are of two clocks.
     recording.clock_offset = float(
         np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
@@ -122,6 +124,14 @@ def read_settings(path, axes=None, heading_offset=None):
     with BagReader(path) as bag:
         kind = "geometry_msgs/PoseStamped"
         return measured.settings_of(bag, path, kind, axes, heading_offset)
+
+
+def read_files(path):
+    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises IdentifyError."""
+    if not os.path.isfile(path):
+        raise IdentifyError("%s: no such file" % path)
+    with BagReader(path) as bag:
+        return flown.read(path, bag)[1]
 
 
 def _pose_rank(name, kind):

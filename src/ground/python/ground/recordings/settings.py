@@ -6,15 +6,12 @@ the parameter file beside the bag has those with which the run began.
 import bisect
 import math
 import os
-import re
 from dataclasses import dataclass, replace
 from typing import Dict, List, Tuple
 
-import yaml
-
 from ground import _core
 from ground.errors import IdentifyError
-from ground.recordings import messages
+from ground.recordings import flown, messages, run_parameters
 
 TYPE = "ground_msgs/MocapSettings"
 # what poses of a type take: states were corrected when they were recorded, points are planar already
@@ -23,16 +20,7 @@ TAKES = {
     "geometry_msgs/PointStamped": ("heading_offset",),
     "ground_msgs/State": (),
 }
-# what drove a craft, and the parameter of node controller that says so
-FLOWN_BY = {
-    "controller": "kind",
-    "design": "design",
-    "reference": "reference",
-    "model": "model",
-    "room": "room",
-}
 AXES = "x, z, -y"  # of OptiTrack, y up: what mocap_state takes when nothing is set
-PART = re.compile(r"(_\d+)?\.bag(\.active)?$")  # end of the name of a part of a recording
 
 
 @dataclass(frozen=True)
@@ -145,14 +133,7 @@ def default():
 def differences(recordings):
     """A line that names recordings by their settings, and by the model and the room of their controllers,
     where these differ; empty where they do not."""
-    parts = []
-    for name in ("model", "room"):
-        groups = {}
-        for recording in recordings:
-            if name in recording.flown_by:
-                groups.setdefault(recording.flown_by[name], []).append(recording.name)
-        if len(groups) > 1:
-            parts += ["%s %s for %s" % (name, v, ", ".join(n)) for v, n in groups.items()]
+    parts = flown.differences(recordings)
     for name in ("axes", "heading_offset"):
         groups = {}
         for recording in recordings:
@@ -191,50 +172,11 @@ def _distinct(changes):
     return kept
 
 
-def flown_by(path):
-    """What drove the craft in the bag at `path`, by the parameters beside it: `controller`, `design` or
-    `reference`, and the names of the files `model` and `room`, each where it is known."""
-    found = {}
-    for _, parameters in _parameter_files(path, []):
-        for node in _nodes(parameters, "controller"):
-            for name, key in FLOWN_BY.items():
-                value = node.get(key)
-                if name not in found and isinstance(value, str) and value:
-                    found[name] = os.path.basename(value) if name in ("model", "room") else value
-    return found
-
-
 def _beside(path, warnings):
     """Settings by the parameters beside a bag, a list of one, and where they are from."""
-    for name, parameters in _parameter_files(path, warnings):
-        for node in _nodes(parameters, "mocap_state"):
+    for name, parameters in run_parameters.beside(path, warnings):
+        for node in run_parameters.nodes(parameters, "mocap_state"):
             axes, offset = node.get("axes", AXES), node.get("heading_offset", 0.0)
             if isinstance(axes, str) and isinstance(offset, (int, float)):
                 return [Setting(0, axes, float(offset))], "recorded in %s" % os.path.basename(name)
     return [Setting(0, AXES, 0.0)], "default"
-
-
-def _parameter_files(path, warnings):
-    """Name and content of the parameter files beside a bag that can be read."""
-    for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
-        if not os.path.isfile(name):
-            continue
-        try:
-            with open(name) as file:
-                yield name, yaml.load(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
-            warnings.append(
-                "%s: cannot be read, so that axes and heading_offset are the defaults (%s)"
-                % (name, str(error).splitlines()[0])
-            )
-
-
-def _nodes(parameters, name):
-    """Parameters of nodes of that name, in any namespace."""
-    if not isinstance(parameters, dict):
-        return
-    for key, value in parameters.items():
-        if key == name and isinstance(value, dict):
-            yield value
-        else:
-            yield from _nodes(value, name)

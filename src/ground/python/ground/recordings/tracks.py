@@ -21,6 +21,7 @@ class Track:
     reference: np.ndarray  # (n, 2) x, y [m]
     inputs: np.ndarray  # (k, 3) time, left, right, 0..1
     wanted: np.ndarray  # (j, 3) the same before the inputs were limited; may be empty
+    computing: np.ndarray  # (i, 2) time, processor time of a decision [s]; may be empty
     controller: str  # node that drove; empty when that was not recorded
     began: float  # on the clock of the poses' stamps [s]
 
@@ -33,13 +34,17 @@ class Track:
 def read(path, recording):
     """The Tracks of a Recording and the bag that it is of; IdentifyError where nothing followed a
     reference."""
-    references, wanted, drivers = [], [], []
+    references, wanted, computing, drivers = [], [], [], []
     with BagReader(path) as bag:
         topics = bag.get_type_and_topic_info().topics
         ours = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Reference"]
         commands = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Controls"]
-        for topic, message, _ in bag.read_messages(ours + commands):
+        decisions = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Decision"]
+        for topic, message, _ in bag.read_messages(ours + commands + decisions):
             stamp = message.header.stamp.to_sec()
+            if topic in decisions:
+                computing.append((stamp, message.computing))
+                continue
             if topic in ours:
                 references.append((stamp, *message.p, *message.p_dot))
             elif topic.endswith("wanted"):
@@ -53,15 +58,18 @@ def read(path, recording):
         )
     references = np.array(sorted(set(references)))
     wanted = np.array(sorted(wanted)).reshape(-1, 3)
+    computing = np.array(sorted(computing)).reshape(-1, 2)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
-    tracks = [_track(recording, part, wanted, drivers) for part in np.split(references, breaks)]
+    tracks = [
+        _track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)
+    ]
     tracks = [track for track in tracks if track]
     if not tracks:
         raise IdentifyError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
     return tracks
 
 
-def _track(recording, references, wanted, drivers):
+def _track(recording, references, wanted, computing, drivers):
     began, ended = references[0, 0], references[-1, 0]
     order = np.argsort(recording.pose_times, kind="stable")
     times, eta = recording.pose_times[order], recording.eta[order]
@@ -82,6 +90,7 @@ def _track(recording, references, wanted, drivers):
         position[near],
         _during(commands, began, ended),
         _during(wanted, began, ended),
+        _during(computing, began, ended),
         " and ".join(sorted(names)),
         float(began),
     )
@@ -89,20 +98,42 @@ def _track(recording, references, wanted, drivers):
 
 def _during(rows, began, ended):
     kept = rows[(rows[:, 0] >= began) & (rows[:, 0] <= ended)]
-    return kept - [began, 0, 0]
+    kept[:, 0] -= began
+    return kept
+
+
+def wanted_numbers(wanted):
+    """Of rows left, right before the inputs were limited: the share outside 0..1 and the largest; None
+    without rows."""
+    outside = ((wanted < -1e-6) | (wanted > 1 + 1e-6)).any(axis=1)
+    return {
+        "wanted_outside": float(outside.mean()) if len(wanted) else None,
+        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
+    }
+
+
+def compute_ms(seconds):
+    """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
+    if not len(seconds):
+        return None
+    found = 1e3 * np.asarray(seconds)
+    return {
+        "median": float(np.median(found)),
+        "p999": float(np.quantile(found, 0.999)),
+        "max": float(found.max()),
+    }
 
 
 def numbers(track, settled=0.0):
     """What a Track comes to, from `settled` [s] on: rms, max and final error [m], share of the time
-    in which an input is at a bound, mean square of the inputs, and of what was wanted the share
-    outside 0..1 and the largest (None where that was not recorded)."""
+    in which an input is at a bound, mean square of the inputs, and `wanted_numbers` and `compute_ms`
+    (of the whole drive), None where that was not recorded."""
     counts = track.times >= settled
     if not counts.any():
         raise IdentifyError("the drive ended before %g s" % settled)
     inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
     wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
     at_bound = ((inputs <= 1e-6) | (inputs >= 1 - 1e-6)).any(axis=1)
-    outside = ((wanted < -1e-6) | (wanted > 1 + 1e-6)).any(axis=1)
     errors = track.errors[counts]
     return {
         "began": track.began,
@@ -113,6 +144,6 @@ def numbers(track, settled=0.0):
         "final": float(errors[-1]),
         "saturated_fraction": float(at_bound.mean()) if len(inputs) else None,
         "effort": float(np.mean(inputs**2)) if len(inputs) else None,
-        "wanted_outside": float(outside.mean()) if len(wanted) else None,
-        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
+        **wanted_numbers(wanted),
+        "compute_ms": compute_ms(track.computing[:, 1]),
     }

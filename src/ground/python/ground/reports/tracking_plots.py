@@ -7,34 +7,40 @@ from ground.reports.words import number
 from ground.simulation import tuning
 
 
-def tracked(path, run, task, result, force=False):
-    """Path, error and inputs of a tracking.Tracked, with its numbers in the title."""
-    figure, inputs = _driven(run, run.wanted, (task.settled, task.until))
-    _draw_inputs(inputs, run.decisions)
-    title = "%s, %s" % (result["controller"], result["reference"])
-    _finish(path, figure, title, run.numbers, force)
-
-
-def recorded(path, track, numbers, title, settled, force=False):
-    """The same of a recorded tracks.Track, and what was wanted before the inputs were limited."""
-    figure, inputs = _driven(track, track.reference, (settled, track.times[-1]))
-    if len(track.wanted):
-        _draw_inputs(inputs, track.wanted, "wanted, ", alpha=0.35)
-        least, most = track.wanted[:, 1:].min(), track.wanted[:, 1:].max()
-        inputs.set_ylim(np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05)
-    _draw_inputs(inputs, track.inputs)
-    _finish(path, figure, title, numbers, force)
-
-
-def _driven(run, reference, counts):
-    """A figure with the path (run.eta) beside its reference and the error, which counts in a span
-    of time, and the axis that is left for the inputs."""
-    figure = plt.figure(figsize=(13, 6.5))
-    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.4], hspace=0.12, wspace=0.18)
-    axis = figure.add_subplot(grid[:, 0])
-    axis.plot(
-        reference[:, 1], reference[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference"
+def driven(path, run, title, counts, room=None, force=False):
+    """Path, error, inputs and computing times of a simulated tracking.Tracked or a recorded
+    tracks.Track. counts: the span of time in which errors count [s]; room: the _core.RoomPlan that it
+    was in, whose walls are drawn."""
+    figure = plt.figure(figsize=(13, 8))
+    grid = figure.add_gridspec(
+        3, 2, width_ratios=[1, 1.4], height_ratios=[1, 1, 0.6], hspace=0.1, wspace=0.18
     )
+    _draw_path(figure.add_subplot(grid[:, 0]), run, room)
+    error = figure.add_subplot(grid[0, 1])
+    _draw_error(error, run, counts)
+    inputs = figure.add_subplot(grid[1, 1], sharex=error)
+    _draw_inputs(inputs, run)
+    computing = figure.add_subplot(grid[2, 1], sharex=error)
+    _draw_computing(computing, run.computing)
+    figure.suptitle(title, fontsize=11)
+    save(figure, path, force)
+
+
+def title(name, numbers):
+    """Of the picture of a run by its numbers."""
+    return "%s: error %s m rms, saturated %.0f%% of the time" % (
+        name,
+        number(numbers["rms"]),
+        100 * (numbers["saturated_fraction"] or 0),
+    )
+
+
+def _draw_path(axis, run, room):
+    reference = run.reference
+    if room is not None:
+        walls = np.array(list(room.corners) + [room.corners[0]])
+        axis.plot(walls[:, 1], walls[:, 0], color="#555555", lw=2, label="walls")
+    axis.plot(reference[:, 1], reference[:, 0], color=MODELS[2], lw=4, alpha=0.4, label="reference")
     axis.plot(run.eta[:, 1], run.eta[:, 0], color=MEASURED, lw=1, label="craft")
     every = max(1, len(run.eta) // 24)
     heading = run.eta[::every]
@@ -54,21 +60,43 @@ def _driven(run, reference, counts):
     axis.set_ylabel("x [m] (world_ned)")
     axis.legend(fontsize=8)
     axis.grid(alpha=0.3)
-    error = figure.add_subplot(grid[0, 1])
-    error.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
-    error.axvspan(*counts, color=MODELS[2], alpha=0.12, label="counts")
-    error.set_ylabel("error [m]")
-    error.tick_params(labelbottom=False)
-    error.legend(fontsize=8)
-    error.grid(alpha=0.3)
-    inputs = figure.add_subplot(grid[1, 1], sharex=error)
-    inputs.set_ylabel("input [-]")
-    inputs.set_xlabel("time since the reference began [s]")
-    inputs.grid(alpha=0.3)
-    return figure, inputs
 
 
-def _draw_inputs(axis, rows, prefix="", alpha=1.0):
+def _draw_error(axis, run, counts):
+    axis.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
+    axis.axvspan(*counts, color=MODELS[2], alpha=0.12, label="counts")
+    axis.set_ylabel("error [m]")
+    axis.tick_params(labelbottom=False)
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+
+
+def _draw_inputs(axis, run):
+    """The inputs, and behind them what was wanted before they were limited."""
+    if len(run.wanted):
+        _draw_rows(axis, run.wanted, "wanted, ", alpha=0.35)
+        least, most = run.wanted[:, 1:].min(), run.wanted[:, 1:].max()
+        axis.set_ylim(np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05)
+    _draw_rows(axis, run.inputs)
+    axis.set_ylabel("input [-]")
+    axis.tick_params(labelbottom=False)
+    axis.legend(fontsize=8, loc="upper right")
+    axis.grid(alpha=0.3)
+
+
+def _draw_computing(axis, rows):
+    """Rows of time, processor time of a decision [s]."""
+    if len(rows):
+        axis.plot(rows[:, 0], 1e3 * rows[:, 1], ".", color=MEASURED, ms=2)
+        axis.set_ylim(bottom=0)
+    else:
+        axis.text(0.5, 0.5, "not recorded", ha="center", transform=axis.transAxes, fontsize=9)
+    axis.set_ylabel("computing [ms]")
+    axis.set_xlabel("time since the reference began [s]")
+    axis.grid(alpha=0.3)
+
+
+def _draw_rows(axis, rows, prefix="", alpha=1.0):
     """Rows of time, left, right."""
     for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
         axis.step(
@@ -80,16 +108,6 @@ def _draw_inputs(axis, rows, prefix="", alpha=1.0):
             alpha=alpha,
             label=prefix + label,
         )
-
-
-def _finish(path, figure, title, numbers, force):
-    figure.axes[-1].legend(fontsize=8, loc="upper right")
-    figure.suptitle(
-        "%s: error %s m rms, saturated %.0f%% of the time"
-        % (title, number(numbers["rms"]), 100 * (numbers["saturated_fraction"] or 0)),
-        fontsize=11,
-    )
-    save(figure, path, force)
 
 
 def tuned(path, compared, tried, result, force=False):

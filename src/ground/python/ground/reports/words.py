@@ -243,7 +243,7 @@ def apart(report):
     proposed = report["next_experiment"]
     if proposed:
         yield (
-            "To %s, record%s: %s. In a room of 4 x 4 m one such run sets the models %.1f standard "
+            "To %s, record%s: %s. In %s one such run sets the models %.1f standard "
             "deviations apart: %s (first simulated: identify simulate %s)"
             % (
                 (
@@ -253,6 +253,7 @@ def apart(report):
                 ),
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
+                "the room %s" % proposed["room"] if proposed["room"] else "a room of 4 x 4 m",
                 proposed["expected_disagreement"],
                 proposed["launch"],
                 proposed["arguments"],

@@ -28,9 +28,12 @@ class SimulatedRun(Recording):
     truth_nu_dot: np.ndarray = field(default=None)  # (k, 3) their derivatives
     truth_wrench: np.ndarray = field(default=None)  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: np.ndarray = field(default=None)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
+    # (i, 5) time, stamp of the state [s], wanted left and right (of full scale), processor time [s]
+    decisions: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
     marks: list = field(default_factory=list)  # (time, number, burst or return, why) of excitations
     stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
     stopped: str = ""  # why the controller stopped before its end
+    made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
 
 
 @dataclass
@@ -140,6 +143,9 @@ def simulate(
         )
     references = log["references"]
     references[:, 0] += START
+    full = (believed or model).input_max
+    decisions = log["decisions"][:, [0, 6, 4, 5, 3]] / [1, 1, full, full, 1]
+    decisions[:, :2] += START
     return SimulatedRun(
         name=name,
         pose_times=START + frames[:, 0],
@@ -154,6 +160,7 @@ def simulate(
         truth_nu_dot=truth[:, 7:10],
         truth_wrench=truth[:, 10:],
         references=references,
+        decisions=decisions,
         marks=[(START + mark[0],) + mark[1:] for mark in log["marks"]],
         stages=[(START + stage[0],) + stage[1:] for stage in log["stages"]],
         stopped=log["stopped"],

@@ -5,6 +5,7 @@ import numpy as np
 
 from ground import _core
 from ground.errors import IdentifyError
+from ground.recordings.tracks import compute_ms, wanted_numbers
 from ground.workers import Workers
 
 # What follows a reference; the open-loop PRBS, to compare with, does not look at it.
@@ -49,13 +50,29 @@ class Tracked:
 
     times: np.ndarray  # (n,)
     eta: np.ndarray  # (n, 3) true x, y [m], psi [rad], world_ned
-    wanted: np.ndarray  # (n, 2) x, y [m]
-    decisions: np.ndarray  # (k, 4) time, left, right (0..1), processor time [s]
+    reference: np.ndarray  # (n, 2) x, y [m]
+    # (k, 6) time, left, right (0..1), processor time [s], left and right before they were limited
+    decisions: np.ndarray
     numbers: dict = field(default_factory=dict)
 
     @property
     def errors(self):
-        return np.hypot(*(self.eta[:, :2] - self.wanted).T)
+        return np.hypot(*(self.eta[:, :2] - self.reference).T)
+
+    @property
+    def inputs(self):
+        """Rows of time, left, right, 0..1."""
+        return self.decisions[:, :3]
+
+    @property
+    def wanted(self):
+        """The same before the inputs were limited."""
+        return self.decisions[:, [0, 4, 5]]
+
+    @property
+    def computing(self):
+        """Rows of time, processor time of a decision [s]."""
+        return self.decisions[:, [0, 3]]
 
 
 def task(kind, settled=None, until=None, **settings):
@@ -155,7 +172,8 @@ def _tracked(log, task, input_max):
         times,
         truth[kept, 1:4],
         task.reference.sample(times),
-        decisions * [1, 1 / input_max, 1 / input_max, 1] - [began, 0, 0, 0],
+        decisions[:, :6] / [1, input_max, input_max, 1, input_max, input_max]
+        - [began, 0, 0, 0, 0, 0],
     )
     found.numbers = _numbers(found, task)
     return found
@@ -170,7 +188,6 @@ def _numbers(found, task):
     saturated = found.decisions[
         ((found.decisions[:, 1:3] <= 1e-9) | (found.decisions[:, 1:3] >= 1 - 1e-9)).any(axis=1), 0
     ]
-    computing = 1e3 * found.decisions[:, 3]
     numbers = {
         "rms": float(np.sqrt(np.mean(errors[counts] ** 2))) if counts.any() else np.inf,
         "max": float(errors[counts].max()) if counts.any() else np.inf,
@@ -179,11 +196,8 @@ def _numbers(found, task):
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
         "effort": float(np.mean(inputs**2)) if len(at_work) else 0.0,
         "stopped": None,
-        "compute_ms": {
-            "median": float(np.median(computing)),
-            "p999": float(np.quantile(computing, 0.999)),
-            "max": float(computing.max()),
-        },
+        **wanted_numbers(at_work[:, 4:]),
+        "compute_ms": compute_ms(found.decisions[:, 3]),
     }
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
@@ -215,21 +229,19 @@ def perturbed(model, factors):
 def pooled(runs):
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
-    computing = 1e3 * np.concatenate([r.decisions[:, 3] for r in runs])
     result = {
         name: float(np.median([n[name] for n in numbers]))
         for name in ("rms", "max", "final", "saturated_fraction", "effort")
     }
+    for name in ("wanted_outside", "wanted_largest"):
+        values = [n[name] for n in numbers if n[name] is not None]
+        result[name] = float(np.median(values)) if values else None
     last = [n["last_saturation"] for n in numbers if n["last_saturation"] is not None]
     result["last_saturation"] = float(np.median(last)) if last else None
     late = [n.get("after_stop_max") for n in numbers]
     if None not in late:
         result["after_stop_max"] = float(np.median(late))
-    result["compute_ms"] = {
-        "median": float(np.median(computing)),
-        "p999": float(np.quantile(computing, 0.999)),
-        "max": float(computing.max()),
-    }
+    result["compute_ms"] = compute_ms(np.concatenate([r.decisions[:, 3] for r in runs]))
     errors = [n["rms"] for n in numbers]
     result["rms_quantiles"] = {
         "p05": quantile(errors, 0.05),

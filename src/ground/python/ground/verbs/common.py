@@ -154,6 +154,18 @@ def load_room(path):
         raise IdentifyError(str(error))
 
 
+def room_of(recording):
+    """The _core.RoomPlan that was kept with a run; None without one. IdentifyError says what is wrong
+    with it."""
+    file = recording.files.get("room")
+    if file is None:
+        return None
+    try:
+        return _core.parse_room(file.text, "%s of %s" % (file.name, recording.name))
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+
+
 def prepare(arguments, model, bags=None, others=()):
     """Every bag (of the arguments, if none are given) read and repaired; `others`: as for read.
     Warns of what the repair of a recording may have got wrong.

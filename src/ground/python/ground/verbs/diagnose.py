@@ -1,6 +1,7 @@
 """identify diagnose: which physical effect a model lacks."""
 import math
 import os
+import shlex
 
 import numpy as np
 
@@ -53,6 +54,11 @@ def configure(parser):
         help="however much data there is, look at all of it, show errors on held-out runs of all effects, "
         "plan the next experiment beside all runs and draw all of them",
     )
+    parser.add_argument(
+        "--room",
+        metavar="ROOM.yaml",
+        help="for the next experiment (that of the runs, of the first that has one; else 4 x 4 m)",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -69,6 +75,7 @@ def run(arguments):
     }
     model = common.load(arguments.model)
     tried = _candidates(arguments, model)
+    given_room = common.load_room(arguments.room) if arguments.room else None
     common.progress(arguments, "reading the recordings")
     prepared, runs = common.prepare(arguments, model)
     prepared_held, held = common.held_out(arguments, model, prepared)
@@ -82,6 +89,8 @@ def run(arguments):
     # slow to load, for the other verbs as well
     from ground.analysis import diagnosis, diagnosis_report
 
+    flown_in = next((r.recording for r in prepared if "room" in r.recording.files), None)
+    room = given_room or (flown_in and common.room_of(flown_in))
     own_files = [e for e in arguments.effects if e not in ON_REQUEST]
     kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(
@@ -99,7 +108,7 @@ def run(arguments):
     conclusion = found.conclude(held)
     common.progress(arguments, "verdict: %s" % conclusion.verdict)
     common.progress(arguments, "errors of the best effects, and the next experiment")
-    result = diagnosis_report.of(found, conclusion, arguments.model, held, arguments.thorough)
+    result = diagnosis_report.of(found, conclusion, arguments.model, held, arguments.thorough, room)
     arguments.output = paths["improved.yaml"]
     common.write_model(
         arguments,
@@ -110,6 +119,9 @@ def run(arguments):
     )
     proposed = result["next_experiment"]
     if proposed:
+        if room:
+            file = arguments.room or flown_in.files["room"].place()
+            proposed["launch"] += " room:=%s" % shlex.quote(os.path.abspath(file))
         rows = proposed.pop("rows")
         files.write_csv(paths["next_experiment.csv"], "time,left,right", rows, arguments.force)
     else:

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from ground import _core, files
-from ground.recordings import bags
+from ground.recordings import bags, run_parameters
 from ground.recordings.settings import AXES
 from ground.simulation import experiments, tracking as loop
 from ground.verbs import common
@@ -31,7 +31,7 @@ that it stays inside; a tracking controller stops before it would leave.
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
-same bag, bit by bit. The topics are those of record.launch; simulator/truth has the true motion.
+same bag, bit by bit, but for the computing times of a controller (topic decision). The topics are those of record.launch; simulator/truth has the true motion.
 
 A disturbance in the model file acts only with --disturbance; without it, a line says so.
 """
@@ -243,6 +243,7 @@ def run(arguments):
         )
     except ValueError as error:
         arguments.refuse(str(error))
+    run.made_with = run_parameters.document(_parameters(arguments, drive))
     counts = bags.write(
         run, arguments.output, arguments.axes, arguments.heading_offset, arguments.force
     )
@@ -284,6 +285,22 @@ def run(arguments):
     if run.stopped:
         print("identify simulate: the controller stopped: %s" % run.stopped, file=sys.stderr)
     return result
+
+
+def _parameters(arguments, drive):
+    """What the run was made with, by the nodes that would have made it."""
+    controller = {"design": arguments.input if arguments.input in KINDS else "file"}
+    if isinstance(drive, _core.ExcitationParams):
+        controller.update(kind="Excitation")
+    elif isinstance(drive, _core.TrackingParams):
+        controller = {"kind": drive.controller.kind, "reference": drive.reference.kind}
+    if arguments.input not in KINDS:
+        controller["file"] = arguments.input
+    if isinstance(drive, _core.DriveParams):
+        controller["model"] = arguments.controller_model or arguments.model
+    if arguments.room:
+        controller["room"] = arguments.room
+    return {"controller": controller, "simulator": {"model": arguments.model}}
 
 
 def _drive(arguments):

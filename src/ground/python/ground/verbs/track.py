@@ -161,7 +161,10 @@ def run(arguments):
     }
     result.update(tracking.pooled(runs))
     if arguments.picture:
-        tracking_plots.tracked(arguments.picture, runs[0], task, result, arguments.force)
+        name = "%s, %s" % (result["controller"], result["reference"])
+        title = tracking_plots.title(name, runs[0].numbers)
+        counts = task.settled, task.until
+        tracking_plots.driven(arguments.picture, runs[0], title, counts, force=arguments.force)
         result["picture"] = arguments.picture
     _say(arguments, result)
     if result["stopped"] == len(runs):
@@ -211,16 +214,31 @@ def _say(arguments, result):
             "after stop %s at most, from %g s after the end on"
             % (metres(result["after_stop_max"]), tracking.AFTER_STOP)
         )
-    say("saturated  %.1f%% of the time" % (100 * result["saturated_fraction"]))
-    say("effort     %.3f (mean square of the inputs)" % result["effort"])
-    c = result["compute_ms"]
-    say("computing  %.3f ms median, %.3f ms 99.9%%, a decision" % (c["median"], c["p999"]))
+    for line in effort_lines(result):
+        say(line)
     if result["stopped"]:
         say("stopped    %d of %d runs ended early" % (result["stopped"], result["starts"]))
     for stop in result["stops"][:MOST_STOPS]:
         say("           run %d %s" % (stop["run"], _stop(stop)))
     if len(result["stops"]) > MOST_STOPS:
         say("           and %d more" % (len(result["stops"]) - MOST_STOPS))
+
+
+def effort_lines(numbers):
+    """Lines on what the inputs of a drive came to, simulated or recorded; numbers that are None were
+    not recorded."""
+    if numbers["saturated_fraction"] is not None:
+        yield "saturated  %.1f%% of the time" % (100 * numbers["saturated_fraction"])
+        yield "effort     %.3f (mean square of the inputs)" % numbers["effort"]
+    if numbers["wanted_outside"] is not None:
+        yield "wanted     outside 0..1 for %.1f%% of the time, %.2f at most" % (
+            100 * numbers["wanted_outside"],
+            numbers["wanted_largest"],
+        )
+    if numbers["compute_ms"] is not None:
+        yield "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, a decision" % (
+            numbers["compute_ms"]
+        )
 
 
 def _stop(stop):

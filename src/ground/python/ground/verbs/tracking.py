@@ -4,10 +4,10 @@ from ground import files
 from ground.recordings import tracks
 from ground.reports import tracking_plots
 from ground.verbs import common
-from ground.verbs.track import metres
+from ground.verbs.track import effort_lines, metres
 
 NAME = "tracking"
-SUMMARY = "how recorded crafts followed their reference: path, error, saturation"
+SUMMARY = "how recorded crafts followed their reference: path, error, saturation, computing time"
 
 
 def configure(parser):
@@ -20,7 +20,12 @@ def configure(parser):
         help="errors count from so long after the reference began (%(default)g)",
     )
     parser.add_argument(
-        "--picture", metavar="FILE.png", help="path, error and inputs of the longest drive"
+        "--room", metavar="ROOM.yaml", help="whose walls are drawn (that of the run)"
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="path, error, inputs and computing time of the longest drive",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
@@ -28,25 +33,28 @@ def configure(parser):
 def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
+    room = common.load_room(arguments.room) if arguments.room else None
     runs, longest = [], None
     for path, recording in zip(arguments.bags, common.read(arguments)):
         drives = []
         for track in tracks.read(path, recording):
             numbers = tracks.numbers(track, arguments.settled)
+            numbers["kind"] = recording.flown_by.get("controller")
             drives.append(numbers)
             if longest is None or numbers["duration"] > longest[1]["duration"]:
-                longest = track, numbers, recording.name
+                longest = track, numbers, recording
         changes = len(recording.changes)
         runs.append({"run": recording.name, "drives": drives, "changes": changes})
         for line in _lines(recording.name, drives, changes):
             common.say(arguments, line)
     result = {"settled": arguments.settled, "runs": runs}
     if arguments.picture:
-        track, numbers, name = longest
-        title = ", ".join(filter(None, (name, track.controller)))
-        tracking_plots.recorded(
-            arguments.picture, track, numbers, title, arguments.settled, arguments.force
-        )
+        track, numbers, recording = longest
+        title = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
+        title = tracking_plots.title(title, numbers)
+        counts = arguments.settled, track.times[-1]
+        room = room or common.room_of(recording)
+        tracking_plots.driven(arguments.picture, track, title, counts, room, arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result
@@ -56,19 +64,12 @@ def _lines(name, drives, changes):
     for drive in drives:
         yield "%s: %s, %.1f s" % (
             name,
-            drive["controller"] or "controller unknown",
+            drive["kind"] or drive["controller"] or "controller unknown",
             drive["duration"],
         )
         yield "error      %s rms, %s at most, %s at the end" % tuple(
             metres(drive[n]) for n in ("rms", "max", "final")
         )
-        if drive["saturated_fraction"] is not None:
-            yield "saturated  %.1f%% of the time" % (100 * drive["saturated_fraction"])
-            yield "effort     %.3f (mean square of the inputs)" % drive["effort"]
-        if drive["wanted_outside"] is not None:
-            yield "wanted     outside 0..1 for %.1f%% of the time, %.2f at most" % (
-                100 * drive["wanted_outside"],
-                drive["wanted_largest"],
-            )
+        yield from effort_lines(drive)
     if changes:
         yield "parameters changed %d times while it ran: identify info says which" % changes

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <boost/make_shared.hpp>
+#include <ground_msgs/Controls.h>
+#include <ground_msgs/Decision.h>
+#include <ros/ros.h>
+
+#include <string>
+
+#include "ground/control/reference_pilot.h"
+
+namespace ground {
+
+/// Publishes what a closed-loop controller decides: controls/wanted (the inputs before they are
+/// limited, of full scale) and decision (how long it computed).
+class DecisionPublisher {
+ public:
+  void advertise(ros::NodeHandle& topics) {
+    wanted_publisher_ = topics.advertise<ground_msgs::Controls>("controls/wanted", 4);
+    decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
+  }
+
+  /// state: stamp of the state by which `controller` decided; lift: its input of the lift fan, 0..1.
+  void publish(const ReferencePilot::Decision& made, const ros::Time& state,
+               const std::string& controller, double lift) {
+    auto wanted = boost::make_shared<ground_msgs::Controls>();
+    wanted->header.stamp = ros::Time::now();
+    wanted->header.frame_id = controller;
+    wanted->left = made.wanted.x();
+    wanted->right = made.wanted.y();
+    wanted->lift = lift;
+    auto decision = boost::make_shared<ground_msgs::Decision>();
+    decision->header = wanted->header;
+    decision->state = state;
+    decision->computing = made.computing;
+    wanted_publisher_.publish(wanted);
+    decision_publisher_.publish(decision);
+  }
+
+ private:
+  ros::Publisher wanted_publisher_, decision_publisher_;
+};
+
+}  // namespace ground

@@ -1,0 +1,169 @@
+"""What flew a run: its controller, and the model and room files, whose contents are kept with the run."""
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+
+import yaml
+
+from ground.errors import IdentifyError, reason
+from ground.recordings import run_parameters
+
+# what drove a craft, and the parameter of node controller that says so
+FLOWN_BY = {
+    "controller": "kind",
+    "design": "design",
+    "reference": "reference",
+    "model": "model",
+    "room": "room",
+}
+UNLIKE = ("provenance",)  # keys of files that say nothing of the craft or the room
+MOST_NAMED = 3  # entries in which two files differ
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """A model or room file as it was when the run was recorded."""
+
+    path: str  # where it was
+    text: str
+
+    @property
+    def name(self):
+        return os.path.basename(self.path)
+
+    @property
+    def digest(self):
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def entries(self):
+        """Its entries by path, {"body.m": 0.0583}; provenance and comments are none."""
+        try:
+            content = yaml.load(self.text, run_parameters.LOADER)
+        except (ValueError, yaml.YAMLError, RecursionError):
+            return {"text": self.text}
+        return {key: value for key, value in _flat(content, "") if key.split(".")[0] not in UNLIKE}
+
+    def describe(self):
+        title = self.entries().get("name", self.name)
+        return {"path": self.path, "title": str(title), "sha256": self.digest}
+
+    def place(self):
+        """Path of a file with this content: the old one where it has not changed, else a copy under
+        $ROS_HOME/ground. Raises IdentifyError when that cannot be written."""
+        if _content(self.path) == self.text:
+            return os.path.abspath(self.path)
+        home = os.environ.get("ROS_HOME") or os.path.expanduser("~/.ros")
+        path = os.path.join(home, "ground", "run_files", self.digest[:16], self.name)
+        if _content(path) == self.text:
+            return path
+        folder = os.path.dirname(path)
+        try:
+            os.makedirs(folder, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as file:
+                file.write(self.text)
+            os.replace(file.name, path)
+        except OSError as error:
+            raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error)))
+        return path
+
+
+def _content(path):
+    try:
+        if os.path.isfile(path):
+            with open(path, encoding="utf-8") as file:
+                return file.read(run_parameters.LARGEST + 1)
+    except (OSError, ValueError):
+        pass
+    return None
+
+
+def _flat(value, path):
+    """Path and value of all that is in nested maps and lists of maps."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(inner, "%s.%s" % (path, key) if path else str(key))
+    elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
+        for number, inner in enumerate(value, 1):
+            yield from _flat(inner, "%s.%d" % (path, number))
+    else:
+        yield path, value
+
+
+def read(path, bag):
+    """What drove the craft in the bag at `path`, open in the BagReader `bag`: `controller`, `design` or
+    `reference` and the names of the files `model` and `room`, each where it is known; and the RunFile of
+    `model` and `room` where their contents were kept."""
+    found, kept = {}, {}
+    known = list(run_parameters.in_bag(bag))
+    known += [parameters for _, parameters in run_parameters.beside(path, [])]
+    for parameters in known:
+        for node in run_parameters.nodes(parameters, "controller"):
+            for name, key in FLOWN_BY.items():
+                value = node.get(key)
+                if name in found or not isinstance(value, str) or not value:
+                    continue
+                found[name] = value
+                if name in run_parameters.NAMES:
+                    found[name] = os.path.basename(value)
+                    files = parameters.get(run_parameters.FILES)
+                    text = files.get(value) if isinstance(files, dict) else None
+                    if isinstance(text, str):
+                        kept[name] = RunFile(value, text)
+    return found, kept
+
+
+def differences(recordings):
+    """Phrases that name recordings by the model and the room of their controllers where these differ:
+    in content where that was kept, else in name."""
+    parts = []
+    for kind in run_parameters.NAMES:
+        groups = _groups(recordings, kind)
+        if len(groups) < 2:
+            continue
+        parts += ["%s %s for %s" % (kind, name, ", ".join(r)) for name, _, r in groups]
+        (first, one, _), others = groups[0], groups[1:]
+        for name, another, _ in others:
+            if one is not None and another is not None:
+                pair = "two files named %s differ" % first
+                if name != first:
+                    pair = "%s and %s differ" % (first, name)
+                parts.append("%s: %s" % (pair, _changes(one, another)))
+    return parts
+
+
+def _groups(recordings, kind):
+    """(name, entries or None, names of the recordings) of those that were flown by the same file."""
+    groups = {}
+    ordered = sorted(recordings, key=lambda r: kind not in r.files)
+    for recording in ordered:
+        name = recording.flown_by.get(kind)
+        if name is None:
+            continue
+        file = recording.files.get(kind)
+        if file is not None:
+            entries = file.entries()
+            key = json.dumps(entries, sort_keys=True, default=str)
+        else:
+            entries = None
+            key = next((k for k, group in groups.items() if group[0] == name), name)
+        groups.setdefault(key, (name, entries, []))[2].append(recording.name)
+    return list(groups.values())
+
+
+def _changes(one, another):
+    """In what the entries of two files differ, in words."""
+    missing = "none"
+    keys = [
+        key
+        for key in dict.fromkeys([*one, *another])
+        if one.get(key, missing) != another.get(key, missing)
+    ]
+    named = [
+        "%s %s against %s" % (key, one.get(key, missing), another.get(key, missing))
+        for key in keys[:MOST_NAMED]
+    ]
+    if len(keys) > MOST_NAMED:
+        named.append("and %d more" % (len(keys) - MOST_NAMED))
+    return ", ".join(named)

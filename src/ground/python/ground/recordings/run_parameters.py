@@ -1,0 +1,91 @@
+"""What a run was made with: parameters by node, and the contents of the model and room files they name.
+
+record.launch writes it beside a bag, RUN.yaml; the bag of a simulated run has the same text in a message
+(ground_msgs/RunSettings). Contents are under run_files, path: text.
+"""
+import contextlib
+import os
+import re
+
+import yaml
+
+from ground.recordings import messages
+
+TYPE = "ground_msgs/RunSettings"
+FILES = "run_files"
+NAMES = ("model", "room")  # parameters whose files' contents travel with the run
+LARGEST = 10**6  # file that does [bytes]
+PART = re.compile(r"(_\d+)?\.bag(\.active)?$")  # end of the name of a part of a recording
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes texts of several lines as they are."""
+
+
+def _text(dumper, text):
+    style = "|" if "\n" in text else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
+
+
+def contents(parameters):
+    """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
+    files that cannot be read are left out."""
+    found = {}
+    for path in sorted(set(_paths(parameters))):
+        try:
+            if os.path.isfile(path) and os.path.getsize(path) <= LARGEST:
+                with open(path, encoding="utf-8") as file:
+                    found[path] = file.read()
+        except (OSError, ValueError):
+            continue
+    return yaml.dump({FILES: found}, Dumper=_Dumper) if found else ""
+
+
+def document(parameters):
+    """YAML text of parameters by node, with the contents of their files."""
+    return yaml.dump(parameters, Dumper=_Dumper) + contents(parameters)
+
+
+def _paths(parameters):
+    for key, value in parameters.items():
+        if isinstance(value, dict):
+            yield from _paths(value)
+        elif key in NAMES and isinstance(value, str):
+            yield value
+
+
+def in_bag(bag):
+    """Parameters by node in a BagReader of a simulated run; damaged ones are left out."""
+    for message in messages.of_type(bag, TYPE):
+        with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
+            yield yaml.load(message.yaml, LOADER)
+
+
+def beside(path, warnings):
+    """Name and content of the parameter files beside a bag that can be read."""
+    for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
+        if not os.path.isfile(name):
+            continue
+        try:
+            with open(name) as file:
+                yield name, yaml.load(file, LOADER)
+        except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
+            warnings.append(
+                "%s: cannot be read, so that axes and heading_offset are the defaults (%s)"
+                % (name, str(error).splitlines()[0])
+            )
+
+
+def nodes(parameters, name):
+    """Parameters of nodes of that name, in any namespace."""
+    if not isinstance(parameters, dict):
+        return
+    for key, value in parameters.items():
+        if key == name and isinstance(value, dict):
+            yield value
+        else:
+            yield from nodes(value, name)
