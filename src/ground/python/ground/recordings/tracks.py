@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ground.errors import IdentifyError
+from ground.recordings import tracking_error
 from ground.recordings.bag_reader import BagReader
 
 PAUSE = 0.5  # without a reference, after which another drive begins [s]
@@ -101,18 +102,12 @@ def numbers(track, settled=0.0):
         raise IdentifyError("the drive ended before %g s" % settled)
     inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
     wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
-    at_bound = ((inputs <= 1e-6) | (inputs >= 1 - 1e-6)).any(axis=1)
     outside = ((wanted < -1e-6) | (wanted > 1 + 1e-6)).any(axis=1)
-    errors = track.errors[counts]
     return {
         "began": track.began,
         "duration": float(track.times[-1]),
         "controller": track.controller or None,
-        "rms": float(np.sqrt(np.mean(errors**2))),
-        "max": float(errors.max()),
-        "final": float(errors[-1]),
-        "saturated_fraction": float(at_bound.mean()) if len(inputs) else None,
-        "effort": float(np.mean(inputs**2)) if len(inputs) else None,
+        **tracking_error.summary(track.errors[counts], inputs),
         "wanted_outside": float(outside.mean()) if len(wanted) else None,
         "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
     }

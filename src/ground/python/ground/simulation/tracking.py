@@ -5,12 +5,15 @@ import numpy as np
 
 from ground import _core
 from ground.errors import IdentifyError
+from ground.recordings import tracking_error
 from ground.workers import Workers
 
 # What follows a reference; the open-loop PRBS, to compare with, does not look at it.
 CONTROLLERS = [name for name in _core.controller_names() if name != "OpenLoopPRBS"]
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
+# Numbers of a run that ended before its errors count
+NEVER_SETTLED = dict(rms=np.inf, max=np.inf, final=np.inf, saturated_fraction=1.0, effort=0.0)
 # What the references of the thesis look like; window: from settled until the end [s].
 REFERENCES = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
@@ -165,19 +168,13 @@ def _numbers(found, task):
     errors = found.errors
     counts = found.times >= task.settled - 1e-9
     at_work = found.decisions[found.decisions[:, 0] >= task.settled - 1e-9]
-    inputs = at_work[:, 1:3]
-    at_bound = ((inputs <= 1e-9) | (inputs >= 1 - 1e-9)).any(axis=1)
-    saturated = found.decisions[
-        ((found.decisions[:, 1:3] <= 1e-9) | (found.decisions[:, 1:3] >= 1 - 1e-9)).any(axis=1), 0
-    ]
+    saturated = found.decisions[tracking_error.saturated(found.decisions[:, 1:3]), 0]
     computing = 1e3 * found.decisions[:, 3]
+    measured = tracking_error.summary(errors[counts], at_work[:, 1:3])
     numbers = {
-        "rms": float(np.sqrt(np.mean(errors[counts] ** 2))) if counts.any() else np.inf,
-        "max": float(errors[counts].max()) if counts.any() else np.inf,
+        **{name: NEVER_SETTLED[name] if x is None else x for name, x in measured.items()},
         "final": float(errors[-1]),
-        "saturated_fraction": float(at_bound.mean()) if len(at_work) else 1.0,
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
-        "effort": float(np.mean(inputs**2)) if len(at_work) else 0.0,
         "stopped": None,
         "compute_ms": {
             "median": float(np.median(computing)),
