@@ -4,6 +4,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
@@ -67,7 +68,11 @@ class Pilot {
   /// instead, at most at `rate`. Asked anew after every state and update.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
   /// What whoever starts it should know; empty when nothing.
-  virtual std::string caution() const { return ""; }
+  const std::string& caution() const { return caution_; }
+  void setCaution(std::string caution) { caution_ = std::move(caution); }
+
+ private:
+  std::string caution_;
 };
 
 /// The life of a controller: whether it may drive, and what goes out while it may not. The same
