@@ -65,7 +65,8 @@ def excitation(room, seed, duration):
 def tracking(room, controller, duration):
     params = _core.TrackingParams()
     params.controller = gains.choice(controller, GAINS if "Tracking" in controller else None)
-    params.reference.size, params.reference.origin = RADIUS, room.home
+    params.reference.size = RADIUS
+    params.reference.x, params.reference.y = room.home
     params.duration, params.room, params.max_error = duration, room, np.inf
     return params
 

@@ -481,7 +481,12 @@ def test_existing_bags_are_left_alone(tmp_path):
         (["--input", "prbs", "--size", "1"], ["--size does not go with --input prbs"]),
         (["--input", "tracking", "--levels", "0", "1"], ["--levels does not go with"]),
         (["--input", "tracking", "--reference", "square"], ["--reference"]),
-        (["--input", "tracking", "--size", "-1"], ["positive radius"]),
+        (["--input", "tracking", "--size", "-1"], ["size must be between 0.01 and 100 m, not -1"]),
+        (["--input", "tracking", "--petals", "1"], ["circle does not take 'petals'"]),
+        (
+            ["--input", "tracking", "--controller", "ModelPredictive", "--k-e", "1"],
+            ["ModelPredictive has no parameter 'k_e'"],
+        ),
         (["--input", "tracking", "--k-e", "-1"], ["k_e"]),
         (["--input", "tracking", "--control-rate", "0"], ["control rate"]),
         (["--input", "prbs", "--start-pose", "0", "0", "inf"], ["not finite"]),

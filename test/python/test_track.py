@@ -250,6 +250,8 @@ def test_a_line_to_another_end():
     "arguments, message",
     [
         (["--reference", "spiral"], "must be one of circle, line"),
+        (["--speed", "1"], "circle does not take 'speed'; it takes x, y, size, rate_of_turn"),
+        (["--reference", "line", "--size", "1"], "line does not take 'size'"),
         (["--reference", "missing.csv"], "missing.csv: cannot be read"),
         (["--gains", "missing.yaml"], "missing.yaml"),
         (["--perturb", "q=2"], "no parameter 'q'"),
@@ -268,10 +270,10 @@ def test_bad_input_is_refused(arguments, message):
 
 def test_bad_gains_are_refused(tmp_path):
     for text, message in (
-        ("k_e: 1\nk_q: 2\n", "no gain 'k_q'"),
+        ("k_e: 1\nk_q: 2\n", "no parameter 'k_q'"),
         ("k_e: fast\n", "not a finite number"),
         ("- 1\n", "NAME: NUMBER"),
-        ("k_e: -1\n", "k_e must be positive"),
+        ("k_e: -1\n", "k_e must be between 1e-06 and 100 kg/s, not -1"),
     ):
         path = tmp_path / "gains.yaml"
         path.write_text(text)

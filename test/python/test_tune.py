@@ -99,7 +99,8 @@ def test_the_same_search_finds_the_same_gains(tmp_path):
     [
         (["--references", "spiral.csv"], "spiral.csv: cannot be read"),
         (["--references", "spiral"], "must be one of circle"),
-        (["--references", "circle:sise=2"], "'sise' is not one of"),
+        (["--references", "circle:sise=2"], "circle does not take 'sise'"),
+        (["--references", "sinusoid:petals=2"], "sinusoid:petals=2: reference sinusoid does not"),
         (["--references", "circle:size=big"], "'big' is not a number"),
         (["--controller", "OpenLoopPRBS"], "invalid choice"),
         (["--model", DELAYED], "because it does not use input_delay"),

@@ -537,7 +537,107 @@ TEST(TrackingGains, RefuseNonsense) {
   EXPECT_NE(gains.validate(), "");
   gains = {};
   gains.k_e = std::nan("");
-  EXPECT_NE(gains.validate(), "");
+  EXPECT_EQ(gains.validate(), "k_e must be between 1e-06 and 100 kg/s, not nan");
+}
+
+TEST(ControllerTable, DefaultsAndSearchedRangesAreInsideTheRanges) {
+  for (const ControllerInfo& info : controllerTable()) {
+    EXPECT_EQ(info.validate(ControllerChoice()), "") << info.name;
+    for (const TunableInfo& parameter : info.parameters) {
+      const double standard = std::get<double>(parameter.standard);
+      EXPECT_EQ(parameter.rangeError(standard), "") << parameter.name;
+      for (double power : {parameter.search.low, parameter.search.high})
+        if (parameter.search.sign != 0) {
+          EXPECT_EQ(parameter.rangeError(parameter.search.sign * std::pow(10, power)), "");
+        }
+    }
+  }
+}
+
+TEST(ControllerTable, EveryParameterIsReadSetAndChecked) {
+  for (const ControllerInfo& info : controllerTable()) {
+    ControllerChoice choice;
+    choice.kind = info.name;
+    for (const auto& one : info.parameters) {
+      ControllerChoice changed = choice;
+      const double value = std::get<double>(one.standard) == one.high ? one.low : one.high;
+      one.set(changed, value);
+      EXPECT_EQ(std::get<double>(one.get(changed)), value) << one.name;
+      for (const auto& other : info.parameters)
+        EXPECT_EQ(other.get(changed) == other.get(choice), other.name != one.name)
+            << one.name << " or " << other.name << " is in a wrong place";
+      one.set(changed, one.high + 1);
+      EXPECT_NE(changed.validate().find(one.name + " must be between"), std::string::npos)
+          << changed.validate();
+      EXPECT_THROW(makeController(tinyWhoover(), changed), std::invalid_argument);
+      EXPECT_THROW(one.set(changed, std::string("1")), std::invalid_argument);
+      EXPECT_THROW(one.set(changed, true), std::invalid_argument);
+    }
+  }
+}
+
+/// What a controller wants in the first second beside a circle.
+std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
+                                          TrackingController& controller) {
+  std::vector<Vector2<double>> wanted;
+  for (int i = 0; i < 50; ++i) {
+    Observation seen;
+    seen.now = seen.stamp = 0.02 * i;
+    seen.reference = &circle;
+    seen.state.eta << circle.at(seen.now).p + Vector2<double>(0.01, 0), M_PI / 2 + 0.6 * seen.now;
+    seen.state.nu << 1.2, 0, 0.6;
+    controller.decide(seen);
+    wanted.push_back(controller.wanted());
+  }
+  return wanted;
+}
+
+TEST(ControllerTable, WhatIsTunedDrives) {
+  const Model model = tinyWhoover();
+  const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
+  for (const ControllerInfo& info : controllerTable()) {
+    ControllerChoice choice, other;
+    choice.kind = other.kind = info.name;
+    other.gains.k_e = 0.01;
+    other.predictive.steps = 20;
+    other.prbs_seed = 5;
+    const auto before = makeController(model, choice), after = makeController(model, other);
+    const auto tuned = makeController(model, choice);
+    info.tune(*tuned, other);
+    EXPECT_EQ(tuned->follows(), info.follows);
+    const auto wanted = wantedBeside(*circle, *tuned);
+    EXPECT_EQ(wanted, wantedBeside(*circle, *after)) << info.name;
+    EXPECT_NE(wanted, wantedBeside(*circle, *before)) << info.name;
+  }
+}
+
+TEST(ReferenceTable, EveryKindIsMadeAndTakesWhatItSays) {
+  for (const ReferenceInfo& info : referenceTable()) {
+    if (info.name == "file") continue;
+    ReferenceParams params;
+    params.kind = info.name;
+    const ReferencePtr made = makeReference(params);
+    EXPECT_EQ(info.ends, made->at(1000).p_dot.norm() == 0) << info.name;
+    for (const auto& one : ReferenceParams::table()) {
+      ReferenceParams changed = params;
+      if (one.type == "double") one.set(changed, one.low + 0.4 * (one.high - one.low));
+      if (one.type == "bool") one.set(changed, !std::get<bool>(one.standard));
+      if (one.type == "str") one.set(changed, std::string("way.csv"));
+      EXPECT_FALSE(changed == params) << one.name;
+      const bool takes =
+          std::find(info.takes.begin(), info.takes.end(), one.name) != info.takes.end();
+      const ReferencePtr other = makeReference(changed);
+      EXPECT_EQ(other->at(0.3).p != made->at(0.3).p, takes) << info.name << " " << one.name;
+      if (one.type != "double") continue;
+      one.set(changed, one.high + 1);
+      if (takes) {
+        EXPECT_THROW(makeReference(changed), std::invalid_argument) << info.name << one.name;
+      } else {
+        EXPECT_NO_THROW(makeReference(changed)) << info.name << one.name;
+      }
+    }
+  }
+  EXPECT_TRUE(ReferenceParams() == ReferenceParams());
 }
 
 }  // namespace

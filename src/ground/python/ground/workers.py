@@ -101,11 +101,6 @@ def _reduce(params):
 for _kind in (
     _core.MocapParams,
     _core.ReferenceParams,
-    _core.TrackingGains,
-    _core.PlanWeights,
-    _core.ObserverParams,
-    _core.PredictiveParams,
-    _core.PrbsParams,
     _core.ControllerChoice,
     _core.TrackingParams,
 ):

@@ -1,6 +1,5 @@
 #include "ground/control/controllers.h"
 
-#include <algorithm>
 #include <stdexcept>
 
 namespace ground {
@@ -9,9 +8,12 @@ namespace {
 /// Plays a binary sequence, whatever the state: what tracking is to be compared with.
 class OpenLoop : public TrackingController {
  public:
-  OpenLoop(const Model& model, const ControllerChoice& params)
-      : input_max_(model.body.input_max),
-        signal_(makePrbs(params.prbs_order, params.prbs_seed), params.prbs) {}
+  OpenLoop(const Model& model, const ControllerChoice& choice) : input_max_(model.body.input_max) {
+    setParams(choice);
+  }
+  void setParams(const ControllerChoice& choice) {
+    signal_ = PrbsSignal(makePrbs(choice.prbs_order, choice.prbs_seed), choice.prbs);
+  }
   bool follows() const override { return false; }
   Vector2<double> decide(const Observation& seen) override {
     return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
@@ -20,42 +22,93 @@ class OpenLoop : public TrackingController {
 
  private:
   double input_max_;
-  PrbsSignal signal_;
+  PrbsSignal signal_{{{}}, {}};
   Vector2<double> wanted_ = Vector2<double>::Zero();
 };
 
+ControllerInfo openLoop() {
+  using C = ControllerChoice;
+  Tunables<C> parameters = lifted(&C::prbs, PrbsParams::table());
+  parameters.push_back(
+      {{"order", "-", "Of a sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
+  parameters.push_back(
+      {{"seed", "-", "Where in its period the sequence starts", 0, 1e6}, &C::prbs_seed});
+  return {"OpenLoopPRBS",
+          "Plays a binary sequence, whatever the state",
+          false,
+          parameters,
+          [parameters](const C& choice) {
+            const std::string wrong = rangeError(parameters, choice);
+            return wrong.empty() ? choice.prbs.validate() : wrong;
+          },
+          [](const Model&) { return EffectUse(); },
+          [](const Model& model, const C& choice) {
+            return std::make_unique<OpenLoop>(model, choice);
+          },
+          [](TrackingController& controller, const C& choice) {
+            static_cast<OpenLoop&>(controller).setParams(choice);
+          }};
+}
+
+/// A Control that follows a reference by its Params in ControllerChoice.
+template <class Control, class Params>
+ControllerInfo following(const std::string& name, const std::string& text,
+                         Params ControllerChoice::*params) {
+  using C = ControllerChoice;
+  return {name,
+          text,
+          true,
+          lifted(params, Params::table()),
+          [params](const C& choice) { return (choice.*params).validate(); },
+          &Control::effectUse,
+          [params](const Model& model, const C& choice) {
+            return std::make_unique<Control>(model, choice.*params);
+          },
+          [params](TrackingController& controller, const C& choice) {
+            static_cast<Control&>(controller).setParams(choice.*params);
+          }};
+}
+
 }  // namespace
 
-const std::vector<std::string>& controllerNames() {
-  static const std::vector<std::string> names = {"OpenLoopPRBS", "TrajectoryTracking",
-                                                 "ModelPredictive"};
-  return names;
+const std::vector<ControllerInfo>& controllerTable() {
+  static const std::vector<ControllerInfo> table = {
+      openLoop(),
+      following<BacksteppingControl>("TrajectoryTracking",
+                                     "Backstepping on the rigid body (thesis 4.2)",
+                                     &ControllerChoice::gains),
+      following<PredictiveControl>("ModelPredictive",
+                                   "Model predictive control on the whole model, effects included",
+                                   &ControllerChoice::predictive),
+  };
+  return table;
+}
+
+const ControllerInfo& controllerInfo(const std::string& kind) {
+  const ControllerInfo* const info = findNamed(controllerTable(), kind);
+  if (!info)
+    throw std::invalid_argument("the controller must be one of " + namesOf(controllerTable()) +
+                                ", not '" + kind + "'");
+  return *info;
 }
 
 std::string ControllerChoice::validate() const {
-  const std::vector<std::string>& names = controllerNames();
-  if (std::find(names.begin(), names.end(), kind) == names.end())
-    return "the controller must be OpenLoopPRBS, TrajectoryTracking or ModelPredictive, not '" +
-           kind + "'";
-  for (const std::string& wrong : {gains.validate(), predictive.validate(), prbs.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
+  try {
+    return controllerInfo(kind).validate(*this);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
 }
 
 EffectUse effectUse(const std::string& kind, const Model& model) {
-  if (kind == "TrajectoryTracking") return BacksteppingControl::effectUse(model);
-  if (kind == "ModelPredictive") return PredictiveControl::effectUse(model);
-  return {};
+  return controllerInfo(kind).effectUse(model);
 }
 
 std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-  if (params.kind == "ModelPredictive")
-    return std::make_unique<PredictiveControl>(model, params.predictive);
-  if (params.kind == "OpenLoopPRBS") return std::make_unique<OpenLoop>(model, params);
-  return std::make_unique<BacksteppingControl>(model, params.gains);
+  return controllerInfo(params.kind).make(model, params);
 }
 
 }  // namespace ground

@@ -119,11 +119,22 @@ PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
   return {std::move(rows), rows_per_bit};
 }
 
+const Tunables<PrbsParams>& PrbsParams::table() {
+  using P = PrbsParams;
+  static const Tunables<P> table = {
+      {{"clock", "Hz", "Bits per second, whatever rows per bit a file has", 0.1, 500}, &P::clock},
+      {{"duration", "s", "Duration of the sequence", 0.1, 3600}, &P::duration},
+      {{"left_low", "0..1", "Left thruster, low bit", 0, 1}, &P::left_low},
+      {{"left_high", "0..1", "Left thruster, high bit", 0, 1}, &P::left_high},
+      {{"right_low", "0..1", "Right thruster, low bit", 0, 1}, &P::right_low},
+      {{"right_high", "0..1", "Right thruster, high bit", 0, 1}, &P::right_high},
+  };
+  return table;
+}
+
 std::string PrbsParams::validate() const {
-  if (!(clock > 0) || !std::isfinite(clock)) return "clock must be positive";
-  if (!(duration > 0) || !std::isfinite(duration)) return "duration must be positive";
-  for (double level : {left_low, left_high, right_low, right_high})
-    if (!(level >= 0) || !std::isfinite(level)) return "levels must not be negative";
+  const std::string wrong = rangeError(table(), *this);
+  if (!wrong.empty()) return wrong;
   if (left_low > left_high || right_low > right_high) return "a low level is above its high level";
   return "";
 }

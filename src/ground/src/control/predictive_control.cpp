@@ -17,17 +17,25 @@ constexpr double kSettled = 1e-4;        // share of the cost that an improvemen
 
 }  // namespace
 
-std::string PredictiveParams::validate() const {
-  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
-  if (!within(horizon, 0.1, 10)) return "horizon must be between 0.1 and 10 s";
-  if (steps < 2 || steps > TrajectoryOptimizer::kMostSteps)
-    return "steps must be between 2 and 200";
-  if (iterations < 1 || iterations > 50) return "iterations must be between 1 and 50";
-  if (search_iterations < 0 || search_iterations > 100)
-    return "search_iterations must be between 0 and 100";
-  if (!(lost > 0)) return "lost must be positive";
-  return "";
+const Tunables<PredictiveParams>& PredictiveParams::table() {
+  using P = PredictiveParams;
+  static const Tunables<P> table = [] {
+    Tunables<P> all = {
+        {{"horizon", "s", "How far to look ahead", 0.1, 10}, &P::horizon},
+        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMostSteps}, &P::steps},
+        {{"iterations", "-", "Most improvements of the plan a decision", 1, 50}, &P::iterations},
+        {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
+         &P::search_iterations},
+        {{"lost", "m", "Rms error of a plan beyond which others are tried", 1e-4, 10}, &P::lost},
+    };
+    for (const auto& weight : lifted(&P::weights, PlanWeights::table())) all.push_back(weight);
+    for (const auto& noise : lifted(&P::observer, ObserverParams::table())) all.push_back(noise);
+    return all;
+  }();
+  return table;
 }
+
+std::string PredictiveParams::validate() const { return rangeError(table(), *this); }
 
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
     : model_(model), seen_(model), input_max_(model.body.input_max), observer_(model, params.observer) {

@@ -397,14 +397,65 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
   return makeSpline(times, points);
 }
 
-ReferencePtr makeReference(const ReferenceParams& p) {
-  if (p.kind == "circle") return makeCircle(p.origin, p.size, p.rate_of_turn);
-  if (p.kind == "line") return makeLine(p.origin, p.end, p.speed, p.smooth);
-  if (p.kind == "rhodonea") return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn);
-  if (p.kind == "sinusoid") return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn);
-  if (p.kind == "file") return readReference(p.file, p.origin, p.speed, p.smooth);
-  throw std::invalid_argument("reference must be circle, line, rhodonea, sinusoid or file, not '" +
-                              p.kind + "'");
+const Tunables<ReferenceParams>& ReferenceParams::table() {
+  using P = ReferenceParams;
+  static const Tunables<P> table = {
+      {{"x", "m", "Centre, start or origin, world_ned", -100, 100},
+       [](auto& p) -> auto& { return p.origin.x(); }},
+      {{"y", "m", "Centre, start or origin, world_ned", -100, 100},
+       [](auto& p) -> auto& { return p.origin.y(); }},
+      {{"size", "m", "Radius or amplitude", 0.01, 100}, &P::size},
+      {{"rate_of_turn", "rad/s", "Angular rate of the reference", -10, 10}, &P::rate_of_turn},
+      {{"petals", "-", "Rhodonea: rate of the radius per rate of turn", 0, 20}, &P::petals},
+      {{"speed", "m/s", "Line, sinusoid, waypoints: speed", 0.001, 20}, &P::speed},
+      {{"end_x", "m", "Line: end, world_ned", -100, 100},
+       [](auto& p) -> auto& { return p.end.x(); }},
+      {{"end_y", "m", "Line: end, world_ned", -100, 100},
+       [](auto& p) -> auto& { return p.end.y(); }},
+      {{"smooth", "", "Line, waypoints: start and stop smoothly"}, &P::smooth},
+      {{"file", "s, m", "CSV with columns time,x,y or x,y"}, &P::file},
+  };
+  return table;
+}
+
+bool ReferenceParams::operator==(const ReferenceParams& other) const {
+  const Tunables<ReferenceParams>& all = table();
+  return kind == other.kind && std::all_of(all.begin(), all.end(), [&](const auto& one) {
+           return one.get(*this) == one.get(other);
+         });
+}
+
+const std::vector<ReferenceInfo>& referenceTable() {
+  using P = const ReferenceParams&;
+  static const std::vector<ReferenceInfo> table = {
+      {"circle", "Centre x, y; size is the radius", {"x", "y", "size", "rate_of_turn"}, false,
+       [](P p) { return makeCircle(p.origin, p.size, p.rate_of_turn); }},
+      {"line", "From x, y to end_x, end_y at speed, then stop",
+       {"x", "y", "end_x", "end_y", "speed", "smooth"}, true,
+       [](P p) { return makeLine(p.origin, p.end, p.speed, p.smooth); }},
+      {"rhodonea", "Rose curve about x, y", {"x", "y", "size", "petals", "rate_of_turn"}, false,
+       [](P p) { return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn); }},
+      {"sinusoid", "From x, y along x; size is the amplitude",
+       {"x", "y", "speed", "size", "rate_of_turn"}, false,
+       [](P p) { return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn); }},
+      {"file", "CSV with columns time,x,y or x,y", {"file", "x", "y", "speed", "smooth"}, true,
+       [](P p) { return readReference(p.file, p.origin, p.speed, p.smooth); }},
+  };
+  return table;
+}
+
+ReferencePtr makeReference(const ReferenceParams& params) {
+  const ReferenceInfo* const info = findNamed(referenceTable(), params.kind);
+  if (!info)
+    throw std::invalid_argument("reference must be one of " + namesOf(referenceTable()) +
+                                ", not '" + params.kind + "'");
+  const auto& takes = info->takes;
+  for (const Tunable<ReferenceParams>& one : ReferenceParams::table()) {
+    if (std::find(takes.begin(), takes.end(), one.name) == takes.end()) continue;
+    const std::string wrong = one.rangeError(one.get(params));
+    if (!wrong.empty()) throw std::invalid_argument(wrong);
+  }
+  return info->make(params);
 }
 
 }  // namespace ground

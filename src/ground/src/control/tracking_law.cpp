@@ -7,13 +7,24 @@
 
 namespace ground {
 
+const Tunables<TrackingGains>& TrackingGains::table() {
+  using G = TrackingGains;
+  static const Tunables<G> table = {
+      {{"k_e", "kg/s", "Position error", 1e-6, 100, {1, -3, 2}}, &G::k_e},
+      {{"k_z", "N m s", "Yaw rate error", 1e-7, 10, {1, -6, 1}}, &G::k_z},
+      {{"k_phi_1", "kg^2/s", "Surge velocity error, K_phi(1,1)", 1e-5, 100, {1, -4, 2}},
+       &G::k_phi_1},
+      {{"k_phi_2", "kg^2/s", "Sway velocity error, K_phi(2,2)", 1e-5, 100, {1, -4, 2}},
+       &G::k_phi_2},
+      {{"delta_1", "m/s", "Velocity offset along surge, not 0", -1, 1, {-1, -4, 0}}, &G::delta_1},
+      {{"delta_2", "m/s", "Velocity offset along sway", -1, 1}, &G::delta_2},
+  };
+  return table;
+}
+
 std::string TrackingGains::validate() const {
-  if (!(k_e > 0)) return "k_e must be positive";
-  if (!(k_z > 0)) return "k_z must be positive";
-  if (!(k_phi_1 > 0) || !(k_phi_2 > 0)) return "k_phi_1 and k_phi_2 must be positive";
-  if (!(delta_1 != 0) || !std::isfinite(delta_1)) return "delta_1 must not be 0";
-  if (!std::isfinite(delta_2)) return "delta_2 must be finite";
-  return "";
+  const std::string wrong = rangeError(table(), *this);
+  return wrong.empty() && delta_1 == 0 ? "delta_1 must not be 0" : wrong;
 }
 
 TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,

@@ -49,6 +49,21 @@ Vector2<double> boxMinimum(const Eigen::Matrix2d& H, const Vector2<double>& g,
 
 }  // namespace
 
+const Tunables<PlanWeights>& PlanWeights::table() {
+  using W = PlanWeights;
+  static const Tunables<W> table = {
+      {{"velocity", "s^2", "Weight of the velocity error", 0, 100, {1, -4, 1}}, &W::velocity},
+      {{"input", "m^2", "Weight of the inputs, of full scale", 0, 100, {1, -7, -1}}, &W::input},
+      {{"turning", "m^2", "Weight of their difference, of full scale", 0, 100, {1, -7, -1}},
+       &W::turning},
+      {{"end_position", "-", "Weight of the position error at the end", 0, 1e4, {1, -2, 3}},
+       &W::end_position},
+      {{"end_velocity", "s^2", "Weight of the velocity error at the end", 0, 1e4, {1, -2, 3}},
+       &W::end_velocity},
+  };
+  return table;
+}
+
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
     : dynamics_(model),
       derivatives_(model),

@@ -93,7 +93,7 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   if (driver.empty() || driver == name_) return;
   for (double input : {message->left, message->right, message->lift})
     if (!std::isfinite(input)) return;
-  commanded(seconds(message->header.stamp), {message->left, message->right, message->lift});
+  pilot_.commanded(seconds(message->header.stamp), {message->left, message->right, message->lift});
   life_.otherDrives(now(), driver, message->lift);
 }
 
@@ -114,7 +114,7 @@ bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Respons
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   response.message = life_.start(now());
   response.success = response.message.empty();
-  if (response.success) response.message = caution();
+  if (response.success) response.message = pilot_.caution();
   return true;
 }
 
@@ -162,7 +162,7 @@ void Controller::publish(const Inputs& inputs) {
   message->right = inputs.right;
   message->lift = inputs.lift;
   controls_.publish(message);
-  commanded(seconds(stamp), inputs);
+  pilot_.commanded(seconds(stamp), inputs);
 }
 
 void Controller::changed() {

@@ -22,9 +22,11 @@ namespace ground {
 /// Parameters: model (model file, by which it returns home; required, as is the base's room, while
 /// returns is true) and those of Excitation.cfg, which take effect at the next start. Publishes
 /// besides: bursts (latched; each burst and each return as it begins), and each decision of a return
-/// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column lift is played as it is, its lift included.
+/// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column
+/// lift is played as it is, its lift included.
 class Excitation : public Controller {
  public:
+  Excitation() : Controller(pilot_) {}
   ~Excitation() override {
     reconfigure_.reset();
     model_service_ = ModelService();
@@ -34,6 +36,23 @@ class Excitation : public Controller {
 
  private:
   using Config = ExcitationConfig;
+
+  /// Plays what is set when it is started.
+  struct Player : ExcitationPilot {
+    explicit Player(Excitation& owner)
+        : ExcitationPilot([&owner] { return owner.seconds(ros::Time::now()); },
+                          [&owner](const Mark& mark) { owner.marked(mark); },
+                          [&owner](const ReferencePilot::Decision& decision) {
+                            owner.decision_publisher_.publish(decision, owner.measuredAt(),
+                                                              owner.getName(), owner.config_.lift);
+                          }),
+          owner(owner) {}
+    void activate(double stamp) override {
+      owner.prepare();
+      ExcitationPilot::activate(stamp);
+    }
+    Excitation& owner;
+  };
 
   void load(ros::NodeHandle& nh) override {
     const auto file = optionalParameter<std::string>(nh, "model", "");
@@ -47,8 +66,8 @@ class Excitation : public Controller {
         ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
           const std::lock_guard<std::recursive_mutex> lock(mutex());
           model_ = model;
-          caution_ = judge(config_, signal_);
-          return caution_;
+          pilot_.setCaution(judge(config_, signal_));
+          return pilot_.caution();
         });
     drive_subscriber_ = topics.subscribe("drive", 4, &Excitation::onDrive, this);
   }
@@ -126,10 +145,11 @@ class Excitation : public Controller {
     common.recovery_time = c.recovery_time;
     common.rate = c.rate;
     setParams(common);
-    caution_ = judge(c, signal_);
+    pilot_.setCaution(judge(c, signal_));
     if (!signal_.description.empty())
       NODELET_INFO("%s: %s", c.file.c_str(), signal_.description.c_str());
-    if (!caution_.empty()) NODELET_INFO("%s: %s", getName().c_str(), caution_.c_str());
+    if (!pilot_.caution().empty())
+      NODELET_INFO("%s: %s", getName().c_str(), pilot_.caution().c_str());
   }
 
   /// What whoever starts it should know of where the craft will go.
@@ -151,26 +171,13 @@ class Excitation : public Controller {
                           : "open loop: " + leaves + ", where it is stopped";
   }
 
-  std::string caution() const override { return caution_; }
-
-  void activate(double stamp) override {
+  void prepare() {
     if (config_.returns) {
       pilot_.playInside(signal_, config_.duration, *model_, returns(config_));
     } else {
       pilot_.play(signal_, config_.duration);
     }
-    pilot_.activate(stamp);
   }
-  std::string objection(const MeasuredState& measured) override {
-    return pilot_.objection(measured);
-  }
-  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
-                double lift) override {
-    return pilot_.update(elapsed, stamp, state, lift);
-  }
-  double end() const override { return pilot_.end(); }
-  double nextChange(double elapsed) const override { return pilot_.nextChange(elapsed); }
-  void commanded(double time, const Inputs& inputs) override { pilot_.commanded(time, inputs); }
 
   void marked(const ExcitationPilot::Mark& mark) {
     auto message = boost::make_shared<ground_msgs::Burst>();
@@ -188,13 +195,7 @@ class Excitation : public Controller {
   InputSignal built_;           ///< by wrong() for apply()
   InputSignal signal_;
   Config config_;
-  std::string caution_;
-  ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); },
-                         [this](const ExcitationPilot::Mark& mark) { marked(mark); },
-                         [this](const ReferencePilot::Decision& decision) {
-                           decision_publisher_.publish(decision, measuredAt(), getName(),
-                                                       config_.lift);
-                         }};
+  Player pilot_{*this};
   ros::Publisher burst_publisher_;
   DecisionPublisher decision_publisher_;
   ros::Subscriber drive_subscriber_;

@@ -21,7 +21,6 @@
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
-#include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -94,7 +93,7 @@ class LiveComparison : public nodelet::Nodelet {
     MonitorParams p;
     p.horizon = c.horizon;
     p.window = c.window;
-    p.observer = observerParams(c);
+    takeFields(p.observer, ObserverParams::table(), c);
     return p;
   }
 

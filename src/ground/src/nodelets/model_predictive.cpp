@@ -2,8 +2,6 @@
 
 #include <pluginlib/class_list_macros.hpp>
 
-#include "ground/control/predictive_control.h"
-#include "ground/nodelets/observer_parameters.h"
 #include "ground/nodelets/reference_tracking.h"
 
 namespace ground {
@@ -12,31 +10,8 @@ namespace ground {
 /// parameters as ReferenceTracking, and horizon, weights and the observer's noise.
 class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
  public:
+  ModelPredictive() : ReferenceTracking("ModelPredictive") {}
   ~ModelPredictive() override { shutdown(); }
-
- private:
-  using Config = ModelPredictiveConfig;
-
-  static PredictiveParams params(const Config& c) {
-    PredictiveParams p;
-    p.horizon = c.horizon;
-    p.steps = c.steps;
-    p.iterations = c.iterations;
-    p.search_iterations = c.search_iterations;
-    p.lost = c.lost;
-    p.weights = {c.velocity, c.input, c.turning, c.end_position, c.end_velocity};
-    p.observer = observerParams(c);
-    return p;
-  }
-
-  const char* kind() const override { return "ModelPredictive"; }
-  std::unique_ptr<TrackingController> make(const Model& model, const Config& c) override {
-    return std::make_unique<PredictiveControl>(model, params(c));
-  }
-  std::string check(const Config& c) const override { return params(c).validate(); }
-  void tune(TrackingController& controller, const Config& c) override {
-    static_cast<PredictiveControl&>(controller).setParams(params(c));
-  }
 };
 
 }  // namespace ground

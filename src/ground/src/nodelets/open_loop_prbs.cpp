@@ -15,8 +15,9 @@ namespace ground {
 /// Parameters: csv (file of rows LEFT,RIGHT; made from order and seed when empty), rows_per_bit of
 /// that file (0: found in it), order (9), seed (1), and those of OpenLoopPRBS.cfg, which take
 /// effect at the next start.
-class OpenLoopPRBS : public Controller {
+class OpenLoopPRBS : private Pilot, public Controller {
  public:
+  OpenLoopPRBS() : Controller(static_cast<Pilot&>(*this)) {}
   ~OpenLoopPRBS() override { shutdown(); }
 
  private:
@@ -45,7 +46,9 @@ class OpenLoopPRBS : public Controller {
   }
 
   static PrbsParams params(const OpenLoopPRBSConfig& c) {
-    return {c.clock, c.left_low, c.left_high, c.right_low, c.right_high, c.duration};
+    PrbsParams params;
+    takeFields(params, PrbsParams::table(), c);
+    return params;
   }
 
   void activate(double) override {

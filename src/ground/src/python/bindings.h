@@ -2,11 +2,13 @@
 #pragma once
 
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <Eigen/Core>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 
@@ -33,6 +35,14 @@ Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
     rows.row(i) = fill(entries[static_cast<std::size_t>(i)]);
   return rows;
+}
+
+/// A property for each parameter in a table.
+template <class Params>
+void defFields(pybind11::class_<Params>& type, const Tunables<Params>& table) {
+  for (const Tunable<Params>& one : table)
+    type.def_property(one.name.c_str(), pybind11::cpp_function(one.get),
+                      pybind11::cpp_function(one.set));
 }
 
 }  // namespace ground

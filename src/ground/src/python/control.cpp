@@ -3,6 +3,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
+#include <map>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
 #include "bindings.h"
 #include "ground/control/controllers.h"
 #include "ground/control/effect_use.h"
@@ -16,19 +22,48 @@
 namespace py = pybind11;
 
 namespace ground {
+namespace {
+
+template <class Params>
+std::vector<TunableInfo> infosOf(const Tunables<Params>& table) {
+  return {table.begin(), table.end()};
+}
+
+py::object toPython(const TunableInfo& info, const Setting& value) {
+  return info.type == "int" ? py::int_(std::lround(std::get<double>(value))) : py::cast(value);
+}
+
+}  // namespace
 
 void bindControl(py::module_& module) {
-  py::class_<ReferenceParams>(module, "ReferenceParams", "A reference trajectory.")
-      .def(py::init<>())
+  py::class_<TunableInfo>(module, "TunableInfo", "What a parameter is.")
+      .def_readonly("name", &TunableInfo::name)
+      .def_readonly("unit", &TunableInfo::unit)
+      .def_readonly("text", &TunableInfo::text)
+      .def_readonly("type", &TunableInfo::type, "double, int, bool or str.")
+      .def_readonly("low", &TunableInfo::low)
+      .def_readonly("high", &TunableInfo::high)
+      .def_property_readonly(
+          "default", [](const TunableInfo& info) { return toPython(info, info.standard); })
+      .def_property_readonly(
+          "search",
+          [](const TunableInfo& info) -> py::object {
+            const SearchRange& range = info.search;
+            if (range.sign == 0) return py::none();
+            return py::make_tuple(range.sign, range.low, range.high);
+          },
+          "Sign and powers of ten between which tune searches it; None when it does not.");
+  py::class_<ReferenceInfo>(module, "ReferenceInfo", "What a kind of reference is.")
+      .def_readonly("name", &ReferenceInfo::name)
+      .def_readonly("text", &ReferenceInfo::text)
+      .def_readonly("takes", &ReferenceInfo::takes)
+      .def_readonly("ends", &ReferenceInfo::ends);
+  module.def("reference_table", &referenceTable);
+  module.def("reference_parameters", [] { return infosOf(ReferenceParams::table()); });
+  py::class_<ReferenceParams> reference(module, "ReferenceParams", "A reference trajectory.");
+  defFields(reference, ReferenceParams::table());
+  reference.def(py::init<>())
       .def_readwrite("kind", &ReferenceParams::kind)
-      .def_readwrite("origin", &ReferenceParams::origin)
-      .def_readwrite("size", &ReferenceParams::size)
-      .def_readwrite("rate_of_turn", &ReferenceParams::rate_of_turn)
-      .def_readwrite("petals", &ReferenceParams::petals)
-      .def_readwrite("speed", &ReferenceParams::speed)
-      .def_readwrite("end", &ReferenceParams::end)
-      .def_readwrite("smooth", &ReferenceParams::smooth)
-      .def_readwrite("file", &ReferenceParams::file)
       .def(
           "extent", [](const ReferenceParams& params) { return makeReference(params)->extent(); },
           "Time after which it repeats or stands still [s].")
@@ -51,42 +86,36 @@ void bindControl(py::module_& module) {
             });
           },
           py::arg("times"), "Positions x, y [m] at `times` [s].");
-  py::class_<TrackingGains>(module, "TrackingGains", "Gains of the tracking law (4.7).")
-      .def(py::init<>())
-      .def_readwrite("k_e", &TrackingGains::k_e)
-      .def_readwrite("k_z", &TrackingGains::k_z)
-      .def_readwrite("k_phi_1", &TrackingGains::k_phi_1)
-      .def_readwrite("k_phi_2", &TrackingGains::k_phi_2)
-      .def_readwrite("delta_1", &TrackingGains::delta_1)
-      .def_readwrite("delta_2", &TrackingGains::delta_2);
-  py::class_<PlanWeights>(module, "PlanWeights", "What a plan costs.")
-      .def(py::init<>())
-      .def_readwrite("velocity", &PlanWeights::velocity)
-      .def_readwrite("input", &PlanWeights::input)
-      .def_readwrite("turning", &PlanWeights::turning)
-      .def_readwrite("end_position", &PlanWeights::end_position)
-      .def_readwrite("end_velocity", &PlanWeights::end_velocity);
-  py::class_<PredictiveParams>(module, "PredictiveParams", "Model predictive control.")
-      .def(py::init<>())
-      .def_readwrite("horizon", &PredictiveParams::horizon)
-      .def_readwrite("steps", &PredictiveParams::steps)
-      .def_readwrite("iterations", &PredictiveParams::iterations)
-      .def_readwrite("lost", &PredictiveParams::lost)
-      .def_readwrite("search_iterations", &PredictiveParams::search_iterations)
-      .def_readwrite("weights", &PredictiveParams::weights)
-      .def_readwrite("observer", &PredictiveParams::observer);
-  py::class_<PrbsParams>(module, "PrbsParams", "How a binary sequence is played.")
-      .def(py::init<>())
-      .def_readwrite("clock", &PrbsParams::clock)
-      .def_readwrite("duration", &PrbsParams::duration);
+  py::class_<ControllerInfo>(module, "ControllerInfo", "What a kind of controller is.")
+      .def_readonly("name", &ControllerInfo::name)
+      .def_readonly("text", &ControllerInfo::text)
+      .def_readonly("follows", &ControllerInfo::follows, "Whether it follows a reference.")
+      .def_property_readonly("parameters",
+                             [](const ControllerInfo& info) { return infosOf(info.parameters); });
+  module.def("controller_table", &controllerTable);
   py::class_<ControllerChoice>(module, "ControllerChoice", "A controller by its name.")
       .def(py::init<>())
       .def_readwrite("kind", &ControllerChoice::kind)
-      .def_readwrite("gains", &ControllerChoice::gains)
-      .def_readwrite("predictive", &ControllerChoice::predictive)
-      .def_readwrite("prbs", &ControllerChoice::prbs)
-      .def_readwrite("prbs_seed", &ControllerChoice::prbs_seed);
-  module.def("controller_names", &controllerNames);
+      .def_property(
+          "values",
+          [](const ControllerChoice& choice) {
+            py::dict values;
+            for (const auto& one : controllerInfo(choice.kind).parameters)
+              values[py::str(one.name)] = toPython(one, one.get(choice));
+            return values;
+          },
+          [](ControllerChoice& choice, const std::map<std::string, Setting>& values) {
+            const ControllerInfo& info = controllerInfo(choice.kind);
+            for (const auto& [name, value] : values) {
+              const auto* const one = findNamed(info.parameters, name);
+              if (!one)
+                throw std::invalid_argument(info.name + " has no parameter '" + name +
+                                            "'; it has " + namesOf(info.parameters));
+              one->set(choice, value);
+            }
+          },
+          "Name to value of all parameters of its kind. Setting it sets those that are given; "
+          "ValueError on a name or a type that it does not have.");
   py::class_<RoomPlan>(module, "RoomPlan", "The floor that a craft may be on, world_ned.")
       .def(py::init<>())
       .def_readwrite("name", &RoomPlan::name)
@@ -143,8 +172,7 @@ void bindControl(py::module_& module) {
   py::class_<ReturnParams>(module, "ReturnParams", "How an excitation is kept inside a room.")
       .def(py::init<>())
       .def_readwrite("burst", &ReturnParams::burst)
-      .def_readwrite("arrival", &ReturnParams::arrival)
-      .def_readwrite("predictive", &ReturnParams::predictive);
+      .def_readwrite("arrival", &ReturnParams::arrival);
   module.def(
       "effect_use",
       [](const std::string& kind, const Model& model) {

@@ -5,7 +5,6 @@
 
 #include "bindings.h"
 #include "ground/estimation/axis_mapping.h"
-#include "ground/estimation/disturbance_observer.h"
 #include "ground/estimation/smoother.h"
 
 namespace py = pybind11;
@@ -56,15 +55,6 @@ void bindEstimation(py::module_& module) {
       },
       py::arg("stamps"), py::arg("eta"), py::arg("params"),
       "Velocities without delay from the poses of a whole recording.");
-
-  py::class_<ObserverParams>(module, "ObserverParams", "Noise that the observer reckons with.")
-      .def(py::init<>())
-      .def_readwrite("position_noise", &ObserverParams::position_noise)
-      .def_readwrite("heading_noise", &ObserverParams::heading_noise)
-      .def_readwrite("push", &ObserverParams::push)
-      .def_readwrite("twist", &ObserverParams::twist)
-      .def_readwrite("push_drift", &ObserverParams::push_drift)
-      .def_readwrite("twist_drift", &ObserverParams::twist_drift);
 }
 
 }  // namespace ground

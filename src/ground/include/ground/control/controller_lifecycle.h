@@ -4,6 +4,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
@@ -70,7 +71,11 @@ class Pilot {
   /// after every state and update.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
   /// What whoever starts it should know; empty when nothing.
-  virtual std::string caution() const { return ""; }
+  const std::string& caution() const { return caution_; }
+  void setCaution(std::string caution) { caution_ = std::move(caution); }
+
+ private:
+  std::string caution_;
 };
 
 /// The life of a controller: whether it may drive, and what goes out while it may not. The same

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/model/tunable.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -46,6 +47,7 @@ struct PrbsParams {
   double right_high = 1.0;
   double duration = 20.0;  ///< [s]; the sequence repeats as often as needed
 
+  static const Tunables<PrbsParams>& table();
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
 

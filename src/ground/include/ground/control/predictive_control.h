@@ -9,6 +9,7 @@
 #include "ground/control/tracking_controller.h"
 #include "ground/control/trajectory_optimizer.h"
 #include "ground/estimation/disturbance_observer.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 
@@ -22,7 +23,8 @@ struct PredictiveParams {
   PlanWeights weights;
   ObserverParams observer;
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  static const Tunables<PredictiveParams>& table();  ///< weights and observer included
+  std::string validate() const;                      ///< what is wrong; empty when nothing is
 };
 
 /// Nonlinear model predictive control with the whole model, effects included.

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/model/tunable.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -54,9 +55,9 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth);
 
-/// A reference by its kind; each kind takes what it needs.
+/// A reference by its kind; each takes what it needs (referenceTable).
 struct ReferenceParams {
-  std::string kind = "circle";                       ///< circle, line, rhodonea, sinusoid or file
+  std::string kind = "circle";
   Vector2<double> origin = Vector2<double>::Zero();  ///< centre or start, world_ned [m]
   double size = 2.0;                                 ///< radius or amplitude [m]
   double rate_of_turn = 0.6;                         ///< [rad/s]
@@ -65,10 +66,25 @@ struct ReferenceParams {
   Vector2<double> end{2.5, 2.5};                     ///< line: world_ned [m]
   bool smooth = true;  ///< line, waypoints of a file: start and stop smoothly
   std::string file;    ///< CSV, see readReference
+
+  /// All but the kind; origin is x, y and end is end_x, end_y.
+  static const Tunables<ReferenceParams>& table();
+  bool operator==(const ReferenceParams& other) const;
 };
 
-/// Throws std::invalid_argument when the kind is unknown or cannot be drawn with these numbers,
-/// std::runtime_error when the file cannot be read.
+/// What a kind of reference is, for people and for those that offer it.
+struct ReferenceInfo {
+  std::string name, text;
+  std::vector<std::string> takes;  ///< names in ReferenceParams::table()
+  bool ends;                       ///< whether it comes to a stop
+  ReferencePtr (*make)(const ReferenceParams&);
+};
+
+/// All kinds: circle, line, rhodonea, sinusoid, file.
+const std::vector<ReferenceInfo>& referenceTable();
+
+/// Throws std::invalid_argument when the kind is unknown, when a number that it takes is outside
+/// its range, or when it cannot be drawn; std::runtime_error when the file cannot be read.
 ReferencePtr makeReference(const ReferenceParams& params);
 
 }  // namespace ground

@@ -6,6 +6,7 @@
 #include "ground/control/effect_use.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/model/dynamics.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 
@@ -18,6 +19,7 @@ struct TrackingGains {
   double delta_1 = -0.01;  ///< offset of the velocity error along surge [m/s], not 0
   double delta_2 = 0.0;    ///< along sway [m/s]
 
+  static const Tunables<TrackingGains>& table();
   std::string validate() const;  ///< what is wrong; empty when nothing is
 };
 
@@ -57,7 +59,7 @@ class BacksteppingControl : public TrackingController {
 
   /// Throws std::invalid_argument when it must not drive by this model (effectUse).
   BacksteppingControl(const Model& model, const TrackingGains& gains);
-  void setGains(const TrackingGains& gains) { gains_ = gains; }
+  void setParams(const TrackingGains& gains) { gains_ = gains; }
   Vector2<double> decide(const Observation& seen) override {
     const double t = std::max(0.0, seen.stamp - seen.reference_start);
     const TrackingLaw::Output out = law_.run(seen.state, seen.reference->at(t), gains_);

@@ -6,6 +6,7 @@
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/pushed_step.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 
@@ -17,6 +18,8 @@ struct PlanWeights {
   double turning = 1e-3;     ///< of the difference of the inputs, of full scale [m^2]
   double end_position = 50;  ///< of the position error at the end, as often as along the way
   double end_velocity = 1;   ///< of the velocity error at the end [s^2]
+
+  static const Tunables<PlanWeights>& table();
 };
 
 /// Plans the inputs of a craft over a horizon: iterative linear-quadratic regulator with bounds on

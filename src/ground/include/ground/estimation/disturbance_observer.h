@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "ground/model/pushed_step.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 
@@ -17,6 +18,8 @@ struct ObserverParams {
   double push_drift = 0.1;       ///< of the missing acceleration, surge and sway [m/s^2/sqrt(s)]
   double twist_drift = 1.0;      ///< the same, yaw [rad/s^2/sqrt(s)]
   double max_gap = 1.0;          ///< between measurements, beyond which it starts anew [s]
+
+  static const Tunables<ObserverParams>& table();  ///< all but max_gap
 };
 
 /// Pose, velocity and the acceleration that the model lacks, from measured poses and from the

@@ -21,8 +21,8 @@
 
 namespace ground {
 
-/// Base of all controllers: state in, commands out, and a ControllerLifecycle in between. A child is
-/// the Pilot: it says what to command; its functions are called with mutex() held.
+/// Base of all controllers: state in, commands out, and a ControllerLifecycle in between. A child
+/// has the Pilot that says what to command; its functions are called with mutex() held.
 ///
 /// Several controllers may be loaded into one manager: the one that was started last drives. It
 /// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
@@ -33,13 +33,15 @@ namespace ground {
 /// kept; no bounds when empty), none of them live. Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in a
 /// thread of their own.
-class Controller : public nodelet::Nodelet, protected Pilot {
+class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
 
  protected:
+  /// Calls nothing of the pilot, which may be a part of the child, until it is loaded.
+  explicit Controller(Pilot& pilot) : pilot_(pilot) {}
   /// Ends thread and callbacks with zero inputs; to be called first by every child's destructor,
-  /// since they call into the child.
+  /// since they call into its pilot.
   void shutdown();
   /// Loads parameters and advertises; throws on anything missing or wrong.
   virtual void load(ros::NodeHandle& nh) = 0;
@@ -74,11 +76,12 @@ class Controller : public nodelet::Nodelet, protected Pilot {
   void changed();
   void publishStatus();
 
+  Pilot& pilot_;  ///< guarded by mutex_
   CallbackThread callbacks_, service_callbacks_;
   std::recursive_mutex mutex_;  ///< guards everything below
   std::string name_;
   ros::Time epoch_, measured_at_;
-  ControllerLifecycle life_{*this, [this](const Inputs& inputs) { publish(inputs); },
+  ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); },
                             [this] { changed(); }};
   std::optional<RoomPlan> room_;
   bool auto_start_ = false;

@@ -3,6 +3,8 @@
 #include <dynamic_reconfigure/server.h>
 #include <ros/ros.h>
 
+#include <algorithm>
+#include <boost/any.hpp>
 #include <boost/thread/recursive_mutex.hpp>
 #include <cmath>
 #include <functional>
@@ -13,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/model/tunable.h"
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/live_changes.h"
 
@@ -34,6 +37,31 @@ T requiredParameter(const ros::NodeHandle& nh, const std::string& name) {
 template <typename T>
 T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T& fallback) {
   return nh.hasParam(name) ? requiredParameter<T>(nh, name) : fallback;
+}
+
+/// The field of this name in a dynamic_reconfigure class; null without one.
+template <class Config>
+auto findField(const std::string& name) {
+  const auto& fields = Config::__getParamDescriptions__();
+  const auto found = std::find_if(fields.begin(), fields.end(),
+                                  [&](const auto& field) { return field->name == name; });
+  return found == fields.end() ? typename std::decay_t<decltype(*found)>() : *found;
+}
+
+/// Fills `params` by the fields of the same names in a dynamic_reconfigure class; throws
+/// std::logic_error where there is none.
+template <class Params, class Config>
+void takeFields(Params& params, const Tunables<Params>& table, const Config& config) {
+  for (const Tunable<Params>& one : table) {
+    const auto field = findField<Config>(one.name);
+    if (!field) throw std::logic_error("the .cfg file has no parameter " + one.name);
+    boost::any value;
+    field->getValue(config, value);
+    if (field->type == "double") one.set(params, boost::any_cast<double>(value));
+    if (field->type == "int") one.set(params, static_cast<double>(boost::any_cast<int>(value)));
+    if (field->type == "bool") one.set(params, boost::any_cast<bool>(value));
+    if (field->type == "str") one.set(params, boost::any_cast<std::string>(value));
+  }
 }
 
 /// Parameters that a person tunes while the nodelet runs: a dynamic_reconfigure server that

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <ground/ModelPredictiveConfig.h>
-#include <ground/TrajectoryTrackingConfig.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/Reference.h>
 #include <nav_msgs/Path.h>
@@ -9,10 +7,8 @@
 #include <limits>
 #include <memory>
 #include <mutex>
-#include <set>
 #include <stdexcept>
 #include <string>
-#include <tuple>
 #include <utility>
 
 #include "ground/control/controllers.h"
@@ -29,7 +25,7 @@
 namespace ground {
 
 /// Base of the controllers that follow a reference. Config is a dynamic_reconfigure class with the
-/// fields of cfg/tracking_parameters.py and the child's own.
+/// fields of cfg/tracking_parameters.py and the parameters of this kind in controllerTable().
 ///
 /// Parameters: model (model file, required) and those of Config, all live; a change of the
 /// reference starts it anew. What takes long, a reference from a large file above all, is built
@@ -45,6 +41,9 @@ namespace ground {
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
+  /// kind: a name in controllerTable().
+  explicit ReferenceTracking(const std::string& kind)
+      : Controller(pilot_), kind_(controllerInfo(kind)) {}
   /// As the base's; to be called first by every child's destructor.
   void shutdown() {
     reconfigure_.reset();
@@ -52,21 +51,12 @@ class ReferenceTracking : public Controller {
     drive_subscriber_.shutdown();
     Controller::shutdown();
   }
-  /// Its kind, one of controllerNames().
-  virtual const char* kind() const = 0;
-  /// Makes the controller; throws on what it cannot do with the model.
-  virtual std::unique_ptr<TrackingController> make(const Model& model, const Config& config) = 0;
-  /// What is wrong with the child's own parameters; empty when nothing is.
-  virtual std::string check(const Config& config) const = 0;
-  /// Hands the child's own parameters, good ones, to a controller that make() made.
-  virtual void tune(TrackingController& controller, const Config& config) = 0;
-
  private:
   void load(ros::NodeHandle& nh) override {
     refuseForeign(nh);
     const std::string file = requiredParameter<std::string>(nh, "model");
     model_ = loadModelAndWarn(file);
-    const std::string refusal = effectUse(kind(), model_).refusal;
+    const std::string refusal = kind_.effectUse(model_).refusal;
     if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
     ros::NodeHandle topics = this->topics();
     reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
@@ -84,22 +74,13 @@ class ReferenceTracking : public Controller {
     pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
   }
 
-  template <class AnyConfig>
-  static std::set<std::string> names() {
-    std::set<std::string> found;
-    for (const auto& parameter : AnyConfig::__getParamDescriptions__())
-      found.insert(parameter->name);
-    return found;
-  }
-
-  /// The gains of another kind of controller would have no effect.
+  /// The parameters of another kind of controller would have no effect.
   void refuseForeign(const ros::NodeHandle& nh) const {
-    const std::set<std::string> own = names<Config>();
-    for (const auto& other : {names<TrajectoryTrackingConfig>(), names<ModelPredictiveConfig>()})
-      for (const std::string& name : other)
-        if (own.count(name) == 0 && nh.hasParam(name))
+    for (const ControllerInfo& other : controllerTable())
+      for (const TunableInfo& parameter : other.parameters)
+        if (other.follows && !findField<Config>(parameter.name) && nh.hasParam(parameter.name))
           throw std::runtime_error(
-              "parameter " + nh.resolveName(name) + " is not one of " + kind() +
+              "parameter " + nh.resolveName(parameter.name) + " is not one of " + kind_.name +
               ": it comes from the file of gains of another controller, or from an earlier run "
               "(rosparam delete " + nh.getNamespace() + ")");
   }
@@ -107,25 +88,19 @@ class ReferenceTracking : public Controller {
   static ReferenceParams reference(const Config& c) {
     ReferenceParams params;
     params.kind = c.reference;
-    params.origin = {c.x, c.y};
-    params.size = c.size;
-    params.rate_of_turn = c.rate_of_turn;
-    params.petals = c.petals;
-    params.speed = c.speed;
-    params.end = {c.end_x, c.end_y};
-    params.smooth = c.smooth;
-    params.file = c.file;
+    takeFields(params, ReferenceParams::table(), c);
     return params;
   }
 
-  /// What the reference depends on.
-  static auto shape(const Config& c) {
-    return std::make_tuple(c.reference, c.x, c.y, c.size, c.rate_of_turn, c.petals, c.speed,
-                           c.end_x, c.end_y, c.smooth, c.file);
+  ControllerChoice choice(const Config& c) const {
+    ControllerChoice made;
+    made.kind = kind_.name;
+    takeFields(made, kind_.parameters, c);
+    return made;
   }
 
   std::unique_ptr<TrackingController> made(const Model& model, const Config& config) {
-    std::unique_ptr<TrackingController> controller = make(model, config);
+    std::unique_ptr<TrackingController> controller = makeController(model, choice(config));
     if (room()) controller->avoid({Fence(*room(), room()->margin), Fence::kLoss});
     return controller;
   }
@@ -133,8 +108,9 @@ class ReferenceTracking : public Controller {
   /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
   std::string wrong(const Config& c) {
     built_.reset();
-    std::string reason = check(c);
-    if (!reason.empty() || (pilot_.reference() && shape(c) == shape(config_))) return reason;
+    std::string reason = choice(c).validate();
+    if (!reason.empty() || (pilot_.reference() && reference(c) == reference(config_)))
+      return reason;
     try {
       if (!pilot_.controller()) first_ = made(model_, c);
       built_ = makeReference(reference(c));
@@ -151,7 +127,7 @@ class ReferenceTracking : public Controller {
     const bool changed = built_ != nullptr;
     ReferencePtr reference = changed ? std::move(built_) : pilot_.reference();
     built_.reset();
-    std::string caution = caution_;
+    std::string caution = pilot_.caution();
     if (changed) caution = judge(model_, *reference, c.reference);
     const nav_msgs::PathConstPtr path = drawn(*reference);
     const double max_error = c.max_error > 0 ? c.max_error : defaultMaxError(*reference);
@@ -168,11 +144,11 @@ class ReferenceTracking : public Controller {
       if (first_) {
         pilot_.swapController(first_, model_);
       } else {
-        tune(*pilot_.controller(), c);
+        kind_.tune(*pilot_.controller(), choice(c));
       }
       pilot_.setMaxError(max_error);
       pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
-      caution_ = std::move(caution);
+      pilot_.setCaution(std::move(caution));
       if (changed) {
         pilot_.swapReference(reference);
         path_publisher_.publish(path);
@@ -188,14 +164,14 @@ class ReferenceTracking : public Controller {
     const std::lock_guard<std::recursive_mutex> lock(mutex());
     pilot_.swapController(controller, model);
     model_ = model;
-    caution_ = caution;
+    pilot_.setCaution(caution);
     return caution;
   }
 
   /// What there is to say of a model and a reference, which is logged as well.
   std::string judge(const Model& model, const ReferenceTrajectory& reference,
                     const std::string& name) const {
-    const EffectUse use = effectUse(kind(), model);
+    const EffectUse use = kind_.effectUse(model);
     std::string said = use.remark();
     const std::string who = getName();
     if (!use.unused.empty()) {
@@ -209,24 +185,10 @@ class ReferenceTracking : public Controller {
     return said + (said.empty() ? "" : "; ") + beyond;
   }
 
-  std::string caution() const override { return caution_; }
-
-  void activate(double stamp) override { pilot_.activate(stamp); }
-  std::string objection(const MeasuredState& measured) override {
-    return pilot_.objection(measured);
-  }
-  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
-                double lift) override {
-    return pilot_.update(elapsed, stamp, state, lift);
-  }
-  double end() const override { return pilot_.end(); }
-
   void decided(const ReferencePilot::Decision& decision) {
     if (measuredAt() != published_) publishReference(decision.reference);
     decision_publisher_.publish(decision, measuredAt(), getName(), config_.lift);
   }
-
-  void commanded(double time, const Inputs& inputs) override { pilot_.commanded(time, inputs); }
 
   void publishReference(const ReferencePoint& point) {
     published_ = measuredAt();
@@ -259,14 +221,14 @@ class ReferenceTracking : public Controller {
     return path;
   }
 
+  const ControllerInfo& kind_;
   ReferencePtr built_;  ///< by wrong() for apply(), as the first controller is
   std::unique_ptr<TrackingController> first_;
-  /// Held while something is built and swapped in: who holds it may read the following four without
-  /// mutex(), and changes them with both.
+  /// Held while something is built and swapped in: who holds it may read model_, config_ and what
+  /// is set in pilot_ without mutex(), and changes them with both.
   std::mutex changing_;
   Model model_;
   Config config_;
-  std::string caution_;
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }};
   ros::Time published_;  ///< stamp of the newest message of the reference; guarded by mutex()

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ground.errors import IdentifyError
+from ground.recordings import tracking_error
 from ground.recordings.bag_reader import BagReader
 
 PAUSE = 0.5  # without a reference, after which another drive begins [s]
@@ -102,48 +103,20 @@ def _during(rows, began, ended):
     return kept
 
 
-def wanted_numbers(wanted):
-    """Of rows left, right before the inputs were limited: the share outside 0..1 and the largest; None
-    without rows."""
-    outside = ((wanted < -1e-6) | (wanted > 1 + 1e-6)).any(axis=1)
-    return {
-        "wanted_outside": float(outside.mean()) if len(wanted) else None,
-        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
-    }
-
-
-def compute_ms(seconds):
-    """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
-    if not len(seconds):
-        return None
-    found = 1e3 * np.asarray(seconds)
-    return {
-        "median": float(np.median(found)),
-        "p999": float(np.quantile(found, 0.999)),
-        "max": float(found.max()),
-    }
-
-
 def numbers(track, settled=0.0):
     """What a Track comes to, from `settled` [s] on: rms, max and final error [m], share of the time
-    in which an input is at a bound, mean square of the inputs, and `wanted_numbers` and `compute_ms`
-    (of the whole drive), None where that was not recorded."""
+    in which an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms of
+    tracking_error (the latter of the whole drive), None where that was not recorded."""
     counts = track.times >= settled
     if not counts.any():
         raise IdentifyError("the drive ended before %g s" % settled)
     inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
     wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
-    at_bound = ((inputs <= 1e-6) | (inputs >= 1 - 1e-6)).any(axis=1)
-    errors = track.errors[counts]
     return {
         "began": track.began,
         "duration": float(track.times[-1]),
         "controller": track.controller or None,
-        "rms": float(np.sqrt(np.mean(errors**2))),
-        "max": float(errors.max()),
-        "final": float(errors[-1]),
-        "saturated_fraction": float(at_bound.mean()) if len(inputs) else None,
-        "effort": float(np.mean(inputs**2)) if len(inputs) else None,
-        **wanted_numbers(wanted),
-        "compute_ms": compute_ms(track.computing[:, 1]),
+        **tracking_error.summary(track.errors[counts], inputs),
+        **tracking_error.wanted_summary(wanted),
+        "compute_ms": tracking_error.compute_ms(track.computing[:, 1]),
     }

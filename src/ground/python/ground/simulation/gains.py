@@ -8,35 +8,20 @@ import yaml
 from ground import _core, files
 from ground.errors import IdentifyError
 
-# kind of controller -> place of its gains in _core.ControllerChoice, names
-PLACES = {
-    "TrajectoryTracking": (
-        lambda choice: choice.gains,
-        ["k_e", "k_z", "k_phi_1", "k_phi_2", "delta_1", "delta_2"],
-    ),
-    "ModelPredictive": (
-        lambda choice: choice.predictive.weights,
-        ["velocity", "input", "turning", "end_position", "end_velocity"],
-    ),
-    "OpenLoopPRBS": (lambda choice: choice.prbs, ["clock"]),
-}
+CONTROLLERS = {info.name: info for info in _core.controller_table()}
 
 
 def get(choice):
-    """Name to value of the gains of a _core.ControllerChoice."""
-    place, names = PLACES[choice.kind]
-    return {name: getattr(place(choice), name) for name in names}
+    """Name to value of the parameters of a _core.ControllerChoice."""
+    return choice.values
 
 
 def put(choice, values):
-    """Sets gains by their names; IdentifyError on unknown ones."""
-    place, names = PLACES[choice.kind]
-    for name, value in values.items():
-        if name not in names:
-            raise IdentifyError(
-                "%s has no gain '%s'; it has %s" % (choice.kind, name, ", ".join(names))
-            )
-        setattr(place(choice), name, value)
+    """Sets parameters by their names; IdentifyError on unknown ones."""
+    try:
+        choice.values = values
+    except ValueError as error:
+        raise IdentifyError(str(error))
 
 
 def choice(kind, path=None):

@@ -1,21 +1,26 @@
 """A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
+
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ground import _core
 from ground.errors import IdentifyError
-from ground.recordings.tracks import compute_ms, wanted_numbers
+from ground.recordings import tracking_error
+from ground.simulation import gains
 from ground.workers import Workers
 
 # What follows a reference; the open-loop PRBS, to compare with, does not look at it.
-CONTROLLERS = [name for name in _core.controller_names() if name != "OpenLoopPRBS"]
+CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
+KINDS = {info.name: info for info in _core.reference_table()}
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
+# Numbers of a run that ended before its errors count
+NEVER_SETTLED = dict(rms=np.inf, max=np.inf, final=np.inf, saturated_fraction=1.0, effort=0.0)
 # What the references of the thesis look like; window: from settled until the end [s].
 REFERENCES = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
-    "line": (dict(speed=0.707, end=(2.5, 2.5), smooth=False), (0.0, 20.0)),
+    "line": (dict(speed=0.707, end_x=2.5, end_y=2.5, smooth=False), (0.0, 20.0)),
     "rhodonea": (dict(size=1.5, petals=1.5, rate_of_turn=0.4), (20.0, 60.0)),
     "sinusoid": (dict(speed=0.5, size=1.0, rate_of_turn=0.6), (20.0, 60.0)),
 }
@@ -32,7 +37,7 @@ class Task:
     @property
     def ends(self):
         """Whether the reference comes to a stop."""
-        return self.reference.kind in ("line", "file")
+        return KINDS[self.reference.kind].ends
 
 
 @dataclass
@@ -75,22 +80,37 @@ class Tracked:
         return self.decisions[:, [0, 3]]
 
 
+def reference(kind, **settings):
+    """The _core.ReferenceParams of a kind with these parameters (_core.reference_parameters);
+    IdentifyError when there is no such kind or it does not take one of them."""
+    if kind not in KINDS:
+        raise IdentifyError(
+            "the reference must be one of %s, or a .csv file, not '%s'"
+            % (", ".join(name for name in KINDS if name != "file"), kind)
+        )
+    params = _core.ReferenceParams()
+    params.kind = kind
+    for name, value in settings.items():
+        if name not in KINDS[kind].takes:
+            raise IdentifyError(
+                "reference %s does not take '%s'; it takes %s"
+                % (kind, name, ", ".join(KINDS[kind].takes))
+            )
+        setattr(params, name, value)
+    return params
+
+
 def task(kind, settled=None, until=None, **settings):
     """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
-    are given."""
-    reference = _core.ReferenceParams()
-    if kind in REFERENCES:
-        defaults, window = REFERENCES[kind]
-        reference.kind = kind
-    else:
-        defaults, window = {}, None
-        reference.kind, reference.file = "file", kind
-    for name, value in {**defaults, **settings}.items():
-        setattr(reference, name, value)
+    are given. IdentifyError as from `reference`."""
+    if kind.lower().endswith(".csv"):
+        kind, settings = "file", dict(settings, file=kind)
+    defaults, window = REFERENCES.get(kind, ({}, None))
+    reference_params = reference(kind, **{**defaults, **settings})
     if window is None:
-        window = (0.0, reference.extent() + 2 * AFTER_STOP)
+        window = (0.0, reference_params.extent() + 2 * AFTER_STOP)
     return Task(
-        reference,
+        reference_params,
         window[0] if settled is None else settled,
         window[1] if until is None else until,
     )
@@ -137,7 +157,8 @@ def run(
     that stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
-    controller.prbs.duration = task.until
+    if not gains.CONTROLLERS[controller.kind].follows:  # it plays for as long as it drives
+        controller.values = {"duration": task.until}
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
     params.life.rate, params.duration, params.max_error = rate, task.until, max_error
@@ -183,21 +204,15 @@ def _numbers(found, task):
     errors = found.errors
     counts = found.times >= task.settled - 1e-9
     at_work = found.decisions[found.decisions[:, 0] >= task.settled - 1e-9]
-    inputs = at_work[:, 1:3]
-    at_bound = ((inputs <= 1e-9) | (inputs >= 1 - 1e-9)).any(axis=1)
-    saturated = found.decisions[
-        ((found.decisions[:, 1:3] <= 1e-9) | (found.decisions[:, 1:3] >= 1 - 1e-9)).any(axis=1), 0
-    ]
+    saturated = found.decisions[tracking_error.saturated(found.decisions[:, 1:3]), 0]
+    measured = tracking_error.summary(errors[counts], at_work[:, 1:3])
     numbers = {
-        "rms": float(np.sqrt(np.mean(errors[counts] ** 2))) if counts.any() else np.inf,
-        "max": float(errors[counts].max()) if counts.any() else np.inf,
+        **{name: NEVER_SETTLED[name] if x is None else x for name, x in measured.items()},
         "final": float(errors[-1]),
-        "saturated_fraction": float(at_bound.mean()) if len(at_work) else 1.0,
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
-        "effort": float(np.mean(inputs**2)) if len(at_work) else 0.0,
         "stopped": None,
-        **wanted_numbers(at_work[:, 4:]),
-        "compute_ms": compute_ms(found.decisions[:, 3]),
+        **tracking_error.wanted_summary(at_work[:, 4:]),
+        "compute_ms": tracking_error.compute_ms(found.decisions[:, 3]),
     }
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
@@ -241,7 +256,9 @@ def pooled(runs):
     late = [n.get("after_stop_max") for n in numbers]
     if None not in late:
         result["after_stop_max"] = float(np.median(late))
-    result["compute_ms"] = compute_ms(np.concatenate([r.decisions[:, 3] for r in runs]))
+    result["compute_ms"] = tracking_error.compute_ms(
+        np.concatenate([r.decisions[:, 3] for r in runs])
+    )
     errors = [n["rms"] for n in numbers]
     result["rms_quantiles"] = {
         "p05": quantile(errors, 0.05),

@@ -19,22 +19,11 @@ import numpy as np
 from ground.errors import IdentifyError
 from ground.simulation import gains, tracking
 
-# bounds of what is searched, as sign and powers of ten; others stay as they are
+# kind of controller -> name -> sign and powers of ten of what is searched; others stay as they are
 SPACE = {
-    "TrajectoryTracking": {
-        "k_e": (1, -3, 2),
-        "k_z": (1, -6, 1),
-        "k_phi_1": (1, -4, 2),
-        "k_phi_2": (1, -4, 2),
-        "delta_1": (-1, -4, 0),
-    },
-    "ModelPredictive": {
-        "velocity": (1, -4, 1),
-        "input": (1, -7, -1),
-        "turning": (1, -7, -1),
-        "end_position": (1, -2, 3),
-        "end_velocity": (1, -2, 3),
-    },
+    name: {p.name: p.search for p in info.parameters if p.search}
+    for name, info in gains.CONTROLLERS.items()
+    if any(p.search for p in info.parameters)
 }
 # The model is never right: by how much parameters are off.
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}

@@ -6,10 +6,11 @@ import sys
 import numpy as np
 
 from ground import _core, files
+from ground.errors import IdentifyError
 from ground.recordings import bags, run_parameters
 from ground.recordings.settings import AXES
-from ground.simulation import experiments, tracking as loop
-from ground.verbs import common
+from ground.simulation import experiments, gains, tracking as loop
+from ground.verbs import common, listing
 
 NAME = "simulate"
 SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
@@ -47,20 +48,11 @@ MOCAP = [
     ("--gap-rate", "gap_rate", "1/S", "losses of tracking per second"),
     ("--gap-length", "gap_length", "S", "mean duration of a loss of tracking"),
 ]
+# parameters of references and controllers that are options here
 REFERENCE = [
-    ("--size", "size", "M", "radius or amplitude"),
-    ("--rate-of-turn", "rate_of_turn", "RAD/S", "angular rate of the reference"),
-    ("--petals", "petals", "N", "rhodonea: rate of the radius per rate of turn"),
-    ("--speed", "speed", "M/S", "line, sinusoid"),
+    p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")
 ]
-GAINS = [
-    ("--k-e", "k_e", "KG/S", "position error"),
-    ("--k-z", "k_z", "NMS", "yaw rate error"),
-    ("--k-phi-1", "k_phi_1", "K", "surge velocity error"),
-    ("--k-phi-2", "k_phi_2", "K", "sway velocity error"),
-    ("--delta-1", "delta_1", "M/S", "velocity offset along surge, not 0"),
-    ("--delta-2", "delta_2", "M/S", "velocity offset along sway"),
-]
+GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters
 
 
 def _dest(option):
@@ -72,8 +64,9 @@ LIFT = ["lift", "lift_time"]
 PATTERN = ["clock", "order", "levels", "hold", "rows_per_bit"]
 BURSTS = ["room", "burst"]
 TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model", "max_error"] + [
-    _dest(option) for option, _, _, _ in REFERENCE + GAINS + CONTROL
+    _dest(option) for option, _, _, _ in CONTROL
 ]
+TRACKING += [parameter.name for parameter in REFERENCE + GAINS]
 
 
 def _takes(kind):
@@ -202,9 +195,8 @@ def configure(parser):
     defaults = _core.TrackingParams()
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument("--controller", choices=loop.CONTROLLERS, help="(TrajectoryTracking)")
-    tracking.add_argument(
-        "--reference", choices=["circle", "line", "rhodonea", "sinusoid"], help="(circle)"
-    )
+    kinds = [name for name in loop.KINDS if name != "file"]
+    tracking.add_argument("--reference", choices=kinds, help="(circle)")
     tracking.add_argument(
         "--origin", type=_number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
     )
@@ -212,8 +204,10 @@ def configure(parser):
         "--end", type=_number, nargs=2, metavar=("X", "Y"), help="of a line [m] (2.5 2.5)"
     )
     tracking.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
-    _add_numbers(tracking, REFERENCE, defaults.reference)
-    _add_numbers(tracking, GAINS, defaults.controller.gains)
+    for parameter in REFERENCE + GAINS:
+        option = "--" + parameter.name.replace("_", "-")
+        described = listing.option(parameter, parameter.default)
+        tracking.add_argument(option, type=_number, **described)
     _add_numbers(tracking, CONTROL, defaults.life)
     tracking.add_argument(
         "--max-error",
@@ -384,12 +378,18 @@ def _tracking(arguments, room):
     _with_life(params, arguments, arguments.duration or DURATION, room)
     params.max_error = np.inf if arguments.max_error is None else arguments.max_error
     params.controller.kind = arguments.controller or params.controller.kind
-    _filled(params.controller.gains, GAINS, arguments)
-    reference = _filled(params.reference, REFERENCE, arguments)
-    reference.smooth = not arguments.sharp
-    for name, value in _given(arguments, ["origin", "end"]).items():
-        setattr(reference, name, value)
-    reference.kind = arguments.reference or reference.kind
+    values = _given(arguments, [parameter.name for parameter in GAINS])
+    settings = _given(arguments, [parameter.name for parameter in REFERENCE])
+    for option, names in {"origin": ("x", "y"), "end": ("end_x", "end_y")}.items():
+        settings.update(zip(names, getattr(arguments, option) or ()))
+    if arguments.sharp:
+        settings["smooth"] = False
+    try:
+        gains.put(params.controller, values)
+        reference = loop.reference(arguments.reference or "circle", **settings)
+    except IdentifyError as error:
+        arguments.refuse(str(error))
+    params.reference = reference
     if room is not None:
         leaves = _core.leaves_room(reference, room)
         if leaves:

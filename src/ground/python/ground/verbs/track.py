@@ -7,22 +7,14 @@ from ground import _core, files
 from ground.errors import IdentifyError
 from ground.reports import tracking_plots
 from ground.simulation import gains, tracking
-from ground.verbs import common
+from ground.verbs import common, listing
 
 NAME = "track"
 SUMMARY = (
     "drives a simulated craft along a reference, without ROS running and faster than real time"
 )
 
-DETAILS = """
-references, by default as in the thesis:
-  circle      of radius --size, at --rate-of-turn (2 m, 0.6 rad/s)
-  line        from --origin to --end at --speed, then stop ((0, 0), (2.5, 2.5) m, 0.707 m/s);
-              --smooth starts and stops it three times differentiably
-  rhodonea    rose curve: --size, --petals, --rate-of-turn (1.5 m, 1.5, 0.4 rad/s)
-  sinusoid    along x at --speed, amplitude --size, --rate-of-turn (0.5 m/s, 1 m, 0.6 rad/s)
-  FILE.csv    spline through time,x,y, or through waypoints x,y at --speed
-
+DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
 --noise the controller knows the true state at its rate; with it, what mocap_state makes of a
 mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
@@ -33,12 +25,14 @@ times, and medians are given. As on the floor, a controller stops when the error
 
 MOST_STOPS = 5  # that are printed
 
-REFERENCE = [
-    ("--size", "size", common.positive, "M"),
-    ("--rate-of-turn", "rate_of_turn", float, "RAD/S"),
-    ("--petals", "petals", float, "N"),
-    ("--speed", "speed", common.positive, "M/S"),
-]
+# options, and the parameters of references that they set
+PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}
+NUMBERS = {
+    "size": common.positive,
+    "rate_of_turn": float,
+    "petals": float,
+    "speed": common.positive,
+}
 
 
 def configure(parser):
@@ -46,10 +40,13 @@ def configure(parser):
     parser.epilog = DETAILS
     _takes_loop(parser)
     parser.add_argument("--reference", default="circle", metavar="KIND", help="below (%(default)s)")
-    for option, name, kind, metavar in REFERENCE:
-        parser.add_argument(option, dest=name, type=kind, metavar=metavar)
-    parser.add_argument("--origin", type=float, nargs=2, metavar=("X", "Y"))
-    parser.add_argument("--end", type=float, nargs=2, metavar=("X", "Y"))
+    for parameter in _core.reference_parameters():
+        if parameter.name in NUMBERS:
+            option = "--" + parameter.name.replace("_", "-")
+            kind = NUMBERS[parameter.name]
+            parser.add_argument(option, type=kind, **listing.option(parameter, None))
+    for name in PLACES:
+        parser.add_argument("--" + name, type=float, nargs=2, metavar=("X", "Y"))
     parser.add_argument("--smooth", action="store_true", help="line, waypoints: start, stop gently")
     parser.add_argument("--settled", type=common.seconds, metavar="S")
     parser.add_argument("--end-time", type=common.positive, metavar="S")
@@ -173,18 +170,13 @@ def run(arguments):
 
 
 def _task(arguments):
-    kind = arguments.reference
-    if kind not in tracking.REFERENCES and not kind.lower().endswith(".csv"):
-        raise IdentifyError(
-            "the reference must be one of %s, or a .csv file, not '%s'"
-            % (", ".join(tracking.REFERENCES), kind)
-        )
-    names = [name for _, name, _, _ in REFERENCE] + ["origin", "end"]
-    settings = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
+    settings = {n: getattr(arguments, n) for n in NUMBERS if getattr(arguments, n) is not None}
+    for name, places in PLACES.items():
+        settings.update(zip(places, getattr(arguments, name) or ()))
     if arguments.smooth:
         settings["smooth"] = True
     try:
-        return tracking.task(kind, arguments.settled, arguments.end_time, **settings)
+        return tracking.task(arguments.reference, arguments.settled, arguments.end_time, **settings)
     except (ValueError, RuntimeError) as error:
         raise IdentifyError(str(error))
 

@@ -6,7 +6,7 @@ from ground import files, workers
 from ground.errors import IdentifyError
 from ground.reports import tracking_plots
 from ground.simulation import gains, tracking, tuning
-from ground.verbs import common
+from ground.verbs import common, listing
 from ground.verbs.track import metres
 
 NAME = "tune"
@@ -19,9 +19,10 @@ Every candidate follows the references from several starts: as the model says, w
 saturation and effort with their weights. The gains of the thesis are among those to start from.
 The table is of starts and references that the search has not seen (--holdout).
 
-A reference is circle, line, rhodonea or sinusoid as in the thesis, or other than that, as in
-circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5, or a FILE.csv.
-"""
+A reference is one of those below, or other than that, as in circle:size=1.5,rate_of_turn=0.8 or
+line:speed=0.5.
+
+""" + listing.references() + "\n" + listing.controllers(tuning.SPACE)
 REFERENCES = [
     "circle",
     "line",
@@ -36,9 +37,6 @@ THESIS = {
         "(4.12)": dict(k_e=0.5, k_z=4e-4, k_phi_1=0.05, k_phi_2=0.05, delta_1=-0.01, delta_2=0.0),
     }
 }
-
-
-SETTINGS = {"size", "rate_of_turn", "petals", "speed"}
 
 
 def configure(parser):
@@ -181,20 +179,14 @@ def _task(text):
     settings = {}
     for item in filter(None, rest.split(",")):
         name, _, value = item.partition("=")
-        if name not in SETTINGS:
-            raise IdentifyError(
-                "%s: '%s' is not one of %s" % (text, name, ", ".join(sorted(SETTINGS)))
-            )
         try:
             settings[name] = float(value)
         except ValueError:
             raise IdentifyError("%s: '%s' is not a number" % (text, value))
-    if kind not in tracking.REFERENCES and not kind.lower().endswith(".csv"):
-        raise IdentifyError(
-            "a reference must be one of %s, or a .csv file, not '%s'"
-            % (", ".join(tracking.REFERENCES), kind)
-        )
-    return tracking.task(kind, **settings)
+    try:
+        return tracking.task(kind, **settings)
+    except IdentifyError as error:
+        raise IdentifyError("%s: %s" % (text, error))
 
 
 def _starting(arguments):

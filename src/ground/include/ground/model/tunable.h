@@ -1,0 +1,134 @@
+#pragma once
+
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace ground {
+
+/// The value of a parameter that people set; whole numbers are doubles as well.
+using Setting = std::variant<double, bool, std::string>;
+
+/// Where `tune` searches a parameter: sign * 10^low .. sign * 10^high; nowhere when sign is 0.
+struct SearchRange {
+  int sign = 0;
+  double low = 0, high = 0;
+};
+
+/// What a parameter is, for people and for those that offer it.
+struct TunableInfo {
+  std::string name, unit, text;
+  double low = 0, high = 0;  ///< range of a number, both ends allowed
+  SearchRange search = {};
+  std::string type = {};  ///< as in dynamic_reconfigure: double, int, bool or str
+  Setting standard = {};  ///< the default
+
+  /// "k_e must be between 1e-06 and 100 kg/s, not -1"; empty when `value` is in the range, as all
+  /// that are not numbers are.
+  std::string rangeError(const Setting& value) const;
+};
+
+namespace detail {
+
+Setting settingOf(double value);
+Setting settingOf(int value);
+Setting settingOf(unsigned long value);
+Setting settingOf(bool value);
+Setting settingOf(const std::string& value);
+/// Throw std::invalid_argument that names the parameter when `setting` is of another type or not a
+/// whole number that fits.
+void assign(double& value, const Setting& setting, const std::string& name);
+void assign(int& value, const Setting& setting, const std::string& name);
+void assign(unsigned long& value, const Setting& setting, const std::string& name);
+void assign(bool& value, const Setting& setting, const std::string& name);
+void assign(std::string& value, const Setting& setting, const std::string& name);
+
+template <class Value>
+const char* typeName() {
+  if (std::is_same<Value, bool>::value) return "bool";
+  if (std::is_integral<Value>::value) return "int";
+  return std::is_same<Value, double>::value ? "double" : "str";
+}
+
+}  // namespace detail
+
+/// A parameter in a struct: what it is and where it stands, so that it can be listed, checked, read
+/// and set by its name. Its default is that of the struct's member.
+///
+///   struct Gains { double k = 2; };
+///   const Tunables<Gains> table = {{{"k", "kg/s", "Position error", 0, 10}, &Gains::k}};
+///   table[0].set(gains, 3.0);
+template <class Params>
+struct Tunable : TunableInfo {
+  using Get = std::function<Setting(const Params&)>;
+  /// Throws std::invalid_argument on a value of another type; does not check the range.
+  using Set = std::function<void(Params&, const Setting&)>;
+
+  /// access: a member of Params, or a function that gives a reference to a part of it.
+  template <class Access>
+  Tunable(TunableInfo info, Access access) : TunableInfo(std::move(info)) {
+    using Value = std::decay_t<std::invoke_result_t<Access, Params&>>;
+    get = [access](const Params& params) {
+      return detail::settingOf(std::invoke(access, params));
+    };
+    set = [access, name = name](Params& params, const Setting& setting) {
+      detail::assign(std::invoke(access, params), setting, name);
+    };
+    type = detail::typeName<Value>();
+    standard = get(Params());
+  }
+  /// For a parameter whose type is known; the default is that of Params.
+  Tunable(TunableInfo info, Get get_it, Set set_it)
+      : TunableInfo(std::move(info)), get(std::move(get_it)), set(std::move(set_it)) {
+    standard = get(Params());
+  }
+
+  Get get;
+  Set set;
+};
+
+template <class Params>
+using Tunables = std::vector<Tunable<Params>>;
+
+/// The same parameters, of a struct that has `Part` as a member.
+template <class Params, class Part>
+Tunables<Params> lifted(Part Params::*part, const Tunables<Part>& table) {
+  Tunables<Params> found;
+  for (const Tunable<Part>& one : table)
+    found.emplace_back(
+        one, [part, get = one.get](const Params& params) { return get(params.*part); },
+        [part, set = one.set](Params& params, const Setting& s) { set(params.*part, s); });
+  return found;
+}
+
+/// What is wrong with the first number that is outside its range; empty when none is.
+template <class Params>
+std::string rangeError(const Tunables<Params>& table, const Params& params) {
+  for (const Tunable<Params>& one : table) {
+    const std::string wrong = one.rangeError(one.get(params));
+    if (!wrong.empty()) return wrong;
+  }
+  return "";
+}
+
+/// "k_e, k_z"
+template <class Infos>
+std::string namesOf(const Infos& infos) {
+  std::string names;
+  for (const auto& info : infos) names += (names.empty() ? "" : ", ") + info.name;
+  return names;
+}
+
+/// The entry of this name; null without one.
+template <class Infos>
+auto findNamed(const Infos& infos, const std::string& name) -> decltype(&infos.front()) {
+  for (const auto& info : infos)
+    if (info.name == name) return &info;
+  return nullptr;
+}
+
+}  // namespace ground

@@ -1,0 +1,47 @@
+"""How well a craft followed its reference, at what cost."""
+
+import numpy as np
+
+AT_BOUND = 1e-6  # an input so near to 0 or 1 is saturated
+
+
+def saturated(inputs):
+    """Whether an input of each row (n, 2), 0..1, is at a bound (n,)."""
+    return ((inputs <= AT_BOUND) | (inputs >= 1 - AT_BOUND)).any(axis=1)
+
+
+def summary(errors, inputs):
+    """Of position errors (n,) [m] and inputs (k, 2), 0..1: rms, max and final error [m], share of
+    the time in which an input is at a bound, mean square of the inputs. None for what has no
+    rows."""
+    numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
+    if len(errors):
+        numbers["rms"] = float(np.sqrt(np.mean(errors**2)))
+        numbers["max"] = float(errors.max())
+        numbers["final"] = float(errors[-1])
+    if len(inputs):
+        numbers["saturated_fraction"] = float(saturated(inputs).mean())
+        numbers["effort"] = float(np.mean(inputs**2))
+    return numbers
+
+
+def wanted_summary(wanted):
+    """Of rows left, right before the inputs were limited: the share outside 0..1 and the largest; None
+    without rows."""
+    outside = ((wanted < -AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
+    return {
+        "wanted_outside": float(outside.mean()) if len(wanted) else None,
+        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
+    }
+
+
+def compute_ms(seconds):
+    """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
+    if not len(seconds):
+        return None
+    found = 1e3 * np.asarray(seconds)
+    return {
+        "median": float(np.median(found)),
+        "p999": float(np.quantile(found, 0.999)),
+        "max": float(found.max()),
+    }

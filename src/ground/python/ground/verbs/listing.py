@@ -1,0 +1,48 @@
+"""The core's tables of controllers and references as text for --help."""
+
+from ground import _core
+from ground.simulation import gains, tracking
+
+
+def controllers(names):
+    """What controllers are, and their parameters; lines end with a line feed."""
+    lines = ["controllers and their parameters [unit], range (default); * searched by tune:"]
+    for info in (gains.CONTROLLERS[name] for name in names):
+        lines.append("  %-18s %s" % (info.name, info.text))
+        lines += ["    " + _line(p) + (" *" if p.search else "") for p in info.parameters]
+    return "\n".join(lines) + "\n"
+
+
+def references():
+    """What references are, what they take, and their parameters; lines end with a line feed."""
+    lines = ["references, what each takes, and its defaults, the thesis's where it has them:"]
+    parameters = {p.name: p for p in _core.reference_parameters()}
+    for info in tracking.KINDS.values():
+        values = {name: parameters[name].default for name in info.takes if name != "file"}
+        values.update(tracking.REFERENCES.get(info.name, ({}, None))[0])
+        name = "FILE.csv" if info.name == "file" else info.name
+        lines.append("  %-18s %s" % (name, info.text))
+        lines.append("    " + ", ".join("%s %s" % (n, _value(v)) for n, v in values.items()))
+    lines.append("parameters of references [unit], range:")
+    lines += ["    " + _line(p, "") for p in parameters.values() if p.name != "file"]
+    return "\n".join(lines) + "\n"
+
+
+def option(parameter, default):
+    """Metavar and help of an option that sets a parameter; a default of None is not told."""
+    text = parameter.text[0].lower() + parameter.text[1:]
+    if default is not None:
+        text += " (%g)" % default
+    return {"metavar": "N" if parameter.unit == "-" else parameter.unit.upper(), "help": text}
+
+
+def _line(parameter, default=None):
+    unit = " [%s]" % parameter.unit if parameter.unit not in ("", "-") else ""
+    text = "%-18s %s%s" % (parameter.name, parameter.text, unit)
+    if parameter.type in ("double", "int"):
+        text += ", %g to %g" % (parameter.low, parameter.high)
+    return text + (" (%s)" % _value(parameter.default) if default is None else "")
+
+
+def _value(value):
+    return str(value).lower() if isinstance(value, bool) else "%g" % value
