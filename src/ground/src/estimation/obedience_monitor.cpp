@@ -1,8 +1,10 @@
 #include "ground/estimation/obedience_monitor.h"
 
 #include <cmath>
+#include <stdexcept>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/measurement.h"
 #include "ground/model/typical.h"
 
 namespace ground {
@@ -16,6 +18,7 @@ constexpr double kPush = 0.03;        // white disturbance, of full thrust [1/sq
 constexpr double kTrim = 0.05;        // constant disturbance, of full thrust
 constexpr double kDrag = 0.5;         // share of the motion without thrust that may be wrong
 constexpr double kFreedom = 4;        // of Student's t
+constexpr double kPlausible = -2;     // likelihood of what is less than two deviations off
 constexpr double kLeastLift = 0.5;    // below, a craft sits as it is told
 constexpr std::size_t kMany = 4000;   // commands, before old ones are forgotten
 
@@ -80,6 +83,7 @@ struct ObedienceMonitor::Spread {
 ObedienceMonitor::ObedienceMonitor(const Model& model)
     : dynamics_(model),
       sitting_(sitting(model)),
+      derivatives_(model),
       most_(2 * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
   static_assert(std::size(kExplanations) == kCount);
@@ -96,7 +100,7 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
   if (told_.size() > 0 && time < told_.times.back()) return reset();
   forgetOldCommands(time);
   told_.add(time, thrusters.x(), thrusters.y(), lift);
-  for (std::size_t i = 0; i < kCount; ++i) {
+  for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = kExplanations[i];
     const double left = e.swapped ? thrusters.y() : thrusters.x();
     const double right = e.swapped ? thrusters.x() : thrusters.y();
@@ -115,7 +119,7 @@ void ObedienceMonitor::forgetOldCommands(double time) {
 
 void ObedienceMonitor::measure(double time, const RigidState<double>& state,
                                const Vector3<double>& nu_variance) {
-  const Sample now{time, state, nu_variance};
+  const Sample now{time, centre(state), nu_variance};
   const double elapsed = time - start_.time;
   if (started_ && elapsed < kInterval) return;
   if (started_ && elapsed <= kMostGap && lifted()) intervals_.push_back(compare(now));
@@ -123,6 +127,15 @@ void ObedienceMonitor::measure(double time, const RigidState<double>& state,
   start_ = now;
   while (!intervals_.empty() && intervals_.front().end <= time - kMemory)
     intervals_.pop_front();
+}
+
+/// The state of the craft's centre, where the mocap sees another point or heading.
+RigidState<double> ObedienceMonitor::centre(const RigidState<double>& seen) const {
+  try {
+    return stateSeenAs(derivatives_, {seen.eta, seen.nu});
+  } catch (const std::runtime_error&) {
+    return seen;
+  }
 }
 
 bool ObedienceMonitor::lifted() const {
@@ -138,8 +151,8 @@ Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
 
 ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const double dt = now.time - start_.time;
-  std::array<Vector3<double>, kCount> others;
-  for (std::size_t i = 0; i < kCount; ++i)
+  std::array<Vector3<double>, std::size_t{kCount}> others;
+  for (std::size_t i = 0; i < others_.size(); ++i)
     others[i] = predict(kExplanations[i].lifted ? dynamics_ : sitting_, others_[i], now.time);
   const Vector3<double>& free = others[0];
   const Vector3<double> told = predict(dynamics_, told_, now.time);
@@ -154,21 +167,29 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   for (std::size_t i = 0; i < kShares.size(); ++i)
     interval.told(static_cast<Eigen::Index>(i)) =
         spread.logLikelihood(seen, free + kShares[i] * (told - free));
-  for (std::size_t i = 0; i < kCount; ++i)
+  for (std::size_t i = 0; i < others_.size(); ++i)
     interval.others(static_cast<Eigen::Index>(i)) = spread.logLikelihood(seen, others[i]);
   return interval;
 }
 
 /// For each other explanation, of the last `duration` seconds.
 ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) const {
+  const auto recent = [&](const Interval& i) { return i.end > start_.time - duration; };
   Told told = Told::Zero();
-  Evidence others = Evidence::Zero();
+  for (const Interval& i : intervals_)
+    if (recent(i)) told += i.told;
+  Eigen::Index best = 0;
+  told.maxCoeff(&best);
+  Evidence evidence = Evidence::Zero();
   for (const Interval& i : intervals_) {
-    if (i.end <= start_.time - duration) continue;
-    told += i.told;
-    others += i.others;
+    if (!recent(i)) continue;
+    Evidence better = i.others - i.told(best);
+    // A trim is the same in all intervals: what fits a little better in each is no evidence, except
+    // for thrust that is missing altogether.
+    if (i.told(best) > kPlausible) better.tail<kCount - 1>() = better.tail<kCount - 1>().min(0);
+    evidence += better;
   }
-  return others - told.maxCoeff();
+  return evidence;
 }
 
 double ObedienceMonitor::evidence(double duration) const {

@@ -42,9 +42,9 @@ class ObedienceMonitor {
   static constexpr double kEvidence = 4.0;  ///< with which a craft is said not to do as told
 
  private:
-  static constexpr std::size_t kCount = 7;  ///< other explanations
+  static constexpr int kCount = 7;  ///< other explanations
   using Told = Eigen::Array3d;               ///< half of it, all of it, twice of it
-  using Evidence = Eigen::Array<double, static_cast<int>(kCount), 1>;
+  using Evidence = Eigen::Array<double, kCount, 1>;
   /// Likelihoods of an interval, as logarithms, negative.
   struct Interval {
     double end;  ///< [s]
@@ -62,14 +62,16 @@ class ObedienceMonitor {
                           double time) const;
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
+  RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
   void forgetOldCommands(double time);
 
   Dynamics<double> dynamics_, sitting_;  ///< sitting_: with a skirt that brakes without lift
+  Dynamics<Jet> derivatives_;            ///< of dynamics_
   double most_;                          ///< acceleration of full thrust [m/s^2]
   double most_yaw_;                      ///< of one thruster's full moment [rad/s^2]
   InputSequence told_;
-  std::array<InputSequence, kCount> others_;
+  std::array<InputSequence, std::size_t{kCount}> others_;
   bool started_ = false;
   Sample start_;  ///< of the interval
   std::deque<Interval> intervals_;
