@@ -9,6 +9,7 @@ import rospy
 import rostest
 from ground import _core
 from ground_msgs.msg import Burst, Controls, ControllerStatus, Decision, State
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -50,6 +51,12 @@ class RoomTest(unittest.TestCase):
         controls = harness.Latest("controls", Controls, keep=True)
         decisions = harness.Latest("decision", Decision, keep=True)
         room = harness.Latest("room", MarkerArray)
+        heard = (truth, status, bursts, controls, decisions)
+        harness.wait_for(
+            lambda: status.message and all(topic.connections() for topic in heard), 30, "the nodes"
+        )
+        start = rospy.ServiceProxy("controller/start", Trigger)()
+        self.assertTrue(start.success, start.message)
         ended = (ControllerStatus.DONE, ControllerStatus.STOPPED)
         harness.wait_for(
             lambda: status.message and status.message.state in ended, 60, "the end"
