@@ -189,6 +189,7 @@ void judgeFaulty(const Model& model, const Drive& drive, const Craft& craft, int
     errors.push_back(verdict.error);
     const bool named = verdict.said.find(failing.named) != std::string::npos;
     (named ? right : wrong) += 1;
+    if (!named) std::printf("  %s, but: %s\n", failing.name.c_str(), verdict.said.c_str());
   }
   std::printf("%-22s %-26s %-14s right %3d, other %3d, missed %3d of %3d; after %.2f s (%.2f s), "
               "error %.2f m (%.2f m)\n",

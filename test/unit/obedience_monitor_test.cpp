@@ -39,8 +39,9 @@ ExperimentLog drive(const Model& truth, const std::string& controller, double de
   return trackReference(truth, craft(), tracking, params);
 }
 
-/// When the craft of a log is first blamed [s], by a monitor that believes in the craft; never: 0.
-double blamed(const ExperimentLog& log) {
+/// When the craft of a log is first blamed [s], by a monitor that believes in the craft, and what is
+/// said of it; never: 0.
+double blamed(const ExperimentLog& log, std::string* said = nullptr) {
   const Model model = craft();
   ObedienceMonitor monitor(model);
   const auto estimator = makeKalmanEstimator({});
@@ -53,7 +54,10 @@ double blamed(const ExperimentLog& log) {
     const StateEstimate& e = estimator->update(frame.captured, frame.eta);
     if (!e.valid || !e.used) continue;
     monitor.measure(frame.captured, {e.eta, e.nu}, e.nu_covariance.diagonal());
-    if (!monitor.disobedience(kTimeout).empty()) return frame.delivered;
+    const std::string found = monitor.disobedience(kTimeout);
+    if (found.empty()) continue;
+    if (said) *said = found;
+    return frame.delivered;
   }
   return 0;
 }
@@ -116,6 +120,41 @@ TEST_P(Obedience, EffectsThatTheModelDoesNotHaveBlameNobodyWrongly) {
     EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 8)), 0) << name;
   }
 }
+
+struct Named {
+  const char* name;
+  CraftFault fault;
+  const char* said;
+};
+std::string nameOf(const testing::TestParamInfo<Named>& info) { return info.param.name; }
+
+class FaultNamed : public testing::TestWithParam<Named> {};
+
+TEST_P(FaultNamed, WithinAboutASecondAndTheControllerStops) {
+  for (unsigned long seed : {1ul, 2ul, 3ul}) {
+    const ExperimentLog log = drive(craft(), "ModelPredictive", kDeafFrom, kNever, kDeafFrom + 4,
+                                    seed, GetParam().fault);
+    EXPECT_NE(log.stopped.find(GetParam().said), std::string::npos) << log.stopped;
+    EXPECT_LT(log.stopped_at - kDeafFrom, 1.5);
+  }
+}
+
+TEST_P(FaultNamed, ByTheMonitorAlone) {
+  for (unsigned long seed : {1ul, 2ul, 3ul}) {
+    std::string said;
+    const ExperimentLog log = drive(craft(), "OpenLoopPRBS", kDeafFrom, kNever, kDeafFrom + 4, seed,
+                                    GetParam().fault);
+    EXPECT_GT(blamed(log, &said), kDeafFrom);
+    EXPECT_NE(said.find(GetParam().said), std::string::npos) << said;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, FaultNamed,
+                         testing::Values(Named{"Swapped", CraftFault::kSwapped, "swapped"},
+                                         Named{"LeftOff", CraftFault::kLeftOff, "the left thruster"},
+                                         Named{"RightOff", CraftFault::kRightOff, "the right thruster"},
+                                         Named{"NoLift", CraftFault::kNoLift, "without lift"}),
+                         nameOf);
 
 INSTANTIATE_TEST_SUITE_P(, Obedience, testing::Values("OpenLoopPRBS", "ModelPredictive"));
 

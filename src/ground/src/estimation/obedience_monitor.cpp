@@ -203,12 +203,22 @@ std::string ObedienceMonitor::disobedience(double duration) const {
     if (all.maxCoeff(&best) < kEvidence || recent(best) < kLeastHalf ||
         all(best) - recent(best) < kLeastHalf)
       continue;
-    std::string said;
-    for (Eigen::Index i = 0; i < all.size(); ++i)
-      if (all(i) > all(best) - kEvidence) said += (said.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
-    return "it moves " + said;
+    return "it moves " + likely(span);
   }
   return "";
+}
+
+/// The explanations that are not much worse than the best, of those of the last `duration` seconds in
+/// which the craft did not do as it was told: before, it did, which speaks against all of them.
+std::string ObedienceMonitor::likely(double duration) const {
+  Evidence others = Evidence::Zero();
+  for (const Interval& i : intervals_)
+    if (i.end > start_.time - duration && i.told.maxCoeff() < kPlausible) others += i.others;
+  std::string said;
+  for (Eigen::Index i = 0; i < others.size(); ++i)
+    if (others(i) > others.maxCoeff() - kEvidence)
+      said += (said.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
+  return said;
 }
 
 }  // namespace ground

@@ -62,6 +62,7 @@ class ObedienceMonitor {
                           double time) const;
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
+  std::string likely(double duration) const;
   RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
   void forgetOldCommands(double time);
