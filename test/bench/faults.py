@@ -1,9 +1,10 @@
 #!/usr/bin/python3
 """Injects every fault several times and prints one table: how each ends, and its worst case.
 
-Runs test/rostest/faults.test and test/python/test_faults.py; fails when any fault ends otherwise than
+Runs faults.test and room_axes.test of test/rostest and test/python/test_faults.py; fails when any fault ends otherwise than
 its row says, once.
 """
+
 import argparse
 import os
 import re
@@ -20,9 +21,10 @@ def main():
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     package = os.path.join(ROOT, "src", "ground")
+    rostest = ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
     commands = [
-        ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
-        + [os.path.join(ROOT, "test", "rostest", "faults.test")],
+        rostest + [os.path.join(ROOT, "test", "rostest", "faults.test")],
+        rostest + [os.path.join(ROOT, "test", "rostest", "room_axes.test")],
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
         + [os.path.join(ROOT, "test", "python", "test_faults.py")],
     ]

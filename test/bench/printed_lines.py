@@ -1,0 +1,164 @@
+#!/usr/bin/python3
+"""Flies every experiment that a diagnosis can propose by its printed line, in the simulated room, and
+compares what is on the wire with the design.
+
+For each line: how it ended, how many bursts and edges there were, and how far apart the edges of a
+burst are on the wire from where the design has them (median, 99%), counted from the burst's first
+edge. Fails when one is not flown to its end or the median of all is beyond 2 ms.
+"""
+
+import argparse
+import glob
+import itertools
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+import rosbag
+
+from ground.analysis import next_experiment
+from ground.simulation import experiments
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "rostest"))
+from fake_craft import free_port  # noqa: E402
+from wire_proxy import WireProxy  # noqa: E402
+
+MOST = 2e-3  # median of the edges [s]
+STEP = 2e-3  # of what the wire can tell of an input
+PATIENCE = 120.0  # for a line [s]
+WRAPPER = """<launch>
+  <include file="$(find ground)/launch/sim_prbs.launch">
+%s
+  </include>
+  <param name="simulator/sender" value="127.0.0.1:%d"/>
+</launch>
+"""
+
+
+def arguments_of(line):
+    """Names and values of the arguments of a printed roslaunch line."""
+    words = shlex.split(line)
+    assert words[:3] == ["roslaunch", "ground", "room_prbs.launch"], line
+    return dict(word.split(":=", 1) for word in words[3:])
+
+
+def fly(arguments, folder):
+    """Runs a line through the whole chain; gives the bag's path and the packets on the wire."""
+    sender, craft, master = free_port(), free_port(), free_port()
+    given = dict(arguments, port=sender, record="true", bag_dir=folder, exit_when_done="true")
+    args = "\n".join('    <arg name="%s" value="%s"/>' % item for item in given.items())
+    path = os.path.join(folder, "line.launch")
+    with open(path, "w") as file:
+        file.write(WRAPPER % (args, craft))
+    wire = WireProxy(sender, craft)
+    try:
+        environment = dict(os.environ, ROS_MASTER_URI="http://127.0.0.1:%d" % master)
+        done = subprocess.run(
+            ["roslaunch", "-p", str(master), path],
+            env=environment,
+            timeout=PATIENCE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+        )
+    finally:
+        wire.close()
+    bags = glob.glob(os.path.join(folder, "*.bag"))
+    if len(bags) != 1:
+        raise RuntimeError("no bag was recorded:\n" + done.stdout[-2000:])
+    return bags[0], wire.packets
+
+
+def changes(rows):
+    """Rows time, left, right at which left or right changes."""
+    rows = np.asarray(rows)
+    moved = np.r_[True, (np.abs(np.diff(rows[:, 1:], axis=0)) > STEP).any(axis=1)]
+    return rows[moved]
+
+
+def expected(design, bursts):
+    """Times of the design's edges and the burst that each falls into, on the clock of the bag."""
+    edges, played, end = changes(design)[:, 0], 0.0, design[-1, 0]
+    for number, (begin, until) in enumerate(bursts):
+        due = edges[(edges > played + 1e-9) & (edges < played + until - begin)]
+        for edge in due:
+            yield number, begin + edge - played
+        later = edges[edges > played + until - begin]
+        played = later[0] if len(later) else end
+
+
+def compared(bag, packets, design):
+    """Deviations [s] of the wire's edges from the design's, the number of bursts, and the end."""
+    with rosbag.Bag(bag) as file:
+        commands = [
+            (m.header.stamp.to_sec(), m.left, m.right)
+            for _, m, _ in file.read_messages(topics=["/controls"])
+        ]
+        marks = [
+            (m.header.stamp.to_sec(), m.burst) for _, m, _ in file.read_messages(topics=["/bursts"])
+        ]
+        status = [m for _, m, _ in file.read_messages(topics=["/controller/status"])]
+    told = changes(commands)
+    sent = changes([(p.time, p.left, p.right) for p in packets])
+    first = np.flatnonzero(sent[:, 1:].any(axis=1))[0]  # both begin with the first thrust
+    sent = sent[first:]
+    told = told[np.flatnonzero(told[:, 1:].any(axis=1))[0] :]
+    count = min(len(sent), len(told))
+    if np.abs(sent[:count, 1:] - told[:count, 1:]).max() > STEP:
+        raise RuntimeError("the wire has other inputs than the controller gave")
+    ends = [time for time, _ in marks[1:]] + [commands[-1][0]]
+    bursts = [(begin, end) for (begin, burst), end in zip(marks, ends) if burst]
+    off = []
+    for _, edges in itertools.groupby(expected(design, bursts), key=lambda edge: edge[0]):
+        anchor = None
+        for _, time in edges:
+            near = np.argmin(np.abs(told[:count, 0] - time))
+            if abs(told[near, 0] - time) > 0.02:
+                continue  # the design's next edge after a return is a level that is held already
+            if anchor is None:
+                anchor = sent[near, 0] - time
+            else:
+                off.append(sent[near, 0] - time - anchor)
+    return off, len(bursts), status[-1].reason
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, help="of each [s], in place of the printed one")
+    parser.add_argument("--count", type=int, default=1000, help="of lines, the first ones")
+    options = parser.parse_args()
+    everything, failed = [], 0
+    lines = list(next_experiment._experiments())[: options.count]
+    for experiment in lines:
+        arguments = arguments_of(experiment.launch())
+        if options.duration:
+            arguments["duration"] = "%g" % options.duration
+        duration = float(arguments["duration"])
+        design = experiments.rows(experiment.design, duration, **dict(experiment.options))
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                off, bursts, reason = compared(*fly(arguments, folder), design)
+            except (RuntimeError, subprocess.TimeoutExpired) as error:
+                off, bursts, reason = [], 0, str(error)
+        flown = "its end" in reason or "done" in reason.lower()
+        failed += not flown
+        everything += off
+        spread = 1e3 * np.quantile(np.abs(off), [0.5, 0.99]) if off else [np.nan, np.nan]
+        print(
+            "%-60s %2d bursts, %3d edges off by %.2f ms (99%%: %.2f ms): %s"
+            % (experiment.input, bursts, len(off), spread[0], spread[1], reason),
+            flush=True,
+        )
+    median, most = np.quantile(np.abs(everything), [0.5, 0.99])
+    print(
+        "%d of %d lines flown; %d edges off by %.2f ms (median), %.2f ms (99%%)"
+        % (len(lines) - failed, len(lines), len(everything), 1e3 * median, 1e3 * most)
+    )
+    return 1 if failed or median > MOST else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

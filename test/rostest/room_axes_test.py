@@ -1,0 +1,48 @@
+#!/usr/bin/python3
+"""Axes that do not fit the mocap do not let the craft out of its room."""
+
+import os
+import sys
+import unittest
+
+import rospy
+import rostest
+from ground_msgs.msg import Controls, ControllerStatus, State
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness  # noqa: E402
+
+HALF = 2.0  # width of the room [m]
+REST = 3.0  # until the craft has come to rest [s]
+
+
+class RoomAxesTest(unittest.TestCase):
+    def test_the_craft_is_stopped_inside(self):
+        truth = harness.Latest("simulator/truth", State, keep=True)
+        status = harness.Latest("controller/status", ControllerStatus)
+        controls = harness.Latest("controls", Controls, keep=True)
+        harness.wait_for(
+            lambda: status.message and all(topic.connections() for topic in (truth, controls)),
+            30,
+            "the nodes",
+        )
+        start = rospy.ServiceProxy("controller/start", Trigger)()
+        self.assertTrue(start.success, start.message)
+        harness.wait_for(
+            lambda: status.message.state == ControllerStatus.STOPPED, 20, "the controller's stop"
+        )
+        rospy.sleep(REST)
+        self.assertTrue(any(m.left > 0 for _, m in controls.all))
+        farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)
+        print(
+            "fault: %-38s %-12s farthest %.2f m: %s"
+            % ("wrong axes at the fence", "stops", farthest, status.message.reason)
+        )
+        self.assertGreater(farthest, 0.5)
+        self.assertLess(farthest, HALF)
+
+
+if __name__ == "__main__":
+    rospy.init_node("room_axes_test")
+    rostest.rosrun("ground", "room_axes_test", RoomAxesTest)
