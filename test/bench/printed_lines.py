@@ -8,6 +8,7 @@ edge. Fails when one is not flown to its end or the median of all is beyond 2 ms
 """
 
 import argparse
+import difflib
 import glob
 import itertools
 import os
@@ -27,7 +28,8 @@ from fake_craft import free_port  # noqa: E402
 from wire_proxy import WireProxy  # noqa: E402
 
 MOST = 2e-3  # median of the edges [s]
-STEP = 2e-3  # of what the wire can tell of an input
+STEP = 1e-3  # of an input on the wire
+MATCHED = 0.9  # share of the changes that has to be found on the wire
 PATIENCE = 120.0  # for a line [s]
 WRAPPER = """<launch>
   <include file="$(find ground)/launch/sim_prbs.launch">
@@ -73,10 +75,22 @@ def fly(arguments, folder):
 
 
 def changes(rows):
-    """Rows time, left, right at which left or right changes."""
+    """Rows time, left, right at which left or right changes by what the wire can tell."""
     rows = np.asarray(rows)
-    moved = np.r_[True, (np.abs(np.diff(rows[:, 1:], axis=0)) > STEP).any(axis=1)]
+    on_wire = np.floor(rows[:, 1:] / STEP + 0.5)
+    moved = np.r_[True, (np.diff(on_wire, axis=0) != 0).any(axis=1)]
     return rows[moved]
+
+
+def arrivals(told, sent):
+    """When changes of the controller's inputs came over the wire, by their number [s, time.time()]."""
+    values = [[tuple(row) for row in np.floor(rows[:, 1:] / STEP + 0.5)] for rows in (told, sent)]
+    found = {}
+    for at, there, count in difflib.SequenceMatcher(None, *values, False).get_matching_blocks():
+        found.update((at + i, sent[there + i, 0]) for i in range(count))
+    if len(found) < MATCHED * len(told):
+        raise RuntimeError("of %d changes %d are on the wire" % (len(told), len(found)))
+    return found
 
 
 def expected(design, bursts):
@@ -103,25 +117,20 @@ def compared(bag, packets, design):
         status = [m for _, m, _ in file.read_messages(topics=["/controller/status"])]
     told = changes(commands)
     sent = changes([(p.time, p.left, p.right) for p in packets])
-    first = np.flatnonzero(sent[:, 1:].any(axis=1))[0]  # both begin with the first thrust
-    sent = sent[first:]
-    told = told[np.flatnonzero(told[:, 1:].any(axis=1))[0] :]
-    count = min(len(sent), len(told))
-    if np.abs(sent[:count, 1:] - told[:count, 1:]).max() > STEP:
-        raise RuntimeError("the wire has other inputs than the controller gave")
+    arrival = arrivals(told, sent)
     ends = [time for time, _ in marks[1:]] + [commands[-1][0]]
     bursts = [(begin, end) for (begin, burst), end in zip(marks, ends) if burst]
     off = []
     for _, edges in itertools.groupby(expected(design, bursts), key=lambda edge: edge[0]):
         anchor = None
         for _, time in edges:
-            near = np.argmin(np.abs(told[:count, 0] - time))
-            if abs(told[near, 0] - time) > 0.02:
+            near = int(np.argmin(np.abs(told[:, 0] - time)))
+            if abs(told[near, 0] - time) > 0.02 or near not in arrival:
                 continue  # the design's next edge after a return is a level that is held already
             if anchor is None:
-                anchor = sent[near, 0] - time
+                anchor = arrival[near] - time
             else:
-                off.append(sent[near, 0] - time - anchor)
+                off.append(arrival[near] - time - anchor)
     return off, len(bursts), status[-1].reason
 
 
