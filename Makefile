@@ -16,7 +16,7 @@ WIDE ?= NATIVE
 UNITY ?= ON
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -98,6 +98,10 @@ bench-hidden: build
 # OPTIONS="--count 20"
 bench-room: build
 	@$(in_workspace) test/bench/room.py --results build/room.jsonl $(OPTIONS)
+
+# Every experiment that a diagnosis can propose, flown by its printed line. OPTIONS="--only PRBS"
+bench-lines: build
+	@$(in_workspace) test/bench/printed_lines.py $(OPTIONS)
 
 # The craft's own stop, proven on simulated crafts with watchdogs and without.
 bench-own-stop: build

@@ -99,7 +99,7 @@ def propose(rivals, runs, each=map, room=None):
     """
     room = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
-    choice = list(_experiments())
+    choice = list(choices())
     before = list(each(lambda e: _disagreement(rivals, e.schedule(), runs), choice))
     found = sorted((p for p in zip(before, choice) if p[0]), key=lambda pair: -pair[0])
 
@@ -136,11 +136,11 @@ def propose(rivals, runs, each=map, room=None):
 def schedule_of(arguments, model):
     """The Schedule that a craft which moves by `model` is given in a room of 4 x 4 m, of an experiment
     by the arguments that `propose` gave."""
-    found = next(e for e in _experiments() if e.arguments() == arguments)
+    found = next(e for e in choices() if e.arguments() == arguments)
     return found.schedule_in(_core.RoomPlan(), model)
 
 
-def _experiments():
+def choices():
     """All Experiments to choose from."""
     patterns = {
         "steps": ("both thrusters in steps from rest to full", (0.0, 0.25, 0.5, 0.75, 1.0)),
