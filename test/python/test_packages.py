@@ -63,7 +63,7 @@ def test_a_build_needs_no_benchmark(tmp_path):
     configure += ["-DCMAKE_DISABLE_FIND_PACKAGE_benchmark=ON", "-DGROUND_WIDE=OFF"]
     result = run(*configure)
     assert result.returncode == 0, result.stdout
-    result = run("cmake", "--build", str(tmp_path), "--target", "benchmarks")
+    result = run("cmake", "--build", str(tmp_path), "--target", "ground_benchmarks")
     assert result.returncode != 0
     assert "install libbenchmark-dev" in result.stdout
 
