@@ -102,6 +102,7 @@ def simulate(model, space, **variables):
     return run(*command, "-o", model.with_suffix(".bag"), space=space, **variables)
 
 
+@pytest.mark.parametrize("space", [install_space], indirect=True)
 def test_controller_drives_a_simulated_craft_with_the_effect(example, model):
     arguments = ["truth:=%s" % model, "port:=%d" % free_port()]
     said = check("rostest", EXAMPLE / "test" / "go_to.test", *arguments, space=example)
@@ -120,6 +121,7 @@ def test_catkin_variables_suffice(space, tmp_path):
     check(tmp_path / "build" / "variables", space=space)
 
 
+@pytest.mark.parametrize("space", [devel_space], indirect=True)
 def test_effect_libraries_that_cannot_be_used(example, model):
     """One line each: the effect's library is not listed, is missing, and is listed as another one."""
     known = simulate(model, devel_space())

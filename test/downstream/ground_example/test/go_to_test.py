@@ -17,6 +17,7 @@ class GoToTest(unittest.TestCase):
         while self.status is None or self.status.state not in ended:
             rospy.sleep(0.05)
         self.assertEqual(self.status.state, ControllerStatus.DONE, self.status.reason)
+        print("reached after %.1f s" % self.status.elapsed)
         truth = rospy.wait_for_message("simulator/truth", State, 5)
         self.assertLess(math.dist(truth.eta[:2], point), 0.15)
         self.assertLess(math.hypot(*truth.nu[:2]), 0.15)
