@@ -1,4 +1,5 @@
 """What other packages build on: test/downstream/ground_example, built as somebody else would."""
+import functools
 import os
 import pathlib
 import re
@@ -34,6 +35,7 @@ def devel_space():
     raise AssertionError("source devel/setup.bash first")
 
 
+@functools.lru_cache(maxsize=None)
 def install_space():
     build = devel_space().parent
     cache = build / "CMakeCache.txt"
@@ -74,17 +76,20 @@ def build(source, folder, space):
     check("cmake", "--build", folder, space=space)
 
 
-@pytest.fixture(scope="module", params=[devel_space, install_space])
-def space(request):
-    return request.param()
+in_both_spaces = pytest.mark.parametrize("space", [devel_space, install_space])
 
 
 @pytest.fixture(scope="module")
-def example(space, tmp_path_factory):
-    """The devel space of the example, on top of the workspace's devel or install space."""
-    folder = tmp_path_factory.mktemp("example")
-    build(EXAMPLE, folder, space)
-    return folder / "devel"
+def example(tmp_path_factory):
+    """Gives the devel space of the example, on top of the workspace's devel or install space."""
+
+    @functools.lru_cache(maxsize=None)
+    def built(space):
+        folder = tmp_path_factory.mktemp("example")
+        build(EXAMPLE, folder, space())
+        return folder / "devel"
+
+    return built
 
 
 @pytest.fixture
@@ -102,35 +107,36 @@ def simulate(model, space, **variables):
     return run(*command, "-o", model.with_suffix(".bag"), space=space, **variables)
 
 
-@pytest.mark.parametrize("space", [install_space], indirect=True)
 def test_controller_drives_a_simulated_craft_with_the_effect(example, model):
     arguments = ["truth:=%s" % model, "port:=%d" % free_port()]
-    said = check("rostest", EXAMPLE / "test" / "go_to.test", *arguments, space=example)
+    test = EXAMPLE / "test" / "go_to.test"
+    said = check("rostest", test, *arguments, space=example(install_space))
     assert "SUCCESS" in said, said
 
 
-def test_tool_takes_the_effect(example, model):
-    simulated = simulate(model, example)
+@in_both_spaces
+def test_tool_takes_the_effect(example, model, space):
+    simulated = simulate(model, example(space))
     assert simulated.returncode == 0, simulated.stdout
 
 
+@in_both_spaces
 def test_catkin_variables_suffice(space, tmp_path):
     (tmp_path / "CMakeLists.txt").write_text(VARIABLES)
     (tmp_path / "main.cpp").write_text(MAIN)
-    build(tmp_path, tmp_path / "build", space)
-    check(tmp_path / "build" / "variables", space=space)
+    build(tmp_path, tmp_path / "build", space())
+    check(tmp_path / "build" / "variables", space=space())
 
 
-@pytest.mark.parametrize("space", [devel_space], indirect=True)
 def test_effect_libraries_that_cannot_be_used(example, model):
     """One line each: the effect's library is not listed, is missing, and is listed as another one."""
     known = simulate(model, devel_space())
     assert "unknown effect 'thrust_yaw_loss'" in known.stdout
     assert "GROUND_EFFECT_LIBRARIES" in known.stdout
-    missing = simulate(model, example, GROUND_EFFECT_LIBRARIES="libnowhere.so")
+    missing = simulate(model, example(devel_space), GROUND_EFFECT_LIBRARIES="libnowhere.so")
     assert "GROUND_EFFECT_LIBRARIES: libnowhere.so: cannot open" in missing.stdout
-    copy = shutil.copy(str(example / "lib" / EFFECTS), str(model.parent / "copy.so"))
-    twice = simulate(model, example, GROUND_EFFECT_LIBRARIES=copy)
+    copy = shutil.copy(str(example(devel_space) / "lib" / EFFECTS), str(model.parent / "copy.so"))
+    twice = simulate(model, example(devel_space), GROUND_EFFECT_LIBRARIES=copy)
     assert "two effects are named thrust_yaw_loss" in twice.stdout
     for result in (known, missing, twice):
         assert result.returncode == 1

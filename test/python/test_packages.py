@@ -94,7 +94,8 @@ NEIGHBOUR_XML = """
 
 def test_targets_do_not_collide_in_another_workspace(tmp_path):
     """Beside a package whose targets have the names of the folders and files here."""
-    places = ("src/ground/src/*", "test/*", "test/unit/*.cpp", "test/bench/*.cpp", "test/fuzz/*.cpp")
+    places = ["src/ground/src/*", "test/*"]
+    places += ["test/%s/*.cpp" % folder for folder in ("unit", "bench", "fuzz")]
     names = {path.stem for place in places for path in ROOT.glob(place)} - {"test"}
     names |= {"unit_tests", "benchmarks", "fuzzers", "core", "python_tests"}
     neighbour = tmp_path / "src" / "neighbour"

@@ -8,14 +8,10 @@ from ground import errors, files, verbs
 
 def main(argv=None):
     """Runs one verb of identify; exit status 0 done, 1 could not, 2 bad usage."""
-
-    def work():
-        arguments, unknown = _parser().parse_known_args(argv)
-        if unknown:  # the verb's usage helps, not that of all verbs
-            arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))
-        return _run("identify " + arguments.verb, arguments)
-
-    return errors.guarded("identify", work)
+    arguments, unknown = _parser().parse_known_args(argv)
+    if unknown:  # the verb's usage helps, not that of all verbs
+        arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))
+    return _run("identify " + arguments.verb, arguments)
 
 
 def program(verb, argv=None):
