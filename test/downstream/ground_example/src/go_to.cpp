@@ -21,7 +21,7 @@ class GoTo : private ground::Pilot, public ground::Controller {
 
  private:
   static constexpr double kApproach = 0.7;  ///< natural frequency of spring and damper [rad/s]
-  static constexpr double kTurn = 4.0;      ///< that of the turn [rad/s]
+  static constexpr double kTurn = 3.0;      ///< that of the turn [rad/s]
   static constexpr double kSlow = 0.1;      ///< speed at which it has stopped [m/s]
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
