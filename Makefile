@@ -38,8 +38,8 @@ sanitize: $(installed)
 	    -DCMAKE_CXX_FLAGS="-O1 -fsanitize=$$kind -fno-sanitize-recover=all \
 	      -fno-omit-frame-pointer -Wno-error=maybe-uninitialized" \
 	    > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }; \
-	  cmake --build $$folder --target unit_tests --parallel $(jobs) || exit 1; \
-	  for test in $$(cat $$folder/unit_tests.txt); do \
+	  cmake --build $$folder --target ground_unit_tests --parallel $(jobs) || exit 1; \
+	  for test in $$(cat $$folder/ground_unit_tests.txt); do \
 	    TSAN_OPTIONS=suppressions=$(CURDIR)/test/sanitizer/thread.txt UBSAN_OPTIONS=print_stacktrace=1 \
 	      $$folder/devel/lib/ground/$$test --gtest_brief=1 || exit 1; \
 	  done; \
@@ -52,7 +52,7 @@ fuzz: $(installed)
 	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo -DGROUND_WIDE=OFF \
 	  -Dground_warnings=-w -DCMAKE_CXX_FLAGS="-fsanitize=fuzzer-no-link,address,undefined \
 	  -fno-sanitize-recover=all" > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
-	@cmake --build build/fuzz --target fuzzers --parallel $(jobs)
+	@cmake --build build/fuzz --target ground_fuzzers --parallel $(jobs)
 	@for fuzzer in datagrams model_files tables; do \
 	  mkdir -p build/fuzz/corpus/$$fuzzer; \
 	  build/fuzz/devel/lib/ground/fuzz_$$fuzzer -max_total_time=$(FUZZ_SECONDS) -timeout=10 \
@@ -77,7 +77,7 @@ bench: bench-table
 
 # The thesis's table 3.1 over 200 draws of noise.
 bench-table: build
-	@cmake --build build --target benchmarks --parallel $(jobs)
+	@cmake --build build --target ground_benchmarks --parallel $(jobs)
 	@$(in_workspace) rosrun ground table_3_1
 
 # Every fault three times, and its worst case.

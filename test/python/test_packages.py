@@ -63,9 +63,52 @@ def test_a_build_needs_no_benchmark(tmp_path):
     configure += ["-DCMAKE_DISABLE_FIND_PACKAGE_benchmark=ON", "-DGROUND_WIDE=OFF"]
     result = run(*configure)
     assert result.returncode == 0, result.stdout
-    result = run("cmake", "--build", str(tmp_path), "--target", "benchmarks")
+    result = run("cmake", "--build", str(tmp_path), "--target", "ground_benchmarks")
     assert result.returncode != 0
     assert "install libbenchmark-dev" in result.stdout
+
+
+WORKSPACE = """
+cmake_minimum_required(VERSION 3.16)
+project(another_workspace LANGUAGES CXX)
+find_package(catkin REQUIRED)
+catkin_workspace()
+"""
+NEIGHBOUR = """
+cmake_minimum_required(VERSION 3.16)
+project(neighbour)
+find_package(catkin REQUIRED)
+catkin_package()
+foreach(name %s)
+  add_custom_target(${name})
+endforeach()
+"""
+NEIGHBOUR_XML = """
+<package format="2">
+  <name>neighbour</name> <version>0.0.0</version> <description>none</description>
+  <maintainer email="nobody@example.org">nobody</maintainer> <license>MIT</license>
+  <buildtool_depend>catkin</buildtool_depend>
+</package>
+"""
+
+
+def test_targets_do_not_collide_in_another_workspace(tmp_path):
+    """Beside a package whose targets have the names of the folders and files here."""
+    places = ["src/ground/src/*", "test/*"]
+    places += ["test/%s/*.cpp" % folder for folder in ("unit", "bench", "fuzz")]
+    names = {path.stem for place in places for path in ROOT.glob(place)} - {"test"}
+    names |= {"unit_tests", "benchmarks", "fuzzers", "core", "python_tests"}
+    neighbour = tmp_path / "src" / "neighbour"
+    neighbour.mkdir(parents=True)
+    (tmp_path / "src" / "CMakeLists.txt").write_text(WORKSPACE)
+    (tmp_path / "src" / "ground_workspace").symlink_to(ROOT)
+    (neighbour / "CMakeLists.txt").write_text(NEIGHBOUR % " ".join(sorted(names)))
+    (neighbour / "package.xml").write_text(NEIGHBOUR_XML)
+    result = run("cmake", "-S", str(tmp_path / "src"), "-B", str(tmp_path / "build"))
+    assert result.returncode == 0, result.stdout
+    for package in ("ground", "ground_msgs", "neighbour"):
+        assert "processing catkin package: '%s'" % package in result.stdout
+    assert "ground_example" not in result.stdout
 
 
 def run(*command):

@@ -5,8 +5,8 @@
 #include <limits>
 #include <sstream>
 
+#include "../model/yaml_reader.h"
 #include "ground/model/text_file.h"
-#include "ground/model/yaml_reader.h"
 
 namespace ground {
 namespace {

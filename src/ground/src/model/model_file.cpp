@@ -19,7 +19,7 @@
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
-#include "ground/model/yaml_reader.h"
+#include "yaml_reader.h"
 
 namespace ground {
 namespace {

@@ -1,4 +1,4 @@
-#include "ground/model/yaml_reader.h"
+#include "yaml_reader.h"
 
 #include <cmath>
 #include <set>

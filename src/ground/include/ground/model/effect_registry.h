@@ -9,36 +9,67 @@
 
 namespace ground {
 
-/// The effect of that name; throws std::invalid_argument naming all known ones.
+/// The effect of that name; throws std::invalid_argument naming all known ones. Effects of other
+/// packages come from the libraries that the environment variable GROUND_EFFECT_LIBRARIES lists,
+/// paths or names for the loader, with colons in between; they are loaded at the first call. Throws
+/// std::runtime_error when one of them cannot be used.
 EffectPtr makeEffect(const std::string& name);
-/// Names of the effects of the library, in alphabetical order.
+/// Names of the effects of the library, in alphabetical order. Throws as makeEffect does.
 std::vector<std::string> effectNames();
-/// Adds an effect to the library. Throws std::logic_error when the name is taken.
+/// Adds an effect to the library; a static object does so (GROUND_REGISTER_EFFECT). What is wrong,
+/// such as a name that is taken, is thrown by makeEffect and effectNames: nobody catches what a
+/// library throws while it is loaded.
 bool registerEffect(EffectPtr effect);
 
 namespace detail {
 
-/// Calls the hooks that struct E has; E has templates of the same names as EffectHooks.
-#define GROUND_FORWARD_HOOK(Hook)                                           \
-  template <class E, class... Args>                                         \
-  auto call_##Hook(int, Args&&... args)                                     \
-      -> decltype(E::Hook(std::forward<Args>(args)...), std::true_type()) { \
-    E::Hook(std::forward<Args>(args)...);                                   \
-    return {};                                                              \
-  }                                                                         \
-  template <class E, class... Args>                                         \
-  std::false_type call_##Hook(long, Args&&...) {                            \
-    return {};                                                              \
+/// Type of a pointer to the static function that may stand for a member function of EffectHooks.
+template <class Member>
+struct StaticOf;
+template <class Hooks, class... Args>
+struct StaticOf<void (Hooks::*)(Args...) const> {
+  using Type = void (*)(Args...);
+};
+template <class Member>
+using Static = typename StaticOf<Member>::Type;
+
+/// For each hook: whether struct E has something of that name (in a class that has it from E and
+/// from elsewhere, the name is ambiguous), whether that is a hook for scalar T, and its call.
+#define GROUND_HOOK(Hook)                                                                       \
+  struct Named_##Hook {                                                                         \
+    int Hook;                                                                                   \
+  };                                                                                            \
+  template <class E>                                                                            \
+  struct Both_##Hook : E, Named_##Hook {};                                                      \
+  template <class E, class = void>                                                              \
+  struct Has_##Hook : std::true_type {};                                                        \
+  template <class E>                                                                            \
+  struct Has_##Hook<E, std::void_t<decltype(&Both_##Hook<E>::Hook)>> : std::false_type {};      \
+  template <class E, class T, class = void>                                                     \
+  struct Fits_##Hook : std::false_type {};                                                      \
+  template <class E, class T>                                                                   \
+  struct Fits_##Hook<E, T,                                                                      \
+                     std::void_t<decltype(static_cast<Static<decltype(&EffectHooks<T>::Hook)>>( \
+                         &E::Hook))>> : std::true_type {};                                      \
+  template <class E, class T, class... Args>                                                    \
+  void call_##Hook(Args&&... args) {                                                            \
+    if constexpr (Has_##Hook<E>::value) {                                                       \
+      static_assert(Fits_##Hook<E, T>::value,                                                   \
+                    "the effect's " #Hook                                                       \
+                    " must be a public static function, a template on the scalar T, with the "  \
+                    "parameters of ground::EffectHooks<T>::" #Hook " (ground/model/effect.h)"); \
+      if constexpr (Fits_##Hook<E, T>::value) E::Hook(std::forward<Args>(args)...);             \
+    }                                                                                           \
   }
-GROUND_FORWARD_HOOK(delay)
-GROUND_FORWARD_HOOK(actuate)
-GROUND_FORWARD_HOOK(rates)
-GROUND_FORWARD_HOOK(thrust)
-GROUND_FORWARD_HOOK(air)
-GROUND_FORWARD_HOOK(inertia)
-GROUND_FORWARD_HOOK(wrench)
-GROUND_FORWARD_HOOK(measure)
-#undef GROUND_FORWARD_HOOK
+GROUND_HOOK(delay)
+GROUND_HOOK(actuate)
+GROUND_HOOK(rates)
+GROUND_HOOK(thrust)
+GROUND_HOOK(air)
+GROUND_HOOK(inertia)
+GROUND_HOOK(wrench)
+GROUND_HOOK(measure)
+#undef GROUND_HOOK
 
 /// Whether an effect's thrust or wrench depends on the pose; those that do not may say so.
 template <class E, class = void>
@@ -46,26 +77,43 @@ struct UsesPose : std::true_type {};
 template <class E>
 struct UsesPose<E, std::void_t<decltype(E::kUsesPose)>> : std::bool_constant<E::kUsesPose> {};
 
+/// The hooks that struct E has (a set of Effect::Hook).
+template <class E>
+constexpr unsigned hooksOf() {
+  unsigned set = 0;
+  if (Has_delay<E>::value) set |= Effect::kDelay;
+  if (Has_actuate<E>::value) set |= Effect::kActuate;
+  if (Has_rates<E>::value) set |= Effect::kRates;
+  if (Has_thrust<E>::value) set |= Effect::kThrust;
+  if (Has_air<E>::value) set |= Effect::kAir;
+  if (Has_inertia<E>::value) set |= Effect::kInertia;
+  if (Has_wrench<E>::value) set |= Effect::kWrench;
+  if (Has_measure<E>::value) set |= Effect::kMeasure;
+  const bool moves = set & (Effect::kThrust | Effect::kWrench | Effect::kRates);
+  if ((set & Effect::kAir) || (moves && UsesPose<E>::value)) set |= Effect::kPose;
+  return set;
+}
+
 template <class E, class T, class Base>
 class HooksOf : public Base {
  public:
-  void delay(const T* p, T& d) const override { call_delay<E>(0, p, d); }
+  void delay(const T* p, T& d) const override { call_delay<E, T>(p, d); }
   void actuate(const T* p, const T& h, T* states, StepInputs<T>& u) const override {
-    call_actuate<E>(0, p, h, states, u);
+    call_actuate<E, T>(p, h, states, u);
   }
-  void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E>(0, p, s, d); }
+  void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E, T>(p, s, d); }
   void thrust(const T* p, const Point<T>& s, Vector2<T>& f) const override {
-    call_thrust<E>(0, p, s, f);
+    call_thrust<E, T>(p, s, f);
   }
-  void air(const T* p, Vector2<T>& w) const override { call_air<E>(0, p, w); }
+  void air(const T* p, Vector2<T>& w) const override { call_air<E, T>(p, w); }
   void inertia(const T* p, const Body<T>& b, Matrix3<T>& m) const override {
-    call_inertia<E>(0, p, b, m);
+    call_inertia<E, T>(p, b, m);
   }
   void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override {
-    call_wrench<E>(0, p, s, w);
+    call_wrench<E, T>(p, s, w);
   }
   void measure(const T* p, const Vector3<T>& eta, Measurement<T>& m) const override {
-    call_measure<E>(0, p, eta, m);
+    call_measure<E, T>(p, eta, m);
   }
 };
 
@@ -79,36 +127,11 @@ class EffectFrom final
     return info;
   }
   unsigned hooks() const override {
-    using P = const double*;
-    unsigned set = 0;
-    const auto add = [&set](Effect::Hook hook, bool has) { set |= has ? hook : 0u; };
-    add(Effect::kDelay, has<decltype(call_delay<E>(0, P(), std::declval<double&>()))>());
-    add(Effect::kActuate,
-        has<decltype(call_actuate<E>(0, P(), std::declval<const double&>(), std::declval<double*>(),
-                                     std::declval<StepInputs<double>&>()))>());
-    add(Effect::kRates, has<decltype(call_rates<E>(0, P(), std::declval<const Point<double>&>(),
-                                                   std::declval<double*>()))>());
-    add(Effect::kThrust, has<decltype(call_thrust<E>(0, P(), std::declval<const Point<double>&>(),
-                                                     std::declval<Vector2<double>&>()))>());
-    add(Effect::kAir, has<decltype(call_air<E>(0, P(), std::declval<Vector2<double>&>()))>());
-    add(Effect::kInertia, has<decltype(call_inertia<E>(0, P(), std::declval<const Body<double>&>(),
-                                                       std::declval<Matrix3<double>&>()))>());
-    add(Effect::kWrench, has<decltype(call_wrench<E>(0, P(), std::declval<const Point<double>&>(),
-                                                     std::declval<Vector3<double>&>()))>());
-    add(Effect::kMeasure,
-        has<decltype(call_measure<E>(0, P(), std::declval<const Vector3<double>&>(),
-                                     std::declval<Measurement<double>&>()))>());
-    const bool moves = set & (Effect::kThrust | Effect::kWrench | Effect::kRates);
-    add(Effect::kPose, (set & Effect::kAir) || (moves && UsesPose<E>::value));
-    return set;
+    static_assert(hooksOf<E>() != 0,
+                  "the effect acts nowhere: it has none of the functions of ground::EffectHooks");
+    return hooksOf<E>();
   }
   std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
-
- private:
-  template <class Result>
-  static constexpr bool has() {
-    return Result::value;
-  }
 };
 
 }  // namespace detail
@@ -116,7 +139,8 @@ class EffectFrom final
 /// Makes struct E an effect of the library. E has `static EffectInfo info()` and, as templates on
 /// the scalar T, whichever static functions of EffectHooks it needs. One whose thrust and wrench do
 /// not look at the pose may say `static constexpr bool kUsesPose = false`: fits to velocities are
-/// faster then. See src/model/effects/.
+/// faster then. A function with the name of a hook but other parameters does not compile. See
+/// src/model/effects/.
 #define GROUND_REGISTER_EFFECT(E)                                                    \
   namespace {                                                                        \
   [[maybe_unused]] const bool E##_registered =                                       \

@@ -50,12 +50,26 @@ def of_library(name):
     return Candidate(name, add)
 
 
+def effects():
+    """The effects of the library by name, as _core.effects() has them; IdentifyError where a library of
+    GROUND_EFFECT_LIBRARIES cannot be used."""
+    try:
+        return _core.effects()
+    except RuntimeError as error:
+        raise IdentifyError(str(error))
+
+
+def on_request():
+    """Names of the effects that a diagnosis tries only when it is asked to."""
+    return [name for name, effect in effects().items() if effect["opt_in"]]
+
+
 def library(model, wanted=()):
     """Candidates for the effects of the library that the model does not have; for those that a
     diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
     return [
         of_library(name)
-        for name, effect in _core.effects().items()
+        for name, effect in effects().items()
         if name not in model.effects and (name in wanted or not effect["opt_in"])
     ]
 

@@ -5,7 +5,7 @@ import shlex
 
 import numpy as np
 
-from ground import _core, files, origin
+from ground import files, origin
 from ground.analysis import candidates
 from ground.analysis.unfinished import Unfinished
 from ground.errors import IdentifyError
@@ -15,10 +15,10 @@ from ground.verbs import common
 
 NAME = "diagnose"
 SUMMARY = "which physical effect a model lacks, with evidence, and the model with it"
-ON_REQUEST = [name for name, effect in _core.effects().items() if effect["opt_in"]]
 
 
 def configure(parser):
+    on_request = ", ".join(candidates.on_request())
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
@@ -29,7 +29,7 @@ def configure(parser):
         "--only",
         metavar="EFFECT",
         nargs="+",
-        help="effects to try, of the library and of --effects (all but %s)" % ", ".join(ON_REQUEST),
+        help="effects to try, of the library and of --effects (all but %s)" % on_request,
     )
     parser.add_argument(
         "--exclude", metavar="EFFECT", nargs="+", default=[], help="effects not to try"
@@ -40,7 +40,7 @@ def configure(parser):
         nargs="+",
         default=[],
         help="effects to try as well: your own, one in each FILE.yaml, as model files list them, or "
-        "by name those of the library that it does not try by default (%s)" % ", ".join(ON_REQUEST),
+        "by name those of the library that it does not try by default (%s)" % on_request,
     )
     parser.add_argument(
         "--budget",
@@ -91,7 +91,7 @@ def run(arguments):
 
     flown_in = next((r.recording for r in prepared if "room" in r.recording.files), None)
     room = given_room or (flown_in and common.room_of(flown_in))
-    own_files = [e for e in arguments.effects if e not in ON_REQUEST]
+    own_files = [e for e in arguments.effects if e not in candidates.on_request()]
     kept = _kept(arguments, runs, model, tried)
     found = diagnosis.Diagnosis(
         runs,
@@ -175,7 +175,7 @@ def _candidates(arguments, model):
     names = [c.name for c in own]
     library = [c for c in candidates.library(model, arguments.only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)
-    known = by_default + [name for name in ON_REQUEST if name not in by_default]
+    known = by_default + [name for name in candidates.on_request() if name not in by_default]
     for name in (arguments.only or []) + arguments.exclude:
         if name not in known:
             raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))

@@ -1,0 +1,69 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "ground/nodelets/controller.h"
+#include "ground/nodelets/model_loading.h"
+#include "ground/nodelets/parameters.h"
+
+namespace ground_example {
+
+/// Drives to a point and stops there: the thrust is turned into the direction of a spring and a
+/// damper between craft and point.
+///
+/// Parameters: model (file, required), x, y (the point, world_ned, required) [m], tolerance (0.1)
+/// [m], and those of every controller (ground::Controller).
+class GoTo : private ground::Pilot, public ground::Controller {
+ public:
+  GoTo() : Controller(static_cast<ground::Pilot&>(*this)) {}
+  ~GoTo() override { shutdown(); }
+
+ private:
+  static constexpr double kApproach = 0.7;  ///< natural frequency of spring and damper [rad/s]
+  static constexpr double kTurn = 3.0;      ///< that of the turn [rad/s]
+  static constexpr double kSlow = 0.1;      ///< speed at which it has stopped [m/s]
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
+  void load(ros::NodeHandle& nh) override {
+    body_ = ground::loadModelAndWarn(ground::requiredParameter<std::string>(nh, "model")).body;
+    point_ = {ground::requiredParameter<double>(nh, "x"), ground::requiredParameter<double>(nh, "y")};
+    tolerance_ = ground::optionalParameter<double>(nh, "tolerance", 0.1);
+    if (!(tolerance_ > 0)) throw std::runtime_error("parameter tolerance must be above 0 m");
+    ground::LifecycleParams params;
+    params.recovery_time = 0.5;  // bridges a short loss of the mocap without thrust
+    setParams(params);
+  }
+
+  void activate(double) override { end_ = kNever; }
+  double end() const override { return end_; }
+
+  ground::Inputs update(double elapsed, double, const ground::RigidState<double>& state,
+                        double lift) override {
+    using ground::Vector2;
+    const double psi = state.eta.z(), r = state.nu.z();
+    const Vector2<double> way = point_ - state.eta.head<2>();
+    const Vector2<double> velocity = ground::bodyToWorld<double>(psi, state.nu.head<2>().eval());
+    if (way.norm() < tolerance_ && velocity.norm() < kSlow) {
+      end_ = elapsed;
+      return {0, 0, lift};
+    }
+    const Vector2<double> force =
+        body_.m * (kApproach * kApproach * way - 2 * kApproach * velocity);
+    const double turn = std::remainder(std::atan2(force.y(), force.x()) - psi, 2 * M_PI);
+    const double moment = body_.I_z * (kTurn * kTurn * turn - 2 * kTurn * r);
+    const double sum = std::min(force.norm(), body_.k) * std::max(std::cos(turn), 0.0) / body_.k;
+    const double difference = moment / (body_.k * body_.l);
+    return {std::clamp((sum + difference) / 2, 0.0, 1.0),
+            std::clamp((sum - difference) / 2, 0.0, 1.0), lift};
+  }
+
+  ground::Body<double> body_;
+  ground::Vector2<double> point_;  ///< world_ned [m]
+  double tolerance_ = 0;           ///< [m]
+  double end_ = kNever;            ///< since it began [s]
+};
+
+}  // namespace ground_example
+
+PLUGINLIB_EXPORT_CLASS(ground_example::GoTo, nodelet::Nodelet)
