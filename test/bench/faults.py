@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Injects every fault several times and prints one table: how each ends, and its worst case.
 
-Runs test/rostest/faults.test and test/python/test_faults.py; fails when any fault ends otherwise than
-its row says, once.
+Runs test/rostest/faults_*.test, test/python/test_faults.py and test_starved.py; fails when any fault
+ends otherwise than its row says, once.
 """
 import argparse
 import os
@@ -22,9 +22,12 @@ def main():
     package = os.path.join(ROOT, "src", "ground")
     commands = [
         ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
-        + [os.path.join(ROOT, "test", "rostest", "faults.test")],
+        + [os.path.join(ROOT, "test", "rostest", "faults_%s.test" % which)]
+        for which in ("poses", "others")
+    ]
+    commands += [
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
-        + [os.path.join(ROOT, "test", "python", "test_faults.py")],
+        + [os.path.join(ROOT, "test", "python", name) for name in ("test_faults.py", "test_starved.py")],
     ]
     table, failed = {}, 0
     for number in range(rounds):
