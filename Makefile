@@ -5,6 +5,7 @@ SHELL := /bin/bash
 export PATH := /usr/bin:$(PATH)
 
 jobs := $(shell nproc)
+tests_at_once := $(shell echo $$(($(jobs) + 2)))  # two of them mostly wait
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
@@ -27,7 +28,7 @@ demo: build
 test: build
 	@cmake --build build --target tests --parallel $(jobs)
 	@rm -rf build/test_results build/Testing  # ctest would remember other costs than CMakeLists.txt
-	@status=0; $(in_workspace) (cd build && ctest --parallel $(jobs) --output-on-failure) || status=1; \
+	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
 # All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.

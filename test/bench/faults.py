@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Injects every fault several times and prints one table: how each ends, and its worst case.
 
-Runs faults.test and room_axes.test of test/rostest and test/python/test_faults.py; fails when any fault ends otherwise than
-its row says, once.
+Runs faults_*.test and room_axes.test of test/rostest, test/python/test_faults.py and test_starved.py;
+fails when any fault ends otherwise than its row says, once.
 """
 
 import argparse
@@ -23,10 +23,15 @@ def main():
     package = os.path.join(ROOT, "src", "ground")
     rostest = ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
     commands = [
-        rostest + [os.path.join(ROOT, "test", "rostest", "faults.test")],
-        rostest + [os.path.join(ROOT, "test", "rostest", "room_axes.test")],
+        rostest + [os.path.join(ROOT, "test", "rostest", name + ".test")]
+        for name in ("faults_poses", "faults_others", "room_axes")
+    ]
+    commands += [
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
-        + [os.path.join(ROOT, "test", "python", "test_faults.py")],
+        + [
+            os.path.join(ROOT, "test", "python", name)
+            for name in ("test_faults.py", "test_starved.py")
+        ],
     ]
     table, failed = {}, 0
     for number in range(rounds):

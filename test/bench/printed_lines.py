@@ -3,7 +3,7 @@
 compares what is on the wire with the design.
 
 For each line: how it ended, how many bursts and edges there were, and how far the edges are on the wire
-from where the design has them (median, 99%), on a clock that is fitted to the stamps of the commands.
+from where the design has them (median, 99%), after the median delay of the commands around each.
 Fails when one is not flown to its end or the median of all is beyond 2 ms.
 """
 
@@ -28,6 +28,7 @@ from wire_proxy import WireProxy  # noqa: E402
 
 MOST = 2e-3  # median of the edges [s]
 STEP = 1e-3  # of an input on the wire
+NEAR = 2.0  # within which the clocks keep their difference [s]
 MATCHED = 0.9  # share of the changes that has to be found on the wire
 PATIENCE = 120.0  # for a line [s]
 WRAPPER = """<launch>
@@ -121,15 +122,13 @@ def compared(bag, packets, design):
     ends = [time for time, _ in marks[1:]] + [commands[-1][0]]
     bursts = [(begin, end) for (begin, burst), end in zip(marks, ends) if burst]
     stamps = told[list(arrival), 0]
-    clock = np.polyfit(
-        stamps - stamps[0], list(arrival.values()), 1
-    )  # of the wire by that of stamps
+    behind = np.array(list(arrival.values())) - stamps  # clock of the wire to that of stamps
     off = []
     for time in expected(design, bursts):
         near = int(np.argmin(np.abs(told[:, 0] - time)))
         if abs(told[near, 0] - time) > 0.02 or near not in arrival:
             continue  # the design's next edge after a return is a level that is held already
-        off.append(arrival[near] - np.polyval(clock, time - stamps[0]))
+        off.append(arrival[near] - time - np.median(behind[np.abs(stamps - time) < NEAR]))
     return off, len(bursts), status[-1].reason
 
 

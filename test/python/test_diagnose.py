@@ -34,10 +34,23 @@ def diagnose(*arguments):
     return identify("diagnose", *arguments, "--json")
 
 
-@pytest.fixture
-def lagging(tmp_path):
-    truth = with_effect(tmp_path / "truth.yaml", "{name: motor_lag, tau: 0.06}")
-    return bags_of(tmp_path, truth)
+THREE = ["--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
+
+
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory):
+    """Bags of a craft with a lag, beside its model truth.yaml."""
+    folder = tmp_path_factory.mktemp("lagging")
+    return bags_of(folder, with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}"))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, lagging):
+    """Folder and printed result of a diagnosis with THREE that nothing interrupted."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    result = diagnose(*lagging, *THREE, "-o", out)
+    assert result.returncode == 0, result.stderr
+    return out, result.stdout
 
 
 def tried_by_default():
@@ -90,15 +103,11 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     assert again.returncode == 1 and "--force" in again.stderr
 
 
-def test_the_same_input_gives_the_same_answer(tmp_path, lagging):
-    options = [*lagging, "--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
-    answers = []
-    for name in ("a", "b"):
-        result = diagnose(*options, "-o", tmp_path / name)
-        assert result.returncode == 0, result.stderr
-        answers.append(result.stdout)
-    assert answers[0] == answers[1]
-    names = {c["effect"] for c in json.loads(answers[0])["candidates"]}
+def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
+    result = diagnose(*lagging, *THREE, "-o", tmp_path / "again")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == whole[1]
+    names = {c["effect"] for c in json.loads(result.stdout)["candidates"]}
     assert names == {"motor_lag", "input_delay", "floor_tilt"}
 
 
@@ -239,8 +248,7 @@ def test_a_turned_mocap_is_found_from_zero(tmp_path):
 
 
 def test_runs_can_be_held_out(tmp_path, lagging):
-    truth = tmp_path / "truth.yaml"
-    held = bags_of(tmp_path, truth, seeds=(90,))
+    held = bags_of(tmp_path, lagging[0].parent / "truth.yaml", seeds=(90,))
     options = ["--holdout", *held, "--only", "motor_lag"]
     result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr
@@ -282,13 +290,10 @@ def test_real_runs_of_one_day(tmp_path, recordings):
     assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]
 
 
-def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging):
-    whole = tmp_path / "whole"
-    options = [*lagging, "--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
-    assert diagnose(*options, "-o", whole).returncode == 0
-    assert not (whole / ".unfinished").exists()
+def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging, whole):
+    assert not (whole[0] / ".unfinished").exists()
 
-    out = tmp_path / "out"
+    out, options = tmp_path / "out", [*lagging, *THREE]
     command = ["rosrun", "ground", "identify", "diagnose"] + [str(o) for o in options]
 
     def finished():
@@ -314,7 +319,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging):
     assert taken and 1 <= int(taken.group(1))
     assert not (out / ".unfinished").exists()
     assert json.loads((out / "diagnosis.json").read_text()) == json.loads(
-        (whole / "diagnosis.json").read_text()
+        (whole[0] / "diagnosis.json").read_text()
     )
 
 

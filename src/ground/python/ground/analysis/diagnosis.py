@@ -10,6 +10,7 @@ be large enough to matter. What the grown model leaves is looked at last
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, List, Tuple
 
 import numpy as np
@@ -65,15 +66,35 @@ class Conclusion:
     parameters: List[dict]  # of the improved model: name, unit, value, ci95, ...
     noise_floor: float
     heldout: List[float]  # error on held-out runs: nominal, then after each step
-    nested: float  # the last of these by folds in which the choice was made again
     heldout_floor: float  # noise floor of the runs that those are of
     varies: List[dict] = field(default_factory=list)  # what differs between runs
     memory: Any = None  # memory.Memory
     history: Any = None  # remains.Remains
     state: Any = None  # remains.Remains
-    budget: Any = None  # budget.Budget
-    repeats: Any = None  # repeats.Repeats of the improved model's error
-    bands: Any = ()  # bands.Bands of the grown model, one of each run held out
+    diagnosis: Any = None  # that it is of
+    tested: Any = ()  # _core.RunData that the user held out
+
+    # What the verdict does not need is computed when it is asked for.
+
+    @cached_property
+    def nested(self):
+        """The last of `heldout` by folds in which the choice was made again."""
+        return self.diagnosis.nested(self.tested)
+
+    @cached_property
+    def budget(self):
+        """budget.Budget of the grown model's error."""
+        return budget.budget(self.diagnosis.runs, self.diagnosis.cut, self.diagnosis.fit)
+
+    @cached_property
+    def repeats(self):
+        """repeats.Repeats of the improved model's error."""
+        return repeats.repeats(self.diagnosis.runs, self.diagnosis.cut, self.improved)
+
+    @cached_property
+    def bands(self):
+        """bands.Bands of the grown model, one of each run held out."""
+        return self.diagnosis.bands(self.tested)
 
 
 class Diagnosis:
@@ -404,15 +425,13 @@ class Diagnosis:
             self.likelihood.intervals(self.fit),
             floor,
             self._held_out(heldout),
-            self._nested(heldout),
             reached,
             varies,
             self.memory,
             history,
             state,
-            budget.budget(self.runs, self.cut, self.fit),
-            repeats.repeats(self.runs, self.cut, self.model),
-            self._bands(heldout),
+            self,
+            heldout,
         )
 
     def _with_slight(self):
@@ -421,7 +440,7 @@ class Diagnosis:
             return self.search.fits[self.slight_sets[0]]
         return self.fit
 
-    def _nested(self, heldout):
+    def nested(self, heldout):
         """Error of windows held out from choice and fit alike: in each fold the choice is made
         again, beginning with the effects found, each of which has to reach the threshold there."""
         if heldout or not self.chosen:
@@ -441,7 +460,8 @@ class Diagnosis:
 
         return float(self.folds.nested(choose, self.waiting.map).sum())
 
-    def _bands(self, heldout):
+    def bands(self, heldout):
+        """bands.Bands of the grown model, one of each run held out."""
         if heldout:
             return bands.of_others(heldout, self.fit, len(self.cut), self.pool.map)
         return bands.of_folds(self.folds, self.fit)

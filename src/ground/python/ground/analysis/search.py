@@ -62,6 +62,8 @@ class Search:
         self.given = model
         self.free_of = free_of
         self.candidates = {c.name: c for c in candidates}
+        self._sizes = {}  # parameters of an effect
+        self._thresholds = {}  # by number of parameters
         self.criteria = criteria
         self.each = each
         self.say = say or (lambda text: None)
@@ -112,11 +114,16 @@ class Search:
         return self._threshold(self._size(name))
 
     def _threshold(self, size):
-        chance = self.criteria.level / max(1, len(self.candidates))
-        return float(stats.chi2.isf(chance, size))
+        if size not in self._thresholds:
+            chance = self.criteria.level / max(1, len(self.candidates))
+            self._thresholds[size] = float(stats.chi2.isf(chance, size))
+        return self._thresholds[size]
 
     def _size(self, name):
-        return len(effects.parameters_of(self.candidates[name].add(self.given), name))
+        if name not in self._sizes:
+            model = self.candidates[name].add(self.given)
+            self._sizes[name] = len(effects.parameters_of(model, name))
+        return self._sizes[name]
 
     def value(self, names):
         """What sets are compared by: the log-likelihood ratio to the model as it is, less what each
