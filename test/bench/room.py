@@ -152,9 +152,9 @@ def reasons(runs):
     return "; ".join("%d x %s" % (n, reason) for reason, n in counts.most_common()) or "-"
 
 
-def stopped_falsely(run):
-    """Whether a run was stopped that does not leave the room when nothing keeps it inside."""
-    return bool(run["stopped"]) and run["free"]["clearance"] > 0
+def stopped_falsely(run, least):
+    """Whether a run was stopped that keeps this far from the walls [m] when nothing keeps it inside."""
+    return bool(run["stopped"]) and run["free"]["clearance"] > least
 
 
 def rows_of(results):
@@ -176,8 +176,11 @@ def rows_of(results):
         yield "  median burst [s]", _spread([run["median_burst"] for run in runs])
     for controller in CONTROLLERS:
         runs = [r[controller] for r in results]
-        falsely = sum(stopped_falsely(run) for run in runs)
+        margin = _core.load_room(ROOM).margin
+        falsely = sum(stopped_falsely(run, margin) for run in runs)
         yield "circle by %s: stopped falsely" % controller, share(falsely, len(runs))
+        inside = sum(stopped_falsely(run, 0) for run in runs)
+        yield "  stopped, would only have come nearer than the margin", share(inside, len(runs))
         yield "  stopped", share(sum(bool(run["stopped"]) for run in runs), len(runs))
         yield "  reasons", reasons(runs)
         yield "  left the room", share(sum(_left(run) for run in runs), len(runs))
