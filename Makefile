@@ -5,7 +5,7 @@ SHELL := /bin/bash
 export PATH := /usr/bin:$(PATH)
 
 jobs := $(shell nproc)
-tests_at_once := $(shell echo $$(($(jobs) + 2)))  # two of them mostly wait
+tests_at_once := $(shell echo $$(($(jobs) + 1)))  # one of them mostly waits
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&

@@ -109,7 +109,7 @@ TEST_P(Obedience, AShortLossIsForgiven) {
 TEST_P(Obedience, EffectsThatTheModelDoesNotHaveBlameNobodyWrongly) {
   const std::map<std::string, std::map<std::string, double>> effects = {
       {"motor_lag", {{"tau", 0.06}}},
-      {"input_delay", {{"delay", 0.04}}},
+      {"input_delay", {{"delay", 0.15}}},
       {"thrust_asymmetry", {{"a", 0.2}}},
       {"coulomb_friction", {{"f", 0.01}}},
       {"floor_tilt", {{"sx", 0.02}}}};

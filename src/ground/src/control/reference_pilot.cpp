@@ -24,7 +24,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   controller_.swap(controller);
   input_max_ = model.body.input_max;
   obedience_.reset();
-  if (controller_->follows()) obedience_.emplace(model);
+  if (expects_obedience_ && controller_->follows()) obedience_.emplace(model);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -42,6 +42,7 @@ void ReferencePilot::commanded(double time, const Inputs& inputs) {
 void ReferencePilot::activate(double) {
   reference_start_.reset();
   controller_->reset();
+  if (obedience_) obedience_->reset();
 }
 
 std::string ReferencePilot::objection(const MeasuredState& measured) {
@@ -51,9 +52,11 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
     watch_.restart();
   }
   if (!controller_->follows()) return "";
-  obedience_->measure(stamp, measured.state, measured.nu_variance);
-  const std::string instead = obedience_->disobedience(kDisobedient);
-  if (!instead.empty()) return "the craft does not do as it is told: " + instead;
+  if (obedience_) {
+    obedience_->measure(stamp, measured.state, measured.nu_variance);
+    const std::string instead = obedience_->disobedience(kDisobedient);
+    if (!instead.empty()) return "the craft does not do as it is told: " + instead;
+  }
   const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);
 }

@@ -24,6 +24,8 @@ constexpr std::size_t kMany = 4000;   // commands, before old ones are forgotten
 
 /// Of the commanded thrust, within which a model may be wrong.
 constexpr std::array<double, 3> kShares = {0.5, 1, 2};
+/// By which commands may act later than the model says: by the network, or an actuator's lag [s].
+constexpr std::array<double, 3> kLate = {0, 0.1, 0.2};
 
 double square(double x) { return x * x; }
 
@@ -87,6 +89,7 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
       most_(2 * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
   static_assert(std::size(kExplanations) == kCount);
+  static_assert(kShares.size() * kLate.size() == kToldCount && kLate.size() == kLateCount);
 }
 
 void ObedienceMonitor::reset() {
@@ -97,9 +100,10 @@ void ObedienceMonitor::reset() {
 }
 
 void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, double lift) {
-  if (told_.size() > 0 && time < told_.times.back()) return reset();
+  if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
   forgetOldCommands(time);
-  told_.add(time, thrusters.x(), thrusters.y(), lift);
+  for (std::size_t i = 0; i < told_.size(); ++i)
+    told_[i].add(time + kLate[i], thrusters.x(), thrusters.y(), lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = kExplanations[i];
     const double left = e.swapped ? thrusters.y() : thrusters.x();
@@ -109,11 +113,12 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
 }
 
 void ObedienceMonitor::forgetOldCommands(double time) {
-  if (told_.size() < kMany) return;
-  const double oldest = time - kActuatorMemory - dynamics_.inputDelay() - kMostGap;
+  if (told_[0].size() < kMany) return;
+  const double oldest =
+      time - kActuatorMemory - dynamics_.inputDelay() - kLate.back() - kMostGap;
   std::size_t count = 0;
-  while (count + 1 < told_.size() && told_.times[count + 1] < oldest) ++count;
-  told_.drop(count);
+  while (count + 1 < told_[0].size() && told_[0].times[count + 1] < oldest) ++count;
+  for (InputSequence& told : told_) told.drop(count);
   for (InputSequence& other : others_) other.drop(count);
 }
 
@@ -139,7 +144,7 @@ RigidState<double> ObedienceMonitor::centre(const RigidState<double>& seen) cons
 }
 
 bool ObedienceMonitor::lifted() const {
-  return told_.size() > 0 && told_.lift.back() >= kLeastLift;
+  return told_[0].size() > 0 && told_[0].lift.back() >= kLeastLift;
 }
 
 Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
@@ -155,7 +160,6 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   for (std::size_t i = 0; i < others_.size(); ++i)
     others[i] = predict(kExplanations[i].lifted ? dynamics_ : sitting_, others_[i], now.time);
   const Vector3<double>& free = others[0];
-  const Vector3<double> told = predict(dynamics_, told_, now.time);
   const Vector3<double> dragged = free - overFloor(start_.state), seen = overFloor(now.state);
   const auto variance = [&](double most, double drag, double noise) {
     return square(kPush * most) * dt + square(kTrim * most * dt) + square(kDrag * drag) + noise;
@@ -164,9 +168,12 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const Spread spread{variance(most_, dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
                       variance(most_yaw_, dragged.z(), noise.z())};
   Interval interval{now.time, {}, {}};
-  for (std::size_t i = 0; i < kShares.size(); ++i)
-    interval.told(static_cast<Eigen::Index>(i)) =
-        spread.logLikelihood(seen, free + kShares[i] * (told - free));
+  Eigen::Index told = 0;
+  for (const InputSequence& inputs : told_) {
+    const Vector3<double> thrust = predict(dynamics_, inputs, now.time) - free;
+    for (double share : kShares)
+      interval.told(told++) = spread.logLikelihood(seen, free + share * thrust);
+  }
   for (std::size_t i = 0; i < others_.size(); ++i)
     interval.others(static_cast<Eigen::Index>(i)) = spread.logLikelihood(seen, others[i]);
   return interval;

@@ -264,6 +264,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
   if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
+  pilot.expectObedience();
   pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);

@@ -15,7 +15,7 @@
 namespace ground {
 
 /// Follows a reference by a TrackingController, and stops when the craft does not come along
-/// (TrackingWatch) or moves otherwise than it is told (ObedienceMonitor). The reference begins with the first state. What is set takes effect with the
+/// (TrackingWatch) or, when that is asked for, moves otherwise than it is told (ObedienceMonitor). The reference begins with the first state. What is set takes effect with the
 /// next state.
 class ReferencePilot : public Pilot {
  public:
@@ -41,6 +41,9 @@ class ReferencePilot : public Pilot {
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
+  /// Stops when the craft moves otherwise than it is told, which on the floor the sender watches.
+  /// Takes effect with the next controller.
+  void expectObedience() { expects_obedience_ = true; }
   TrackingController* controller() const { return controller_.get(); }
   const ReferencePtr& reference() const { return reference_; }
 
@@ -65,7 +68,8 @@ class ReferencePilot : public Pilot {
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< none until the first state with this reference [s]
   TrackingWatch watch_;
-  std::optional<ObedienceMonitor> obedience_;  ///< of a craft that follows a reference
+  bool expects_obedience_ = false;
+  std::optional<ObedienceMonitor> obedience_;
   DriveClock drive_;
 };
 

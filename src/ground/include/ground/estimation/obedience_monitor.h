@@ -13,13 +13,13 @@ namespace ground {
 ///
 /// It cuts the motion into intervals of 0.1 s. From the state measured at the start of each, the
 /// model predicts the velocities at the end: with half, all and twice of the thrust that was
-/// commanded, because the model may be wrong by that much, and by every other explanation: no thrust
-/// (the motors of a craft that does not hear its commands are off, whatever is sent to it), a fifth
-/// or five times of it, left and right swapped, one thruster off, no lift. The measured velocities
-/// give each a logarithm of a likelihood (Student's t, so that one collision counts little). Noise,
-/// pushes, a trim and a wrong drag (kPush, kTrim, kDrag) make the predictions uncertain, so that
-/// small commands say little and are looked at for longer. The sum over some time decides, and each
-/// half of it has to agree.
+/// commanded, at once and up to 0.2 s later, because the model may be wrong by that much, and by
+/// every other explanation: no thrust (the motors of a craft that does not hear its commands are
+/// off, whatever is sent to it), a fifth or five times of it, left and right swapped, one thruster
+/// off, no lift. The measured velocities give each a logarithm of a likelihood (Student's t, so that
+/// one collision counts little). Noise, pushes, a trim and a wrong drag (kPush, kTrim, kDrag) make
+/// the predictions uncertain, so that small commands say little and are looked at for longer. The
+/// sum over some time decides, and each half of it has to agree.
 class ObedienceMonitor {
  public:
   explicit ObedienceMonitor(const Model& model);
@@ -43,7 +43,9 @@ class ObedienceMonitor {
 
  private:
   static constexpr int kCount = 7;  ///< other explanations
-  using Told = Eigen::Array3d;               ///< half of it, all of it, twice of it
+  static constexpr int kLateCount = 3, kToldCount = 9;
+  /// Half, all and twice of the thrust, at once and later.
+  using Told = Eigen::Array<double, kToldCount, 1>;
   using Evidence = Eigen::Array<double, kCount, 1>;
   /// Likelihoods of an interval, as logarithms, negative.
   struct Interval {
@@ -71,7 +73,7 @@ class ObedienceMonitor {
   Dynamics<Jet> derivatives_;            ///< of dynamics_
   double most_;                          ///< acceleration of full thrust [m/s^2]
   double most_yaw_;                      ///< of one thruster's full moment [rad/s^2]
-  InputSequence told_;
+  std::array<InputSequence, std::size_t{kLateCount}> told_;
   std::array<InputSequence, std::size_t{kCount}> others_;
   bool started_ = false;
   Sample start_;  ///< of the interval
