@@ -15,8 +15,8 @@
 namespace ground {
 
 /// Follows a reference by a TrackingController, and stops when the craft does not come along
-/// (TrackingWatch) or, when that is asked for, moves otherwise than it is told (ObedienceMonitor). The reference begins with the first state. What is set takes effect with the
-/// next state.
+/// (TrackingWatch) or, when that is asked for, moves otherwise than it is told (ObedienceMonitor).
+/// The reference begins with the first state. What is set takes effect with the next state.
 class ReferencePilot : public Pilot {
  public:
   struct Decision {
@@ -26,7 +26,7 @@ class ReferencePilot : public Pilot {
     Vector2<double> wanted;   ///< the same before they were limited
     double computing;         ///< time of the processor that it took [s]
   };
-  static constexpr double kDisobedient = 1.0;  ///< for so long, where that is enough to tell [s]
+  static constexpr double kDisobedient = 1.0;  ///< duration of motion that is judged at first [s]
   /// The time [s], on the clock of the states' stamps.
   using Clock = std::function<double()>;
   using Decided = std::function<void(const Decision&)>;

@@ -32,8 +32,8 @@ class ObedienceMonitor {
   /// do not ascend are left out.
   void measure(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
   /// What the craft has done during the last `duration` seconds, 10 at most, in place of what it was
-  /// told, such as "it moves as without thrust"; empty when it has done as told. Where that is too short to
-  /// tell, during twice or four times as long.
+  /// told, such as "it moves as without thrust"; empty when it has done as told. Where that is too
+  /// short to tell, during twice or four times as long.
   std::string disobedience(double duration) const;
   /// Evidence of the last `duration` seconds for the best other explanation against what was
   /// commanded: logarithm of the likelihood ratio.
@@ -47,7 +47,7 @@ class ObedienceMonitor {
   /// Half, all and twice of the thrust, at once and later.
   using Told = Eigen::Array<double, kToldCount, 1>;
   using Evidence = Eigen::Array<double, kCount, 1>;
-  /// Likelihoods of an interval, as logarithms, negative.
+  /// An interval and the logarithms of its likelihoods, negative.
   struct Interval {
     double end;  ///< [s]
     Told told;

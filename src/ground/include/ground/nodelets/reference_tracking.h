@@ -34,9 +34,8 @@ namespace ground {
 /// file, also while it drives).
 /// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it).
 /// Publishes besides: reference, path/reference (latched), and each decision (DecisionPublisher).
-/// Which effects of the model the controller uses, and that the craft
-/// cannot follow the reference, is said in the log, in ~status and in the answers of ~start and
-/// ~load_model. Refused are a reference that does not fit into the room, a model that the controller
+/// Which effects of the model the controller uses, and that the craft cannot follow the reference, is
+/// said in the log, in ~status and in the answers of ~start and ~load_model. Refused are a reference that does not fit into the room, a model that the controller
 /// must not drive by (effectUse), and parameters that only another kind of controller has.
 template <class Config>
 class ReferenceTracking : public Controller {
@@ -51,6 +50,7 @@ class ReferenceTracking : public Controller {
     drive_subscriber_.shutdown();
     Controller::shutdown();
   }
+
  private:
   void load(ros::NodeHandle& nh) override {
     refuseForeign(nh);
