@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
-KATEX = "/usr/share/javascript/katex"  # of Debian's libjs-katex
+KATEX = "/usr/share/javascript/katex"  # from Debian's package libjs-katex
 sys.path.insert(0, HERE)
 
 project = "ground"

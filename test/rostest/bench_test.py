@@ -2,7 +2,6 @@
 """The thruster bench: constant levels without mocap, and only where a person has said so."""
 
 import os
-import subprocess
 import sys
 import time
 
@@ -12,7 +11,7 @@ from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import Trigger
 
 import harness
-from sender_rig import NODELET, ZERO, SenderTest, kill, wait_for
+from sender_rig import NODELET, ZERO, SenderTest, kill, refusal, wait_for
 
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 MODEL = os.path.join(CFG, "hovercraft", "tiny_whoover.yaml")
@@ -156,12 +155,7 @@ class Bench(SenderTest):
             ("Excitation", {"require_state": "false"}, "returns go by the state"),
             ("Excitation", {**PARAMETERS, "room": ROOM}, "no room can be kept"),
         ):
-            command = [NODELET, "standalone", "ground/" + nodelet, "__name:=other", "_port:=0"]
-            command += ["_%s:=%s" % p for p in parameters.items()]
-            other = subprocess.run(command, stderr=subprocess.PIPE, timeout=20)
-            rospy.delete_param("other")
-            self.assertNotEqual(other.returncode, 0)
-            self.assertIn(complaint, other.stderr.decode())
+            self.assertIn(complaint, refusal(nodelet, {"port": 0, **parameters}))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,16 @@ ZERO = (0.0, 0.0, 0.0)
 NODELET = roslib.packages.find_node("nodelet", "nodelet")[0]
 
 
+def refusal(nodelet, parameters):
+    """What a nodelet of ground prints that does not load with these parameters {name: value}."""
+    command = [NODELET, "standalone", "ground/" + nodelet, "__name:=other"]
+    command += ["_%s:=%s" % p for p in parameters.items()]
+    other = subprocess.run(command, stderr=subprocess.PIPE, timeout=20)
+    rospy.delete_param("other")
+    assert other.returncode != 0, "%s has loaded with %s" % (nodelet, parameters)
+    return other.stderr.decode()
+
+
 def wait_for(condition, what, timeout=10.0):
     """Waits until condition() holds and returns what it gives."""
     deadline = time.monotonic() + timeout

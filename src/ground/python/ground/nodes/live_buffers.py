@@ -10,7 +10,7 @@ import numpy as np
 JUMP = 0.5  # back in time, more than messages come in disorder [s]
 ROOM = 256  # samples that a history begins with
 GAP = 0.3  # between two samples: no line is drawn across a longer one [s]
-HEADROOM = 0.15  # of a new range of an axis, on each side
+HEADROOM = 0.15  # share that a new range of an axis leaves free on each side
 SLACK = 2.5  # a range this many times wider than needed is narrowed
 
 Span = Tuple[float, float]

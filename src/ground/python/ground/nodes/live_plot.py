@@ -36,10 +36,10 @@ from ground.reports import appearance
 
 REDRAW = 33  # period [ms]
 FIT = 0.2  # period at which vertical axes are fitted to what they show [s]
-SIZE = (1200, 900)  # of the window [pixels]
-SILENCE = 3.0  # of a node or of all topics, after which the window says so [s]
+SIZE = (1200, 900)  # width and height when the window opens [pixels]
+SILENCE = 3.0  # the window says so when a node or all topics are silent for so long [s]
 WATCH = 1.0  # period at which the master is looked at [s]
-LONGEST_NAME = 16  # of a model in a title; a longer one is cut off
+LONGEST_NAME = 16  # characters; longer names of models are cut off in titles
 TICK_SPACE = 20  # between two ticks of a vertical axis [pixels]
 TITLE = 24  # height of a title [pixels]
 MARGIN = 0.025  # left and right of the history, for the labels of its ends, as share of it
@@ -471,7 +471,7 @@ class LivePlot(QtWidgets.QWidget):
         pg.setConfigOptions(antialias=False, background="w", foreground="k")
         font = QtWidgets.QApplication.font()
         font.setPointSize(9)
-        QtWidgets.QApplication.setFont(font)  # of the axes as well
+        QtWidgets.QApplication.setFont(font)  # axes take it, too
         self.setWindowTitle("ground: live plot")
         self.resize(*SIZE)
         palette = self.palette()
