@@ -35,7 +35,7 @@ double loss(double square_of_z, int dimension) {
 }
 
 /// What a craft may do instead of what it is told: what to say, and what its thrusters get. The
-/// first has none.
+/// first one is that they get nothing.
 struct Explanation {
   const char* text;
   bool swapped;
@@ -210,17 +210,19 @@ std::string ObedienceMonitor::disobedience(double duration) const {
     if (all.maxCoeff(&best) < kEvidence || recent(best) < kLeastHalf ||
         all(best) - recent(best) < kLeastHalf)
       continue;
-    return "it moves " + likely(span);
+    return "it moves " + likely(span, best);
   }
   return "";
 }
 
-/// The explanations that are not much worse than the best, of those of the last `duration` seconds in
-/// which the craft did not do as it was told: before, it did, which speaks against all of them.
-std::string ObedienceMonitor::likely(double duration) const {
+/// The explanations that are not much worse than the best one. Those intervals of the last `duration`
+/// seconds decide in which the craft clearly did not do as it was told: before, it did, which speaks
+/// against all of them. Without such an interval it is `best`.
+std::string ObedienceMonitor::likely(double duration, Eigen::Index best) const {
   Evidence others = Evidence::Zero();
   for (const Interval& i : intervals_)
     if (i.end > start_.time - duration && i.told.maxCoeff() < kPlausible) others += i.others;
+  if ((others == 0).all()) return kExplanations[best].text;
   std::string said;
   for (Eigen::Index i = 0; i < others.size(); ++i)
     if (others(i) > others.maxCoeff() - kEvidence)

@@ -64,7 +64,7 @@ class ObedienceMonitor {
                           double time) const;
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
-  std::string likely(double duration) const;
+  std::string likely(double duration, Eigen::Index best) const;
   RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
   void forgetOldCommands(double time);
