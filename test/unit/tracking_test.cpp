@@ -335,10 +335,20 @@ TEST(TrackingWatch, CountsOnlyTheTimeInWhichTheCraftIsSeen) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
   EXPECT_EQ(stops(watch, [](double) { return 0.1; }, 5).first, -1);
-  // Lost for half a second, it comes back too far off, and returns within 0.8 s.
-  EXPECT_EQ(stops(watch, [](double t) { return t < 6.3 ? 0.7 : 0.1; }, 20, 5.5).first, -1);
+  // Lost for half a second, it comes back too far off, and returns within 2.8 s.
+  EXPECT_EQ(stops(watch, [](double t) { return t < 8.3 ? 0.7 : 0.1; }, 20, 5.5).first, -1);
   // A mocap of two frames a second does not hide a craft that has gone.
-  EXPECT_NEAR(stops(watch, [](double) { return 0.7; }, 60, 20, 0.5).first, 20 + 10 * 0.5, 0.6);
+  EXPECT_NEAR(stops(watch, [](double) { return 0.7; }, 60, 20.5, 0.5).first, 20.5 + 2 + 10 * 0.5, 0.6);
+}
+
+TEST(TrackingWatch, ALossLeavesTimeToCatchUpOnce) {
+  TrackingWatch watch;
+  watch.setMaxError(0.5);
+  EXPECT_EQ(stops(watch, [](double) { return 0.1; }, 5).first, -1);
+  // Losses that go on do not excuse an error that began before them.
+  const auto lost = [](double) { return 0.7; };
+  EXPECT_EQ(stops(watch, lost, 7.9, 5.5).first, -1);
+  EXPECT_NEAR(stops(watch, lost, 20, 8.3).first, 5.5 + 2 + 1 + 0.3, 0.1);
 }
 
 TEST(TrackingWatch, ABoundThatIsChangedActsAtOnce) {

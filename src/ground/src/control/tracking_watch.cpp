@@ -36,13 +36,14 @@ std::string TrackingWatch::look(double time, double error) {
     last_time_ = time;
   }
   const double seen = std::clamp(time - last_time_, 0.0, kLongestInterval);
+  if (time - last_time_ > kLongestInterval && inside_ > 0) caught_up_ = time + kCatchUp;
   last_time_ = std::max(last_time_, time);
 
   inside_ = error <= max_error_ ? inside_ + seen : 0;
   arrived_ = arrived_ || inside_ >= kPatience;
   if (!arrived_) approaching_ += seen;
   const double allowed = arrived_ ? max_error_ : max_error_ + first_error_ + kDetour;
-  outside_ = error <= allowed ? 0 : outside_ + seen;
+  outside_ = error <= allowed || time < caught_up_ ? 0 : outside_ + seen;
 
   char text[160] = "";
   if (outside_ >= kPatience && arrived_) {

@@ -18,15 +18,17 @@ double defaultMaxError(const ReferenceTrajectory& reference);
 /// for a second is a reason to stop. Until then it has kApproach seconds, and for a second at most
 /// it may be more than kDetour farther away than it started. Seconds are those in which the craft
 /// was seen: an interval between two looks counts as kLongestInterval at most, so that a loss of the
-/// mocap is not taken for an error that lasts. (In simulation ModelPredictive arrives within 4 s from
-/// rest 3 m off at any heading, with noise and parameters that are wrong by a quarter, after a detour
-/// of 1.1 m at most.)
+/// mocap is not taken for an error that lasts. After a loss the craft has kCatchUp seconds before an
+/// error counts: it stood while the reference went on, and may have to turn. (In simulation
+/// ModelPredictive arrives within 4 s from rest 3 m off at any heading, with noise and parameters
+/// that are wrong by a quarter, after a detour of 1.1 m at most.)
 class TrackingWatch {
  public:
   static constexpr double kPatience = 1.0;         ///< [s]
   static constexpr double kApproach = 20.0;        ///< [s]
   static constexpr double kDetour = 2.0;           ///< [m]
-  static constexpr double kLongestInterval = 0.1;  ///< [s]
+  static constexpr double kLongestInterval = 0.1;  ///< between two looks, a longer one is a loss [s]
+  static constexpr double kCatchUp = 2.0;          ///< [s]
 
   /// [m], positive; takes effect with the next look.
   void setMaxError(double max_error) { max_error_ = max_error; }
@@ -46,6 +48,7 @@ class TrackingWatch {
   double approaching_ = 0;   ///< time seen before the arrival [s]
   double inside_ = 0;        ///< for how long the error has kept within max_error [s]
   double outside_ = 0;       ///< for how long it has been too large [s]
+  double caught_up_ = 0;     ///< when an error counts again after a loss [s]
 };
 
 }  // namespace ground
