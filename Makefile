@@ -3,9 +3,12 @@
 SHELL := /bin/bash
 # ROS 1 lives in the system's Python, whichever python3 comes first in PATH.
 export PATH := /usr/bin:$(PATH)
+# It does not wait for libraries to compile what uses them, and tells little.
+export CMAKE_GENERATOR ?= Ninja
+MAKEFLAGS += --no-print-directory
 
 jobs := $(shell nproc)
-tests_at_once := $(shell echo $$(($(jobs) + 2)))  # two of them mostly wait
+tests_at_once := $(shell echo $$(($(jobs) + 1)))  # two of them mostly wait, some have two processes
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
