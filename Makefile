@@ -3,6 +3,9 @@
 SHELL := /bin/bash
 # ROS 1 lives in the system's Python, whichever python3 comes first in PATH.
 export PATH := /usr/bin:$(PATH)
+# It does not wait for libraries to compile what uses them, and tells little.
+export CMAKE_GENERATOR ?= Ninja
+MAKEFLAGS += --no-print-directory
 
 jobs := $(shell nproc)
 tests_at_once := $(shell echo $$(($(jobs) + 1)))  # one of them mostly waits

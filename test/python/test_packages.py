@@ -19,7 +19,8 @@ KEYS = {
 # What no package of the workspace depends on.
 TOOLS = {
     # to build and to try it by hand
-    *("cmake", "g++", "make", "git", "catkin-tools", "ros-core", "ros-core-dev", "python3-venv"),
+    *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
+    "python3-venv",
     # screenshots and pages that the tests look at
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
 }
