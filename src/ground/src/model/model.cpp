@@ -172,6 +172,7 @@ Eigen::MatrixXd Model::penalty(const std::vector<std::string>& names) const {
     first += count;
   }
   std::vector<int> places;
+  places.reserve(names.size());
   for (const std::string& wanted : names) places.push_back(index(wanted));
   const auto count = static_cast<Eigen::Index>(names.size());
   Eigen::MatrixXd chosen(count, count);
