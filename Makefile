@@ -19,7 +19,7 @@ WIDE ?= NATIVE
 # ON compiles several files as one, which takes less for all of them; OFF takes less after a change
 UNITY ?= ON
 
-.PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
+.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
 
 build: build/CMakeCache.txt
@@ -33,6 +33,10 @@ test: build
 	@rm -rf build/test_results build/Testing  # ctest would remember other costs than CMakeLists.txt
 	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
+
+# Spelling, Python, XML and catkin packages; TIDY=1: clang-tidy over all C++ as well, which is slow.
+lint: $(if $(TIDY),build)
+	@$(in_ros) .ci/lint $(if $(TIDY),spelling python xml packages tidy)
 
 # All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
 sanitize: $(installed)

@@ -91,10 +91,10 @@ def verbs():
 
     for verb in identify.ALL:
         yield from ["## identify %s" % verb.NAME, ""]
-        yield from code(in_process(lambda argv: cli.main([verb.NAME] + argv)))
+        yield from code(in_process(lambda argv, verb=verb: cli.main([verb.NAME] + argv)))
     for verb in (track, tune):
         yield from ["## %s" % verb.NAME, ""]
-        yield from code(in_process(lambda argv: cli.program(verb, argv)))
+        yield from code(in_process(lambda argv, verb=verb: cli.program(verb, argv)))
     for name in PROGRAMS:
         yield from ["## %s" % name, "", *code(help_of(name))]
 

@@ -46,12 +46,12 @@ def main():
                 print("round %d failed:\n%s" % (number + 1, result.stdout[-4000:]), file=sys.stderr)
     print("| fault | ends | worst of %d |" % rounds)
     print("|---|---|---|")
-    for (name, ending), whats in table.items():
-        most = "most" if "recorded" not in whats[0] else "least"
+    for (name, ending), seen in table.items():
+        most = "most" if "recorded" not in seen[0] else "least"
         worst = (max if most == "most" else min)(
-            whats, key=lambda w: float((NUMBER.findall(w) or ["0"])[0])
+            seen, key=lambda w: float((NUMBER.findall(w) or ["0"])[0])
         )
-        missing = "" if len(whats) == rounds else " (%d of %d)" % (len(whats), rounds)
+        missing = "" if len(seen) == rounds else " (%d of %d)" % (len(seen), rounds)
         print("| %s | %s%s | %s |" % (name, ending, missing, worst))
     print("%d of %d programs failed" % (failed, rounds * len(commands)))
     return 1 if failed else 0

@@ -20,13 +20,13 @@ def make_simulation(problem, compiled):
     """All runs: [nu; sensitivities] at the start, inputs, parameters -> the same at the samples."""
     x, nu, u = casadi.SX.sym("x", PARAMETERS), casadi.SX.sym("nu", 3), casadi.SX.sym("u", 2)
     I_z, X_u, Y_v, N_r, k = casadi.vertsplit(x * problem.start)
-    m, l, h = problem.mass, problem.lever, problem.h
+    m, lever, h = problem.mass, problem.lever, problem.h
 
     def derivative(nu):
         return casadi.vertcat(
             (k * (u[0] + u[1]) - X_u * nu[0]) / m + nu[2] * nu[1],
             -Y_v * nu[1] / m - nu[2] * nu[0],
-            (l * k * (u[0] - u[1]) - N_r * nu[2]) / I_z,
+            (lever * k * (u[0] - u[1]) - N_r * nu[2]) / I_z,
         )
 
     after = nu

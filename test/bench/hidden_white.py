@@ -239,9 +239,11 @@ def _schedule(excitation, i, seed):
     length = DURATION - 1.0  # of which lift alone
     number = 10 * seed + i
     if excitation == "prbs":
-        return experiments.with_lift(experiments.rows("prbs", length, clock=10, levels=(0, 1), seed=number), length)
+        rows = experiments.rows("prbs", length, clock=10, levels=(0, 1), seed=number)
+        return experiments.with_lift(rows, length)
     if excitation == "slow":
-        return experiments.with_lift(experiments.rows("prbs", length, clock=0.5, levels=(0, 1), seed=number), length)
+        rows = experiments.rows("prbs", length, clock=0.5, levels=(0, 1), seed=number)
+        return experiments.with_lift(rows, length)
     if excitation == "straight":
         random = np.random.default_rng(_number("straight", number))
         edges = np.arange(0, length, 0.5)
@@ -254,7 +256,8 @@ def _schedule(excitation, i, seed):
         (15, (0, 1), 0.7),
         (20, (0, 0.6), 0.85),
     ][i]
-    return experiments.with_lift(experiments.rows("prbs", length, clock=clock, levels=levels, seed=number), length, lift)
+    rows = experiments.rows("prbs", length, clock=clock, levels=levels, seed=number)
+    return experiments.with_lift(rows, length, lift)
 
 
 def calibrate(effects, seeds, excitation):

@@ -14,7 +14,7 @@ import numpy as np
 
 def inputs(state, reference, body, gains):
     """Left and right, in 0..1; state: x, y, psi, u, v, r."""
-    m, l, I_z, d, d_r, k = body
+    m, lever, I_z, d, d_r, k = body
     k_e, k_z, k_phi_1, k_phi_2, delta_1, delta_2 = gains
     psi, v, r = state[2], state[3:5], state[5]
     delta, K = np.array([delta_1, delta_2]), np.diag([k_phi_1, k_phi_2])
@@ -43,7 +43,7 @@ def inputs(state, reference, body, gains):
     torque = (
         -m * B[:, 1] @ (z1 - delta) + d_r * alpha[1] + I_z * alpha_dot[1] - k_z * (r - alpha[1])
     )
-    wanted = np.array([alpha[0] + torque / l, alpha[0] - torque / l]) / (2 * k)
+    wanted = np.array([alpha[0] + torque / lever, alpha[0] - torque / lever]) / (2 * k)
     return np.clip(wanted, 0, 1)
 
 

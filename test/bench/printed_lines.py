@@ -23,8 +23,8 @@ from ground.analysis import next_experiment
 from ground.simulation import experiments
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "rostest"))
-from fake_craft import free_port  # noqa: E402
-from wire_proxy import WireProxy  # noqa: E402
+from fake_craft import free_port
+from wire_proxy import WireProxy
 
 MOST = 2e-3  # median of the edges [s]
 STEP = 1e-3  # of an input on the wire

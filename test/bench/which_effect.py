@@ -72,8 +72,13 @@ def main():
     for row in rows:
         print(
             "%-24s %-24s %7.2f   %-24s %7.2f"
-            % (row["hidden"], row["ours"], row["seconds"], row.get("pysindy", "-"),
-               row.get("pysindy_seconds", 0.0))  # fmt: skip
+            % (
+                row["hidden"],
+                row["ours"],
+                row["seconds"],
+                row.get("pysindy", "-"),
+                row.get("pysindy_seconds", 0.0),
+            )
         )
     return 0
 

@@ -86,7 +86,10 @@ def test_a_heading_offset_is_found_from_zero(tmp_path):
 
 
 def test_an_expression_effect_from_a_file(tmp_path):
-    washboard = "{name: waves, expression: {Y: 'a*sin(6*x)'}, parameters: {a: {value: %g, unit: N, lower: -1, upper: 1}}}"
+    washboard = (
+        "{name: waves, expression: {Y: 'a*sin(6*x)'}, "
+        "parameters: {a: {value: %g, unit: N, lower: -1, upper: 1}}}"
+    )
     truth = with_effect(tmp_path / "truth.yaml", washboard % 0.03)
     bag = write_bag(tmp_path / "run.bag", model=truth)
     effect = tmp_path / "waves.yaml"

@@ -189,7 +189,7 @@ def test_only_debug_shows_a_traceback(capsys, monkeypatch, error, words):
         raise error
 
     monkeypatch.setattr(info, "run", fail)
-    for arguments, environment in ((["info", "a"], {}), (["info", "a", "--debug"], {})):
+    for arguments in (["info", "a"], ["info", "a", "--debug"]):
         assert cli.main(arguments) == 1
         said = capsys.readouterr().err
         assert words in said.splitlines()[-1]

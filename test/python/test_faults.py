@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
-from wire_proxy import WireProxy  # noqa: E402
+from wire_proxy import WireProxy
 
 LIMIT = 0.3  # of thrust after what it is given for has ended [s]
 

@@ -2,10 +2,9 @@
 import errno
 import os
 import shutil
-import sys
 
 import pytest
-from conftest import MODEL, ROOT, write_bag
+from conftest import MODEL, write_bag
 
 from ground import cli, errors, files
 from ground.verbs import track, tune

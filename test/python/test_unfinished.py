@@ -134,7 +134,7 @@ def test_what_is_not_data_is_not_kept(tmp_path):
     work = unfinished.Unfinished(str(tmp_path), "this work")
     for value in (Malicious(), np.array([Malicious()])):
         with pytest.raises(TypeError, match="cannot be kept"):
-            work.result("part", lambda: value)
+            work.result("part", lambda value=value: value)
     assert not files_of(tmp_path)
 
 

@@ -77,12 +77,14 @@ class Bench(SenderTest):
         self.assertTrue(start.success, start.message)
         self.wait_driving(self.hovercraft, level)
 
+    def wait_controller(self, state, what):
+        wait_for(lambda: self.controller_status.message.state == state, what)
+
     def test_levels_arrive_on_time(self):
         self.bench()
         self.run_until(LEFT[1])
         self.assertEqual(self.status.reason, "armed with commands of /controller; " + BENCH)
-        ended = lambda: self.controller_status.message.state == ControllerStatus.DONE
-        wait_for(ended, "the end")
+        self.wait_controller(ControllerStatus.DONE, "the end")
         self.hovercraft.wait_packets(3)  # the zero is on its way
         packets = self.hovercraft.since(0)
         edges = [
@@ -113,8 +115,7 @@ class Bench(SenderTest):
         start = time.time()
         self.assertTrue(self.arm(False).success)
         self.assert_zero_within_limit(self.hovercraft, start, "disarmed on the bench")
-        stopped = lambda: self.controller_status.message.state == ControllerStatus.STOPPED
-        wait_for(stopped, "a stopped controller")
+        self.wait_controller(ControllerStatus.STOPPED, "a stopped controller")
         self.run_until(LEFT[1])
         start = time.time()
         rospy.ServiceProxy("controller/stop", Trigger)()

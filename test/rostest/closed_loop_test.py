@@ -12,7 +12,7 @@ from nav_msgs.msg import Path
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 CLEAR = 0.1  # difference of the inputs whose yaw moment outweighs what else turns the craft
 

@@ -19,8 +19,8 @@ from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus,
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from wire_proxy import WireProxy  # noqa: E402
+import harness
+from wire_proxy import WireProxy
 
 LIMIT = 0.3  # of thrust after the last pose that is to be believed [s]
 # How a fault ends: the controller drives on; it stops; it stops and the sender is in FAULT besides.

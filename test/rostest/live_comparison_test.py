@@ -27,7 +27,7 @@ from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 TRUTH = os.path.join(HERE, "tilted_craft.yaml")
@@ -163,12 +163,12 @@ class LiveComparisonTest(unittest.TestCase):
         late = harness.Latest("late_error", ModelError)
         for error in (second, late):  # what a busy computer delays at their start passes
             harness.wait_for(
-                lambda: error.message
+                lambda error=error: error.message
                 and error.message.model == "sagging_craft"
                 and error.message.window > 3
                 and error.message.error < 0.8,
                 20,
-                lambda: "small errors of the sagging craft, not %s" % error.message,
+                lambda error=error: "small errors of the sagging craft, not %s" % error.message,
             )
 
 

@@ -15,7 +15,7 @@ from ground_msgs.msg import MocapSettings, State
 from nav_msgs.msg import Odometry
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 POSE = "vrpn_client_node/hovercraft/pose"
 
@@ -25,7 +25,7 @@ class MocapStateTest(unittest.TestCase):
         self.state = harness.Latest("state", State, keep=True)
         self.odometry = harness.Latest("odometry", Odometry, keep=True)
         self.publisher = rospy.Publisher(POSE, PoseStamped, queue_size=10, tcp_nodelay=True)
-        harness.wait_for(lambda: self.publisher.get_num_connections(), 20, "a subscriber")
+        harness.wait_for(self.publisher.get_num_connections, 20, "a subscriber")
         # The poses of the test before are over when the node says that none come, and forgotten
         # after its max_gap.
         harness.wait_for(

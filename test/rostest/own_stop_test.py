@@ -14,10 +14,10 @@ from rosgraph_msgs.msg import Log
 from std_srvs.srv import SetBool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from ground.analysis import own_stop  # noqa: E402
-from ground.nodes import stop_trial  # noqa: E402
-from ground.recordings import own_stop as records  # noqa: E402
+import harness
+from ground.analysis import own_stop
+from ground.nodes import stop_trial
+from ground.recordings import own_stop as records
 
 UNPROVEN = "it is not proven that this craft stops by itself (rosrun ground prove_stop)"
 PUSH = stop_trial.Push(thrust=0.2, lift_time=0.3, thrust_time=0.9, silence=1.0)

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 

@@ -11,8 +11,8 @@ import rostest
 
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from controller_case import ControllerCase, S  # noqa: E402
+import harness
+from controller_case import ControllerCase, S
 
 CLOCK = 15.0
 

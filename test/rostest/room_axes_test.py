@@ -11,7 +11,7 @@ from ground_msgs.msg import Controls, ControllerStatus, State
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 HALF = 2.0  # width of the room [m]
 REST = 3.0  # until the craft has come to rest [s]

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 MODEL = os.path.join(
     os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml"

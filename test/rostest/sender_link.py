@@ -56,7 +56,7 @@ class SenderLink(SenderTest):
                 intruder.send()
                 intruder.send(b"garbage")
                 intruder.send(encode_state((0, 0, 0), [0] * 9))
-            self.wait_status(lambda s: s.foreign == foreign + 150, "foreign")
+            self.wait_status(lambda s, foreign=foreign: s.foreign == foreign + 150, "foreign")
             craft.wait_packets(10)
             self.assertEqual(craft.packets[-1][1:], DRIVE if armed else ZERO)
             self.assertEqual(intruder.count(), 0)

@@ -148,8 +148,9 @@ class SenderTest(unittest.TestCase):
             self.assertEqual(craft.garbled, [])
         if rospy.has_param("sender"):
             rospy.delete_param("sender")
-        gone = lambda: self.feed.states.get_num_connections() == 0
-        wait_for(gone, "the end of the old sender")
+        wait_for(
+            lambda: self.feed.states.get_num_connections() == 0, "the end of the old sender"
+        )
 
     def spawn(self, *command):
         process = subprocess.Popen(command)
@@ -166,10 +167,12 @@ class SenderTest(unittest.TestCase):
         return process
 
     def wait_connected(self):
-        heard = lambda: (
-            self.feed.controls.get_num_connections() and self.feed.states.get_num_connections()
+        wait_for(
+            lambda: self.feed.controls.get_num_connections()
+            and self.feed.states.get_num_connections(),
+            "a sender that listens",
+            timeout=20,
         )
-        wait_for(heard, "a sender that listens", timeout=20)
         wait_for(lambda: SenderTest.status, "a status", timeout=20)
         rospy.wait_for_service("sender/arm", 20)
 
@@ -208,8 +211,10 @@ class SenderTest(unittest.TestCase):
 
     def assert_zero_within_limit(self, craft, start, what):
         """After `start` zeros must be on the wire in time, and stay."""
-        first = lambda packets: next((p for p in packets if p.time > start and is_zero(p)), None)
-        zero = craft.wait(first, "zero packet after " + what)
+        zero = craft.wait(
+            lambda packets: next((p for p in packets if p.time > start and is_zero(p)), None),
+            "zero packet after " + what,
+        )
         craft.wait_packets(5)
         self.assert_zero(craft.since(zero.time))
         self.worst[what] = max(self.worst.get(what, 0), zero.time - start)

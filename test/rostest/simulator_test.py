@@ -21,8 +21,8 @@ from ground_msgs.srv import LoadModel
 from rosgraph_msgs.msg import Clock
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from fake_craft import free_port  # noqa: E402
+import harness
+from fake_craft import free_port
 
 POSE = "vrpn_client_node/hovercraft/pose"
 

@@ -15,8 +15,8 @@ from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from controller_case import ControllerCase, S  # noqa: E402
+import harness
+from controller_case import ControllerCase, S
 
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -114,7 +114,9 @@ class TrackingTest(ControllerCase):
     def test_what_it_cannot_use_does_not_start(self):
         for name in ("broken", "misled", "mistuned"):
             harness.wait_for(
-                lambda: not rosnode.rosnode_ping(name, max_count=1), 10, name + " is gone"
+                lambda name=name: not rosnode.rosnode_ping(name, max_count=1),
+                10,
+                name + " is gone",
             )
 
     def test_a_craft_that_does_not_come_stops_it_with_the_reason(self):

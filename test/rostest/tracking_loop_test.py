@@ -19,7 +19,7 @@ from ground_msgs.srv import LoadModel
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
+import harness
 
 S = ControllerStatus
 TILTED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tilted_craft.yaml")

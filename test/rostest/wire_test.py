@@ -11,9 +11,9 @@ from ground_msgs.msg import ControllerStatus, SenderStatus
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import harness  # noqa: E402
-from fake_craft import FakeCraft, is_zero  # noqa: E402
-from ground import _core  # noqa: E402
+import harness
+from fake_craft import FakeCraft, is_zero
+from ground import _core
 
 PORT, CLOCK, DURATION = 33491, 15.0, 4.0
 

@@ -134,7 +134,7 @@ TEST_P(EveryEffect, IsDocumented) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
-                         [](const auto& info) { return info.param; });
+                         [](const auto& test) { return test.param; });
 
 TEST(EffectLibrary, HasTheContractedNames) {
   const std::vector<std::string> contract = {"added_mass",

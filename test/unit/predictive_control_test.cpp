@@ -113,7 +113,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Planned{"lag_on_a_slope", craft({{"motor_lag", {0.06}},
                                                      {"floor_tilt", {0.02, -0.01}},
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
-    [](const auto& info) { return info.param.name; });
+    [](const auto& test) { return test.param.name; });
 
 TEST(TrajectoryOptimizer, RefusesWhatItCannotPlan) {
   EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);

@@ -63,7 +63,7 @@ INSTANTIATE_TEST_SUITE_P(
                                                                                     {-0.2, 1.4}})),
                     std::make_pair("waypoints", makeWaypoints(corners(), 0.4, true)),
                     std::make_pair("sharp_waypoints", makeWaypoints(corners(), 0.4, false))),
-    [](const auto& info) { return info.param.first; });
+    [](const auto& test) { return test.param.first; });
 
 TEST(References, SmoothLineStartsAndEndsAtRestWithItsPeakSpeed) {
   const ReferencePtr line = makeLine({-1, 0}, {2, 1}, 0.8, true);

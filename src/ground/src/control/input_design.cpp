@@ -79,7 +79,7 @@ std::vector<Pair> multisineRows(const DesignParams& p) {
   for (std::size_t i = 0; i < rows.size(); ++i) {
     Pair sums = Pair::Zero();
     for (int h = 1; h <= harmonics; ++h) {
-      const double number = (h + 1) / 2, count = (harmonics + h % 2) / 2;
+      const int number = (h + 1) / 2, count = (harmonics + h % 2) / 2;
       const double phase = -M_PI * number * (number - 1) / count;
       const double turns = static_cast<double>(i + p.seed) / static_cast<double>(rows.size());
       sums(h % 2 == 1 ? 0 : 1) += std::cos(2 * M_PI * h * turns + phase);

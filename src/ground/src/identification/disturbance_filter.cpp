@@ -515,7 +515,6 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
 }
 
 RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) const {
-  constexpr int kLevels = DisturbanceLevels::kCount;
   constexpr int kPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
   constexpr int kColumns = kPasses * Lanes::kCount;
   constexpr double kSmall = 1e-3;  // change of a logarithm

@@ -11,6 +11,8 @@
 
 namespace ground::detail {
 
+constexpr int kLevels = DisturbanceLevels::kCount;
+
 /// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
 constexpr int kFilterStates = 13;
 using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;

@@ -17,8 +17,8 @@ struct NormalEquations {
   double loss = 0;
 
   NormalEquations() = default;
-  NormalEquations(Eigen::MatrixXd A, Eigen::VectorXd b, double loss = 0)
-      : A(std::move(A)), b(std::move(b)), loss(loss) {}
+  NormalEquations(Eigen::MatrixXd left, Eigen::VectorXd right, double cost = 0)
+      : A(std::move(left)), b(std::move(right)), loss(cost) {}
   static NormalEquations zero(Eigen::Index columns) {
     return {Eigen::MatrixXd::Zero(columns, columns), Eigen::VectorXd::Zero(columns)};
   }

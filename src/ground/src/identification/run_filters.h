@@ -9,7 +9,6 @@
 
 namespace ground::detail {
 
-constexpr int kLevels = DisturbanceLevels::kCount;
 using LevelVector = Eigen::Matrix<double, kLevels, 1>;
 
 constexpr double kLoudness = 0.5;  // deviation of its prior

@@ -172,7 +172,8 @@ Eigen::MatrixXd Model::penalty(const std::vector<std::string>& names) const {
     first += count;
   }
   std::vector<int> places;
-  for (const std::string& name : names) places.push_back(index(name));
+  places.reserve(names.size());
+  for (const std::string& wanted : names) places.push_back(index(wanted));
   const auto count = static_cast<Eigen::Index>(names.size());
   Eigen::MatrixXd chosen(count, count);
   for (Eigen::Index i = 0; i < count; ++i)

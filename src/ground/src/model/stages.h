@@ -54,8 +54,8 @@ struct Stages {
   Rotation<T> heading;
   Raw c, s;  ///< of the current stage's heading
 
-  Stages(const Vector3<T>& damping, int directions, RigidState<T>& state)
-      : damping(damping), directions(directions), next(state) {}
+  Stages(const Vector3<T>& rates, int derivatives, RigidState<T>& state)
+      : damping(rates), directions(derivatives), next(state) {}
 
   void begin(bool uses_pose) {
     nu = next.nu;

@@ -39,14 +39,15 @@ class Excitation : public Controller {
 
   /// Plays what is set when it is started.
   struct Player : ExcitationPilot {
-    explicit Player(Excitation& owner)
-        : ExcitationPilot([&owner] { return owner.seconds(ros::Time::now()); },
-                          [&owner](const Mark& mark) { owner.marked(mark); },
-                          [&owner](const ReferencePilot::Decision& decision) {
-                            owner.decision_publisher_.publish(decision, owner.measuredAt(),
-                                                              owner.getName(), owner.config_.lift);
+    explicit Player(Excitation& excitation)
+        : ExcitationPilot([&excitation] { return excitation.seconds(ros::Time::now()); },
+                          [&excitation](const Mark& mark) { excitation.marked(mark); },
+                          [&excitation](const ReferencePilot::Decision& decision) {
+                            excitation.decision_publisher_.publish(
+                                decision, excitation.measuredAt(), excitation.getName(),
+                                excitation.config_.lift);
                           }),
-          owner(owner) {}
+          owner(excitation) {}
     void activate(double stamp) override {
       owner.prepare();
       ExcitationPilot::activate(stamp);

@@ -80,9 +80,9 @@ void bindControl(py::module_& module) {
       .def(
           "sample",
           [](const ReferenceParams& params, const std::vector<double>& times) {
-            const ReferencePtr reference = makeReference(params);
+            const ReferencePtr path = makeReference(params);
             return toRows(times, 2, [&](double t) {
-              return Eigen::RowVector2d(reference->at(std::max(0.0, t)).p.transpose());
+              return Eigen::RowVector2d(path->at(std::max(0.0, t)).p.transpose());
             });
           },
           py::arg("times"), "Positions x, y [m] at `times` [s].");

@@ -12,7 +12,7 @@ struct Jump {
   double turn;  ///< [rad]
   double dt;    ///< [s]
 
-  Jump(const RigidState<double>& from, const RigidState<double>& to, double dt) : dt(dt) {
+  Jump(const RigidState<double>& from, const RigidState<double>& to, double gap) : dt(gap) {
     const Vector2<double> over_floor = bodyToWorld<double>(from.eta.z(), from.nu.head<2>().eval());
     way = (to.eta.head<2>() - from.eta.head<2>() - over_floor * dt).norm();
     turn = std::abs(wrapAngle(to.eta.z() - from.eta.z() - from.nu.z() * dt));

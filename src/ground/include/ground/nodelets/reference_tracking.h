@@ -125,7 +125,7 @@ class ReferenceTracking : public Controller {
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> one(changing_);
     const bool changed = built_ != nullptr;
-    ReferencePtr reference = changed ? std::move(built_) : pilot_.reference();
+    ReferencePtr reference = changed ? built_ : pilot_.reference();
     built_.reset();
     std::string caution = pilot_.caution();
     if (changed) caution = judge(model_, *reference, c.reference);

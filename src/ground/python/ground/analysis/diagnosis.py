@@ -230,7 +230,9 @@ class Diagnosis:
             names = sorted(found)
             self.judge(found)
             self.search.without_each(found, names)
-            objections = self.waiting.map(lambda name: self._objection(found, name), names)
+            objections = self.waiting.map(
+                lambda name, found=found: self._objection(found, name), names
+            )
             refused = [(name, why) for name, why in zip(names, objections) if why]
             if not refused:
                 return found

@@ -92,10 +92,10 @@ def propose(rivals, runs, each=map, room=None):
     maps over experiments, in parallel if it can.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
-    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design), `repeat`, the
-    number of such runs that make sure, `expected_disagreement` of one of them [standard deviations],
-    and `all`: every experiment with its disagreement open loop and before the refit, best first. None
-    when no experiment distinguishes the rivals.
+    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the
+    design), `repeat`, the number of such runs that make sure, `expected_disagreement` of one of them
+    [standard deviations], and `all`: every experiment with its disagreement open loop and before the
+    refit, best first. None when no experiment distinguishes the rivals.
     """
     room = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}

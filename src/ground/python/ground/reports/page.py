@@ -13,8 +13,10 @@ PAGE = string.Template(
 <link rel="icon" href="data:,">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <style>
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 68rem; margin: 2rem auto; padding: 0 1rem }
-h1 { font-size: 1.4rem } h2 { font-size: 1.15rem; margin-top: 2.2rem } h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 68rem; margin: 2rem auto;
+  padding: 0 1rem }
+h1 { font-size: 1.4rem } h2 { font-size: 1.15rem; margin-top: 2.2rem }
+h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
 .verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
 .caption { font-size: .85rem; color: #555; margin: .1rem 0 .6rem }
 .wide { overflow-x: auto }
@@ -30,7 +32,8 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
 @media print {
   body { margin: 0; max-width: none; font-size: 10pt } h2, h3 { break-after: avoid }
   .figure, tr, .verdict { break-inside: avoid } .modebar { display: none }
-  details:not([open]) { display: none } table { font-size: 7.5pt } .wide { overflow: visible } .screen { display: none }
+  details:not([open]) { display: none } table { font-size: 7.5pt } .wide { overflow: visible }
+  .screen { display: none }
 }
 </style></head><body>
 $body

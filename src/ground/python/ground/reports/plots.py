@@ -1,14 +1,14 @@
 """Pictures of measurement and model, and of where the model fails."""
 import matplotlib
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
-import numpy as np  # noqa: E402
+matplotlib.use("Agg")  # before pyplot is imported, which would choose another
+import matplotlib.pyplot as plt
+import numpy as np
 
-from ground import files  # noqa: E402
-from ground.analysis import failure  # noqa: E402
-from ground.recordings import repair  # noqa: E402
-from ground.reports.appearance import (  # noqa: E402
+from ground import files
+from ground.analysis import failure
+from ground.recordings import repair
+from ground.reports.appearance import (
     CHANNELS,
     ERROR_AGAINST,
     LEFT,
@@ -19,7 +19,7 @@ from ground.reports.appearance import (  # noqa: E402
     scaled,
     short_label,
 )
-from ground.reports.words import number  # noqa: E402
+from ground.reports.words import number
 
 LABELS = ["%s [%s]" % (name, unit) for _, name, unit in CHANNELS]
 TIME = "time since the start of the run [s]"

@@ -170,7 +170,8 @@ def _measured_against(sheet, inspected, described, winner, banded=None):
         )
         sheet.subheading("Missing wrench against what was measured")
         caption = (
-            "Run %s, body frame, by a Kalman smoother; bars: two standard errors; percentage: as above, for %s."
+            "Run %s, body frame, by a Kalman smoother; bars: two standard errors; percentage: as "
+            "above, for %s."
             % (
                 run.name,
                 labels[0],

@@ -1,7 +1,8 @@
 """Search for the gains of a controller in closed loop, over references, starts and conditions.
 
 What is searched are the logarithms of the gains: a quarter of the candidates all over the range,
-the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far apart. A candidate is as good as its errors, its saturation and its effort together:
+the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far apart. A candidate
+is as good as its errors, its saturation and its effort together:
 
     score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
             + saturation_weight * saturated share + effort_weight * effort

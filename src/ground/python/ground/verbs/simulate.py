@@ -32,7 +32,8 @@ that it stays inside; a tracking controller stops before it would leave.
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
-same bag, bit by bit, but for the computing times of a controller (topic decision). The topics are those of record.launch; simulator/truth has the true motion.
+same bag, bit by bit, but for the computing times of a controller (topic decision). The topics are
+those of record.launch; simulator/truth has the true motion.
 
 A disturbance in the model file acts only with --disturbance; without it, a line says so.
 """
