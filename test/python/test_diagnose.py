@@ -179,7 +179,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     import argparse
 
     from ground import _core
-    from ground.errors import IdentifyError
+    from ground.errors import GroundError
     from ground.verbs import diagnose as verb
 
     own = {}
@@ -206,20 +206,20 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     assert tried("--only", "gust", "floor_friction_map") == {"gust", "floor_friction_map"}
     assert tried("floor_friction_map") == tried() | {"floor_friction_map"}  # one more of --effects
     assert "swirl" not in tried("--exclude", "swirl")
-    with pytest.raises(IdentifyError, match="there is no effect guts"):
+    with pytest.raises(GroundError, match="there is no effect guts"):
         tried("--only", "guts")
 
     text = own["gust"].read_text()
     own["gust"].write_text(text.replace("value: 0.1", "value: much"))
-    with pytest.raises(IdentifyError, match="gust.yaml, line 4: a must be a number"):
+    with pytest.raises(GroundError, match="gust.yaml, line 4: a must be a number"):
         tried()
     own["gust"].write_text(text.replace("name: gust", "name: swirl"))
-    with pytest.raises(IdentifyError, match="gust.yaml: --effects has another effect swirl"):
+    with pytest.raises(GroundError, match="gust.yaml: --effects has another effect swirl"):
         tried()
     own["gust"].write_text("name: motor_lag\ntau: 0.1\n")
     assert tried() == tried_by_default() | {"swirl"}
     own["gust"].write_text("")
-    with pytest.raises(IdentifyError, match="gust.yaml: it is empty"):
+    with pytest.raises(GroundError, match="gust.yaml: it is empty"):
         tried()
 
 

@@ -10,7 +10,7 @@ from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
 from ground.analysis import diagnosis_report
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
 from ground.reports import report, tracking_plots
@@ -365,5 +365,5 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
 
 def test_no_settings_of_a_bag_end_in_a_traceback(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
-    with pytest.raises(IdentifyError, match="recorded in the bag"):
+    with pytest.raises(GroundError, match="recorded in the bag"):
         recording.read_bag(bag)

@@ -17,7 +17,7 @@ ADVICE = {
 }
 
 
-class IdentifyError(Exception):
+class GroundError(Exception):
     """Something is wrong with the user's files or wishes; the message says what, where, and why."""
 
 
@@ -54,7 +54,7 @@ def sentence(error):
         names = [str(n) for n in (error.filename, error.filename2) if n is not None]
         return ": ".join(names + [reason(error)])
     text = " ".join(str(error).split())
-    if isinstance(error, IdentifyError):
+    if isinstance(error, GroundError):
         return text
     return "unexpected %s: %s; --debug shows where" % (type(error).__name__, text or "no reason")
 

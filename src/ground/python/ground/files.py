@@ -7,7 +7,7 @@ import tempfile
 
 import yaml
 
-from ground.errors import IdentifyError, reason
+from ground.errors import GroundError, reason
 
 _kept = None  # inside protect: files that must not be replaced, (device, inode) -> why
 _FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
@@ -35,7 +35,7 @@ def _keep(path, why):
 
 
 def refuse_existing(path, force):
-    """Raises IdentifyError when `path` cannot be written: it is an input of this command (also through
+    """Raises GroundError when `path` cannot be written: it is an input of this command (also through
     a link), no regular file, there already and not forced, or in a folder that does not exist or cannot
     be written. To be asked before long work starts."""
     if os.path.lexists(path):
@@ -43,18 +43,18 @@ def refuse_existing(path, force):
             status = os.stat(path)
             why = (_kept or {}).get((status.st_dev, status.st_ino))
             if why:
-                raise IdentifyError(_FORMAT % (path, why))
+                raise GroundError(_FORMAT % (path, why))
         if os.path.isdir(path):
-            raise IdentifyError("%s is a folder; name a file" % path)
+            raise GroundError("%s is a folder; name a file" % path)
         if not os.path.isfile(path) and not os.path.islink(path):
-            raise IdentifyError("%s is not a regular file; choose another name" % path)
+            raise GroundError("%s is not a regular file; choose another name" % path)
         if not force:
-            raise IdentifyError("%s exists; choose another name, or --force to overwrite it" % path)
+            raise GroundError("%s exists; choose another name, or --force to overwrite it" % path)
     folder = os.path.dirname(os.path.abspath(path))
     if not os.path.isdir(folder):
-        raise IdentifyError("%s: there is no folder %s" % (path, folder))
+        raise GroundError("%s: there is no folder %s" % (path, folder))
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise IdentifyError("%s: the folder %s cannot be written to" % (path, folder))
+        raise GroundError("%s: the folder %s cannot be written to" % (path, folder))
 
 
 @contextlib.contextmanager
@@ -65,7 +65,7 @@ def new_file(path, force=False):
     try:
         handle, temporary = tempfile.mkstemp(os.path.splitext(name)[1], ".ground-", folder)
     except OSError as error:
-        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
+        raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     try:
         os.close(handle)
         yield temporary
@@ -79,14 +79,14 @@ def new_file(path, force=False):
     except OSError as error:
         if error.filename not in (None, temporary, path):
             raise  # of another file that was read meanwhile
-        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
+        raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     finally:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(temporary)
 
 
 def _move(temporary, path):
-    """Renames a file to a name that must not exist; IdentifyError when it does."""
+    """Renames a file to a name that must not exist; GroundError when it does."""
     try:
         try:
             os.link(temporary, path)
@@ -102,7 +102,7 @@ def _move(temporary, path):
                 os.unlink(path)
                 raise
     except FileExistsError:
-        raise IdentifyError("%s has come to exist meanwhile; left as it is" % path)
+        raise GroundError("%s has come to exist meanwhile; left as it is" % path)
 
 
 def plain(value):

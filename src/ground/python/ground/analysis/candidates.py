@@ -7,7 +7,7 @@ from typing import Callable
 import yaml
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 # Angles all round have several minima: they are sought from several starts [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
@@ -37,14 +37,14 @@ class Candidate:
 
 
 def of_library(name):
-    """The Candidate of that name; IdentifyError naming all known ones when there is none."""
+    """The Candidate of that name; GroundError naming all known ones when there is none."""
 
     def add(model):
         extended = model.copy()
         try:
             extended.add_effect(name)
         except (ValueError, RuntimeError) as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
         return extended
 
     return Candidate(name, add)
@@ -61,14 +61,14 @@ def library(model, wanted=()):
 
 
 def from_file(path):
-    """The Candidate of a YAML file with one effect as model files list it; IdentifyError names file
+    """The Candidate of a YAML file with one effect as model files list it; GroundError names file
     and line of what is wrong with it."""
     try:
         return _from_text(_core.read_effect_file(path), path)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     except UnicodeDecodeError as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+        raise GroundError("%s: cannot be read (%s)" % (path, error))
 
 
 def from_entry(entry, source):
@@ -81,7 +81,7 @@ def _from_text(text, source):
         try:
             return _core.with_effect(model, text, source)
         except RuntimeError as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
 
     return Candidate(add(_core.Model()).effects[0], add)
 

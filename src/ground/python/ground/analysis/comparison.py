@@ -57,7 +57,7 @@ class Evaluation:
 def evaluate(run, model):
     """Simulates the run's windows and predicts over all horizons.
 
-    Raises IdentifyError on runs that are too short, RuntimeError on models whose motion is not
+    Raises GroundError on runs that are too short, RuntimeError on models whose motion is not
     finite.
     """
     cut = windows.cut([run])

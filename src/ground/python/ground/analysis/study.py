@@ -8,7 +8,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
@@ -38,7 +38,7 @@ class Study:
 
     Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a
     single run. Of long runs it takes about `most` windows, spread evenly, so that its work does
-    not grow with them. Raises IdentifyError when runs are too short.
+    not grow with them. Raises GroundError when runs are too short.
     """
 
     def __init__(self, runs, threads=0, most=MAX_WINDOWS):
@@ -55,7 +55,7 @@ class Study:
         else:
             count = min(PARTS, len(self.windows))
             if count < 2:
-                raise IdentifyError(
+                raise GroundError(
                     "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
                     % (runs[0].name, windows.WINDOW)
                 )
@@ -84,12 +84,12 @@ class Study:
         return fit
 
     def _best(self, starts, free, **options):
-        """The best fit from any start; IdentifyError when none can be simulated."""
+        """The best fit from any start; GroundError when none can be simulated."""
         found, failure = [], None
         for start in starts:
             try:
                 found.append(self._fit(self.windows, start, free, **options))
-            except IdentifyError as error:
+            except GroundError as error:
                 failure = error
         if not found:
             raise failure
@@ -138,7 +138,7 @@ class Study:
         try:
             return windows.problem(self.runs, pieces).fit(model, free, **options)
         except (ValueError, RuntimeError) as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
 
 
 def free_parameters(model):
@@ -151,7 +151,7 @@ def free_parameters(model):
 def channel_errors(runs, chosen, model, truth=None):
     """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
 
-    Their sum is the error that reports give. Raises IdentifyError when the model cannot be simulated.
+    Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
     """
     samples = [w.last - w.first + 1 for w in chosen]
     return np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
@@ -164,7 +164,7 @@ def window_errors(runs, chosen, model, truth=None):
     try:
         simulated = problem.simulate(model)["nu"]
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     errors = []
     for window, nu in zip(chosen, simulated):
         measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
@@ -211,7 +211,7 @@ def change(runs, chosen, model, other):
     try:
         motions = [problem.simulate(m)["nu"] for m in (model, other)]
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     sizes = [np.abs(a - b) / problem.sigma(w.run) for w, a, b in zip(chosen, *motions)]
     return np.concatenate(sizes).mean(axis=0)
 
@@ -245,7 +245,7 @@ def recorded(run, model, random, wrench=None, thrust=0.0):
         )
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     if not np.isfinite(poses).all():
-        raise IdentifyError("the model's motion along %s is not finite" % run.name)
+        raise GroundError("the model's motion along %s is not finite" % run.name)
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
     return _core.RunData(
         run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives

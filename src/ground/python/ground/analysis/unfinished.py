@@ -17,7 +17,7 @@ import zipfile
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
 _classes = {}  # name, module included -> dataclass
@@ -66,7 +66,7 @@ class Unfinished:
             return found
         found = compute()
         # what cannot be kept is computed once more the next time
-        with contextlib.suppress(IdentifyError, OSError):
+        with contextlib.suppress(GroundError, OSError):
             with files.new_file(path, force=True) as temporary:
                 with open(temporary, "wb") as file:
                     file.write(_packed(found))

@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
@@ -31,7 +31,7 @@ CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut ta
 
 
 def listed(paths):
-    """The paths with every folder replaced by the bags in it, by name; IdentifyError when it has
+    """The paths with every folder replaced by the bags in it, by name; GroundError when it has
     none."""
     found = []
     for path in paths:
@@ -39,7 +39,7 @@ def listed(paths):
         if os.path.isdir(path):
             inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
             if not inside:
-                raise IdentifyError("%s: there is no bag in this folder" % path)
+                raise GroundError("%s: there is no bag in this folder" % path)
         found += inside
     return found
 
@@ -50,7 +50,7 @@ def write(run, path, axes=AXES, heading_offset=0.0, force=False):
 
     Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
     the craft; the bag says so. Header stamps are times of measurement, record times those of
-    delivery. Gives the number of messages by topic; raises IdentifyError when the file exists.
+    delivery. Gives the number of messages by topic; raises GroundError when the file exists.
     """
     import rosbag
 

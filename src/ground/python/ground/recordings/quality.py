@@ -2,7 +2,7 @@
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import frame_clock
 from ground.recordings.repair import MAX_GAP, repair, wrap
 
@@ -36,7 +36,7 @@ class Run:
         self.zero = max(times[0], controls[0])
         last = min(times[-1], controls[-1])
         if not last > self.zero:
-            raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
+            raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
         self.drives, self.drives_by = self._drives()
         reply = _reply(recording, motion)
@@ -96,7 +96,7 @@ class Run:
     def data(self, model, start=None, end=None, everything=False):
         """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
 
-        `start` and `end` [s] choose a part, on the run's clock. Raises IdentifyError when nothing is
+        `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
         left of it.
         """
         motion = self.motion
@@ -108,7 +108,7 @@ class Run:
                 [(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0
             )
         if inside.sum() < 10:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
                 "of it (identify info says why, --all takes what is there)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())

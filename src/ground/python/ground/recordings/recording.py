@@ -8,7 +8,7 @@ from typing import List
 import numpy as np
 
 from ground import files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import bags, flown, live_changes, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
 
@@ -47,12 +47,12 @@ def read_bag(path, axes=None, heading_offset=None):
     Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`
     (x, y, psi), else from ground_msgs/State. Mocap poses become world_ned by the settings that were
     recorded with the run, or by `axes` and `heading_offset` [rad] where given; planar ones take the
-    heading offset; states are corrected already. Raises IdentifyError.
+    heading offset; states are corrected already. Raises GroundError.
     """
     if os.path.isdir(path):
-        raise IdentifyError("%s: a folder, not a bag; name the bags in it" % path)
+        raise GroundError("%s: a folder, not a bag; name the bags in it" % path)
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         warnings = bag.warnings
         info = bag.get_type_and_topic_info().topics
@@ -118,18 +118,18 @@ def read_bag(path, axes=None, heading_offset=None):
 
 def read_settings(path, axes=None, heading_offset=None):
     """The settings.Settings by which the mocap's poses in a bag become world_ned, or the given ones in
-    their place. Raises IdentifyError."""
+    their place. Raises GroundError."""
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         kind = "geometry_msgs/PoseStamped"
         return measured.settings_of(bag, path, kind, axes, heading_offset)
 
 
 def read_files(path):
-    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises IdentifyError."""
+    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises GroundError."""
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         return flown.read(path, bag)[1]
 
@@ -159,13 +159,13 @@ def _choose(info, path, what, rank):
             found.append((order, topic))
     if not found:
         there = ", ".join("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
-        raise IdentifyError(
+        raise GroundError(
             "%s: no %s in this bag; it has %s" % (path, what, there or "no messages at all")
         )
     found.sort()
     same = [topic for order, topic in found if order == found[0][0]]
     if len(same) > 1:
-        raise IdentifyError(
+        raise GroundError(
             "%s: several topics could be the %s: %s" % (path, what, ", ".join(same))
         )
     return same[0]
@@ -194,39 +194,39 @@ def _checked(path, poses, controls, source, warnings):
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
-            raise IdentifyError("%s: only %d %s" % (path, len(rows), what))
+            raise GroundError("%s: only %d %s" % (path, len(rows), what))
         bad = ~np.isfinite(rows).all(axis=1)
         if bad.any():
-            raise IdentifyError(
+            raise GroundError(
                 "%s: %d of %d %s are not finite, the first is number %d"
                 % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
             )
         times = rows[:, 0]
         if times.max() == times.min():
-            raise IdentifyError(
+            raise GroundError(
                 "%s: all %s have the same stamp, %.3f s: their headers were not filled in"
                 % (path, what, times[0])
             )
         back = np.diff(times)
         if back.min() < -JUMP_BACK:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
     low, high = controls[:, 1:].min(), controls[:, 1:].max()
     if low < -1e-9 or high > 1 + 1e-9:
-        raise IdentifyError(
+        raise GroundError(
             "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
         )
     turns = np.abs(np.diff(poses[:, 3]))
     wraps = turns[np.abs(turns - 360) < 60]
     if len(wraps) and np.abs(poses[:, 3]).max() < 361:
-        raise IdentifyError(
+        raise GroundError(
             "%s: headings jump by %.0f from pose to pose: they seem to be in degrees, but radians "
             "are needed" % (path, wraps[0])
         )
     if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
-        raise IdentifyError(
+        raise GroundError(
             "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
             "degrees, but radians are needed" % (path, np.abs(poses[:, 3]).max(), np.median(turns))
         )
@@ -250,7 +250,7 @@ def read_csv(path):
             reader = csv.DictReader(file)
             missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
             if missing:
-                raise IdentifyError("%s, line 1: no column %s" % (path, ", ".join(missing)))
+                raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
             stamps, received, points = [], [], []
             for row in reader:
                 try:
@@ -258,20 +258,20 @@ def read_csv(path):
                     receipt = int(row.get(CSV_RECEIVED) or stamp)
                     point = [float(row[c]) for c in CSV_COLUMNS[1:]]
                 except (TypeError, ValueError):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
                     )
                 if not all(0 < t < LATEST for t in (stamp, receipt)):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a stamp is not a time between 1970 and 2106 in nanoseconds"
                         % (path, reader.line_num)
                     )
                 if not all(map(math.isfinite, point)):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a value is not finite" % (path, reader.line_num)
                     )
                 if stamps and stamp < stamps[-1]:
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: the stamp is %.6f s before that of the row above"
                         % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
                     )
@@ -279,9 +279,9 @@ def read_csv(path):
                 received.append(receipt)
                 points.append(point)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+        raise GroundError("%s: cannot be read (%s)" % (path, error))
     if len(stamps) < 2:
-        raise IdentifyError("%s: only %d rows" % (path, len(stamps)))
+        raise GroundError("%s: only %d rows" % (path, len(stamps)))
     return stamps, received, np.array(points)
 
 
@@ -300,7 +300,7 @@ def import_csv(controls_path, pose_path, bag_path, force=False):
         _checked(path, pair[0], pair[1], "", [])
     spans = [(min(r), max(r)) for _, r, _ in series.values()]
     if max(s[0] for s in spans) > min(s[1] for s in spans):
-        raise IdentifyError(
+        raise GroundError(
             "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Dict, List, Tuple
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import flown, messages, run_parameters
 
 TYPE = "ground_msgs/MocapSettings"
@@ -33,16 +33,16 @@ class Setting:
 
 
 def _check(setting, source):
-    """The _core.AxisMapping of a setting; IdentifyError names where one that makes no sense is from."""
+    """The _core.AxisMapping of a setting; GroundError names where one that makes no sense is from."""
     if not abs(setting.heading_offset) <= 2 * math.pi:
-        raise IdentifyError(
+        raise GroundError(
             "%s: a heading_offset of %g is no angle; write it in radians, from -6.28 to 6.28"
             % (source, setting.heading_offset)
         )
     try:
         return _core.AxisMapping(setting.axes, setting.heading_offset)
     except ValueError as error:
-        raise IdentifyError("%s: %s" % (source, error))
+        raise GroundError("%s: %s" % (source, error))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
 
     They are `axes` and `heading_offset` [rad] where given, else those in the bag, else those in the
     parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
-    and what the poses do not take; raises IdentifyError for axes that are no frame.
+    and what the poses do not take; raises GroundError for axes that are no frame.
     """
     warnings = [] if warnings is None else warnings
     taken, given = TAKES[kind], {"axes": axes, "heading_offset": heading_offset}
@@ -153,7 +153,7 @@ def _in_bag(bag, path, warnings):
     if not topics and messages.announced(bag, TYPE):
         warnings.append("the settings of the mocap that were recorded in the bag are lost")
     if len(topics) > 1:
-        raise IdentifyError(
+        raise GroundError(
             "%s: several topics could be the settings of the mocap: %s" % (path, ", ".join(topics))
         )
     found = [

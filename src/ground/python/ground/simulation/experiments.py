@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings.recording import Recording
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
@@ -47,13 +47,13 @@ class Schedule:
 def design(kind, duration, **options):
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
-    options: members of _core.DesignParams. Raises ValueError on bad ones, IdentifyError when a file
+    options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
     cannot be read.
     """
     try:
         return _core.make_design(design_params(kind, **options), duration)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def design_params(kind, **options):
@@ -119,7 +119,7 @@ def simulate(
     default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
-    of the model does not act by itself. Raises ValueError on bad parameters, IdentifyError when
+    of the model does not act by itself. Raises ValueError on bad parameters, GroundError when
     nothing can be recorded or the motion is not finite.
     """
     mocap = _core.MocapParams() if mocap is None else mocap
@@ -134,10 +134,10 @@ def simulate(
         else:
             log = _core.track_reference(model, believed or model, drive, *where)
     except RuntimeError as error:
-        raise IdentifyError("%s: %s" % (name, error))
+        raise GroundError("%s: %s" % (name, error))
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     if len(frames) < 2:
-        raise IdentifyError(
+        raise GroundError(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
             % (name, len(frames), len(truth))
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import tracking_error
 from ground.simulation import gains
 from ground.workers import Workers
@@ -82,9 +82,9 @@ class Tracked:
 
 def reference(kind, **settings):
     """The _core.ReferenceParams of a kind with these parameters (_core.reference_parameters);
-    IdentifyError when there is no such kind or it does not take one of them."""
+    GroundError when there is no such kind or it does not take one of them."""
     if kind not in KINDS:
-        raise IdentifyError(
+        raise GroundError(
             "the reference must be one of %s, or a .csv file, not '%s'"
             % (", ".join(name for name in KINDS if name != "file"), kind)
         )
@@ -92,7 +92,7 @@ def reference(kind, **settings):
     params.kind = kind
     for name, value in settings.items():
         if name not in KINDS[kind].takes:
-            raise IdentifyError(
+            raise GroundError(
                 "reference %s does not take '%s'; it takes %s"
                 % (kind, name, ", ".join(KINDS[kind].takes))
             )
@@ -102,7 +102,7 @@ def reference(kind, **settings):
 
 def task(kind, settled=None, until=None, **settings):
     """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
-    are given. IdentifyError as from `reference`."""
+    are given. GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
         kind, settings = "file", dict(settings, file=kind)
     defaults, window = REFERENCES.get(kind, ({}, None))
@@ -131,10 +131,10 @@ def anywhere(count, seed, reach):
 
 def effect_use(kind, model):
     """What a kind of controller does with the effects of the model that it believes in: `used` and
-    `unused` ones, a `remark` for people. IdentifyError when it must not drive by the model."""
+    `unused` ones, a `remark` for people. GroundError when it must not drive by the model."""
     use = _core.effect_use(kind, model)
     if use["refusal"]:
-        raise IdentifyError(use["refusal"])
+        raise GroundError(use["refusal"])
     return use
 
 
@@ -153,7 +153,7 @@ def run(
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
     error beyond which the controller stops itself [m], 0: as the reference's size asks, inf: never.
-    Raises IdentifyError when the motion is not finite, ValueError on bad parameters. A controller
+    Raises GroundError when the motion is not finite, ValueError on bad parameters. A controller
     that stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
@@ -173,9 +173,9 @@ def run(
     try:
         log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     if not len(log["references"]):
-        raise IdentifyError("the controller stopped before it drove: %s" % log["stopped"])
+        raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
     found = _tracked(log, task, believed.input_max)
     if log["stopped"]:
         at = log["stopped_at"] - log["references"][0, 0]

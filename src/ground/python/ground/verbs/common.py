@@ -7,7 +7,7 @@ import sys
 import numpy as np
 
 from ground import _core, errors, files, origin
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import bags as bag_files, findings, quality, recording as recordings, settings
 
 
@@ -17,7 +17,7 @@ class Bags(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
         try:
             setattr(namespace, self.dest, bag_files.listed(values))
-        except IdentifyError as error:
+        except GroundError as error:
             parser.exit(1, "%s: %s\n" % (parser.prog, error))
 
 
@@ -113,7 +113,7 @@ def say(arguments, text=""):
 
 
 def read(arguments, bags=None, others=()):
-    """The recordings in the bags; IdentifyError when one cannot be read or is given twice.
+    """The recordings in the bags; GroundError when one cannot be read or is given twice.
 
     Warns of runs that were recorded with different settings, of these and of `others` (recordings).
     """
@@ -127,7 +127,7 @@ def read(arguments, bags=None, others=()):
         if names.count(recording.name) > 1:
             recording.name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
     if len({r.name for r in found}) < len(found):
-        raise IdentifyError("the same bag is given twice")
+        raise GroundError("the same bag is given twice")
     different = settings.differences(list(others) + found)
     if different and different != settings.differences(others):
         print("note: %s" % different, file=sys.stderr)
@@ -135,27 +135,27 @@ def read(arguments, bags=None, others=()):
 
 
 def load(path):
-    """The _core.Model in a file; what is implausible in it is said on standard error. IdentifyError
+    """The _core.Model in a file; what is implausible in it is said on standard error. GroundError
     names file, line and key."""
     try:
         model, warnings = _core.load_model_with_warnings(path)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     for warning in warnings:
         print("warning: " + warning, file=sys.stderr)
     return model
 
 
 def load_room(path):
-    """The _core.RoomPlan in a file; IdentifyError names file, line and key."""
+    """The _core.RoomPlan in a file; GroundError names file, line and key."""
     try:
         return _core.load_room(path)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def room_of(recording):
-    """The _core.RoomPlan that was kept with a run; None without one. IdentifyError says what is wrong
+    """The _core.RoomPlan that was kept with a run; None without one. GroundError says what is wrong
     with it."""
     file = recording.files.get("room")
     if file is None:
@@ -163,7 +163,7 @@ def room_of(recording):
     try:
         return _core.parse_room(file.text, "%s of %s" % (file.name, recording.name))
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def prepare(arguments, model, bags=None, others=()):
@@ -173,7 +173,7 @@ def prepare(arguments, model, bags=None, others=()):
     Returns quality.Run and the _core.RunData of the part that is asked for, of each.
     """
     if not model.input_max > 0:
-        raise IdentifyError("the model's input_max is not positive")
+        raise GroundError("the model's input_max is not positive")
     runs = [quality.Run(r) for r in read(arguments, bags, others)]
     for run in runs:
         for finding in findings.grave(run.describe()):
@@ -204,25 +204,25 @@ def note_heading_offset(model, runs):
 
 
 def held_out(arguments, model, fitted):
-    """What prepare gives of the runs given with --holdout; IdentifyError when one is among those
+    """What prepare gives of the runs given with --holdout; GroundError when one is among those
     `fitted` to (quality.Run)."""
     if not arguments.holdout:
         return [], []
     others = [r.recording for r in fitted]
     prepared, held = prepare(arguments, model, arguments.holdout, others)
     if {r.name for r in held} & {r.name for r in others}:
-        raise IdentifyError("a run is given both to fit to and to hold out")
+        raise GroundError("a run is given both to fit to and to hold out")
     return prepared, held
 
 
 @contextlib.contextmanager
 def page(path, numbers):
-    """For a block that writes the page `path`: where it cannot, IdentifyError says that the file
+    """For a block that writes the page `path`: where it cannot, GroundError says that the file
     `numbers` is kept, and how to make the page."""
     try:
         yield
-    except (IdentifyError, OSError) as error:
-        raise IdentifyError(
+    except (GroundError, OSError) as error:
+        raise GroundError(
             "the page could not be written (%s); the numbers are kept in %s: make room, then give the "
             "same command with --force for the page %s" % (errors.sentence(error), numbers, path)
         )

@@ -33,7 +33,7 @@ import numpy as np
 from ground import files, workers
 from ground.analysis import comparison
 from ground.analysis.study import noise_floor
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import quality
 from ground.reports import inspection, report, words
 from ground.verbs import common
@@ -64,13 +64,13 @@ def run(arguments):
     models = [(_label(p, arguments.model), common.load(p)) for p in arguments.model]
     labels = [label for label, _ in models]
     if len(set(labels)) < len(models):
-        raise IdentifyError("the same model is given twice")
+        raise GroundError("the same model is given twice")
     found = common.read(arguments)
     bags = [os.path.basename(b) for b in arguments.bags]
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:
-        raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
+        raise GroundError("%s: cannot be made a folder (%s)" % (arguments.output, error))
     outputs = [_outputs(arguments, recording.name, labels) for recording in found]
     numbers, page = (os.path.join(arguments.output, n) for n in ("compare.json", "report.html"))
     pages = [] if arguments.numbers else [page]

@@ -8,7 +8,7 @@ import numpy as np
 from ground import _core, files, origin
 from ground.analysis import candidates
 from ground.analysis.unfinished import Unfinished
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import quality
 from ground.reports import report, words
 from ground.verbs import common
@@ -82,7 +82,7 @@ def run(arguments):
     try:
         os.makedirs(arguments.output, exist_ok=True)
     except OSError as error:
-        raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
+        raise GroundError("%s: cannot be made a folder (%s)" % (arguments.output, error))
     for path in paths.values():
         files.refuse_existing(path, arguments.force)
 
@@ -178,16 +178,16 @@ def _candidates(arguments, model):
     known = by_default + [name for name in ON_REQUEST if name not in by_default]
     for name in (arguments.only or []) + arguments.exclude:
         if name not in known:
-            raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+            raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
     for path, name in zip(arguments.effects, names):
         if names.count(name) > 1:
-            raise IdentifyError("%s: --effects has another effect %s" % (path, name))
+            raise GroundError("%s: --effects has another effect %s" % (path, name))
     only = set(arguments.only or by_default)
     if not only & set(names):
         only |= set(names)
     chosen = [c for c in library + own if c.name in only and c.name not in arguments.exclude]
     if not chosen:
-        raise IdentifyError("no effect is left to try")
+        raise GroundError("no effect is left to try")
     for candidate in chosen:
         candidate.add(model)  # says what does not fit the model before long work starts
     return chosen

@@ -5,7 +5,7 @@ import numpy as np
 
 from ground import _core, files
 from ground.analysis import comparison, identifiability, study, validation
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import quality, windows
 from ground.verbs import common
 
@@ -144,7 +144,7 @@ def _fit(arguments, runs, model, cut, starts=1, **options):
         problem = windows.problem(runs, cut, target)
         return problem.fit(model, arguments.free, objective, starts, **options)
     except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def _each(arguments, runs, result, refit, say):

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import bags, run_parameters
 from ground.recordings.settings import AXES
 from ground.simulation import experiments, gains, tracking as loop
@@ -387,7 +387,7 @@ def _tracking(arguments, room):
     try:
         gains.put(params.controller, values)
         reference = loop.reference(arguments.reference or "circle", **settings)
-    except IdentifyError as error:
+    except GroundError as error:
         arguments.refuse(str(error))
     params.reference = reference
     if room is not None:

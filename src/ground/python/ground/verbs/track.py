@@ -4,7 +4,7 @@ import argparse
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.reports import tracking_plots
 from ground.simulation import gains, tracking
 from ground.verbs import common, listing
@@ -105,7 +105,7 @@ def _loop(arguments):
     try:
         truth = tracking.perturbed(truth, dict(arguments.perturb))
     except ValueError as error:
-        raise IdentifyError("--perturb: %s" % error)
+        raise GroundError("--perturb: %s" % error)
     controller = gains.choice(arguments.controller, arguments.gains)
     conditions = tracking.Conditions(arguments.noise, arguments.delay, arguments.loss)
     return truth, believed, controller, conditions
@@ -142,7 +142,7 @@ def run(arguments):
             arguments.max_error,
         )
     except ValueError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     result = {
         "controller": arguments.controller,
         "model": arguments.model,
@@ -165,7 +165,7 @@ def run(arguments):
         result["picture"] = arguments.picture
     _say(arguments, result)
     if result["stopped"] == len(runs):
-        raise IdentifyError("the controller stopped: %s" % _stop(result["stops"][0]))
+        raise GroundError("the controller stopped: %s" % _stop(result["stops"][0]))
     return result
 
 
@@ -178,7 +178,7 @@ def _task(arguments):
     try:
         return tracking.task(arguments.reference, arguments.settled, arguments.end_time, **settings)
     except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def _say(arguments, result):
