@@ -178,8 +178,9 @@ def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
 def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     import argparse
 
-    from ground import _core
     from ground.errors import GroundError
+    from ground.api.diagnosing import effects_to_try
+    from ground.api.models import Model
     from ground.verbs import diagnose as verb
 
     own = {}
@@ -188,7 +189,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         own[name].write_text(
             "name: %s\nexpression: {X: a*u}\nparameters:\n  a: {value: 0.1, unit: N}\n" % name
         )
-    model = _core.load_model(str(MODEL))
+    model = Model.load(MODEL)
 
     def tried(*options):
         parser = argparse.ArgumentParser()
@@ -197,7 +198,8 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         arguments = parser.parse_args(
             ["run.bag", "--model", "m", "-o", "o"] + files + list(options)
         )
-        return {c.name for c in verb._candidates(arguments, model)}
+        chosen = arguments.only, arguments.exclude, arguments.effects
+        return {c.name for c in effects_to_try(model, *chosen)}
 
     assert tried() == tried_by_default() | {"gust", "swirl"}
     assert tried("--only", "motor_lag") == {"motor_lag", "gust", "swirl"}

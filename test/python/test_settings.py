@@ -14,7 +14,7 @@ from ground.errors import GroundError
 from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
 from ground.reports import report, tracking_plots
-from ground.verbs import common
+from ground.api.models import Room
 
 TURNED = "y, -x, z"  # a mocap whose z is down
 OFFSET = 0.5
@@ -218,7 +218,7 @@ def test_model_and_room_travel_beside_a_recorded_run(tmp_path, lab):
     (lab / "room.yaml").write_text("something else")
     read = recording.read_bag(bag)
     assert read.files["room"].text == room and not read.warnings
-    assert common.room_of(read).margin == 0.2
+    assert Room.of_recording(read).margin == 0.2
     assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "people can read it, too"
 
 

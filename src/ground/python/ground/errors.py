@@ -4,6 +4,8 @@ import errno
 import os
 import sys
 import traceback
+import warnings
+from typing import Iterator, Type
 
 # What to do about failures of the system that a person can do something about.
 ADVICE = {
@@ -19,6 +21,54 @@ ADVICE = {
 
 class GroundError(Exception):
     """Something is wrong with the user's files or wishes; the message says what, where, and why."""
+
+
+class OptionError(GroundError):
+    """An argument that does not go with the others, or that cannot have this value.
+
+    text: with {0}, {1} for the names of arguments, and {name} for `values`. The message names
+    arguments as Python does; `as_options` is the same as the command line has them.
+    """
+
+    def __init__(self, text: str, *names: str, **values: object) -> None:
+        super().__init__(text.format(*names, **values))
+        options = ["--" + name.replace("_", "-") for name in names]
+        self.as_options = text.format(*options, **values)
+
+
+class GroundWarning(UserWarning):
+    """Something that is done all the same, and may not be what was meant."""
+
+    PREFIX = "warning: "  # on the command line
+
+
+class GroundNote(GroundWarning):
+    """What a user should know about a result."""
+
+    PREFIX = "note: "
+
+
+class RecordingWarning(GroundWarning):
+    """What is odd about a recording; the message begins with its path."""
+
+    PREFIX = ""
+
+
+@contextlib.contextmanager
+def warnings_as_lines() -> Iterator[None]:
+    """GroundWarnings inside the block are lines on standard error, each as often as it is given."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", GroundWarning)
+        usual = warnings.showwarning
+
+        def show(message, category, *where, **options):  # type: ignore[no-untyped-def]
+            if issubclass(category, GroundWarning):
+                print("%s%s" % (category.PREFIX, message), file=sys.stderr)
+            else:
+                usual(message, category, *where, **options)
+
+        warnings.showwarning = show
+        yield
 
 
 def guarded(name, work, debug=False):
@@ -79,3 +129,11 @@ def _flush_or_drop(stream):
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def warn(text: str, category: Type[GroundWarning] = GroundWarning) -> None:
+    """Gives a GroundWarning at the line that called the package."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("ground."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)

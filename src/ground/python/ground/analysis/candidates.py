@@ -9,6 +9,8 @@ import yaml
 from ground import _core
 from ground.errors import GroundError
 
+# Effects of the library that a diagnosis tries only when it is asked to
+ON_REQUEST = [name for name, effect in _core.effects().items() if effect["opt_in"]]
 # Angles all round have several minima: they are sought from several starts [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
 

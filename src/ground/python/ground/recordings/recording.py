@@ -1,9 +1,10 @@
 """Recordings: poses and commands as they were measured, from bags and CSV files."""
 import csv
+import functools
 import math
 import os
-from dataclasses import dataclass, field
-from typing import List
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, List
 
 import numpy as np
 
@@ -11,6 +12,11 @@ from ground import files
 from ground.errors import GroundError
 from ground.recordings import bags, flown, live_changes, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
+
+if TYPE_CHECKING:
+    import pandas
+
+    from ground.recordings import quality
 
 CSV_RECEIVED = "%time"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
@@ -20,7 +26,7 @@ FARTHEST = 1e4  # that a pose can be away [m]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One run as it was recorded, on the clock of its header stamps."""
 
@@ -39,6 +45,46 @@ class Recording:
     flown_by: dict = field(default_factory=dict)  # flown.read
     files: dict = field(default_factory=dict)  # flown.RunFile by `model` and `room`, where kept
     changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
+    path: str = ""  # of the bag that it was read from
+
+    @functools.cached_property
+    def repaired(self) -> "quality.Run":
+        """The same with its motion repaired, and what can be used of it."""
+        from ground.recordings import quality  # which takes a while to load
+
+        return quality.Run(self)
+
+    @property
+    def duration(self) -> float:
+        """From the first pose to the last one [s]."""
+        return float(np.ptp(self.pose_times))
+
+    @property
+    def bag(self) -> str:
+        """Name of its bag's file, or its own name."""
+        return os.path.basename(self.path) or self.name
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Poses and the commands that held then: columns t [s] since the first pose, x, y [m],
+        psi [rad], left, right, lift, 0..1 (NaN before the first command)."""
+        import pandas
+
+        order = np.argsort(self.pose_times, kind="stable")
+        times, eta = self.pose_times[order], self.eta[order]
+        at = np.searchsorted(self.control_times, times, side="right") - 1
+        commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
+        columns = ["t", "x", "y", "psi", "left", "right", "lift"]
+        rows = np.column_stack([times - times[0], eta, commands])
+        return pandas.DataFrame(rows, columns=columns)
+
+    def __repr__(self) -> str:
+        return "<%s %s: %.2f s, %d poses, %d commands>" % (
+            type(self).__name__,
+            self.name,
+            self.duration,
+            len(self.pose_times),
+            len(self.control_times),
+        )
 
 
 def read_bag(path, axes=None, heading_offset=None):
@@ -102,18 +148,23 @@ def read_bag(path, axes=None, heading_offset=None):
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    recording = _checked(path, poses, controls, source, warnings)
+    checked = _checked(path, poses, controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
     ordered = sorted(drives.items(), key=lambda row: row[1])
-    recording.drives = np.array(ordered, float).reshape(-1, 2)
-    recording.settings, recording.changes = settings, changes
-    recording.flown_by, recording.files = flown_by, run_files
-    # The recorder received both: if their delays differ by much, their stamps are of two clocks.
-    recording.clock_offset = float(
-        np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
-        - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
+    return replace(
+        checked,
+        path=str(path),
+        drives=np.array(ordered, float).reshape(-1, 2),
+        settings=settings,
+        changes=changes,
+        flown_by=flown_by,
+        files=run_files,
+        # The recorder received both: if their delays differ by much, their stamps are of two clocks.
+        clock_offset=float(
+            np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
+            - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
+        ),
     )
-    return recording
 
 
 def read_settings(path, axes=None, heading_offset=None):

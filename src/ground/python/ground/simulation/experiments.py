@@ -3,13 +3,16 @@
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
 Everything runs in process, without ROS, and depends on nothing but its arguments.
 """
+import os
 from dataclasses import dataclass, field
+from typing import Any, Dict, Optional, Union
 
 import numpy as np
 
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings.recording import Recording
+from ground.recordings.settings import AXES
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # recorded at rest, before the lift is on [s]
@@ -17,7 +20,7 @@ TAIL = 0.5  # recorded after the thrusters are off [s]
 LONGEST = 3600.0  # that an input may last [s]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
     """A recording and what only a simulator knows of it; all times on the recording's clock."""
 
@@ -34,6 +37,41 @@ class SimulatedRun(Recording):
     stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
     stopped: str = ""  # why the controller stopped before its end
     made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
+    axes: str = AXES  # world_ned x, y, z in the axes of the mocap
+    heading_offset: float = 0.0  # of the rigid body against the craft [rad]
+    sequence: str = ""  # how a file of bits was played
+    disturbance: Any = None  # _core.Disturbance that acted
+
+    @property
+    def frames_not_delivered(self) -> int:
+        """Mocap frames that were lost or late."""
+        return len(self.truth_times) - len(self.pose_times)
+
+    @property
+    def bursts(self) -> int:
+        """Bursts of an excitation in a room."""
+        return sum(burst for _, _, burst, _ in self.marks)
+
+    @property
+    def length(self) -> float:
+        """From the first frame to the last one, delivered or not [s]."""
+        return float(self.truth_times[-1] - self.truth_times[0])
+
+    @property
+    def tracking_error(self) -> Optional[float]:
+        """Root mean square of the true distance from the reference [m]; None without one."""
+        if not len(self.references):
+            return None
+        at = np.searchsorted(self.truth_times, self.references[:, 0])
+        off = self.truth_eta[at, :2] - self.references[:, 1:3]
+        return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+    def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
+        """Writes a bag like those that launch/record.launch records. Gives the number of messages by
+        topic. GroundError when it cannot be written, or exists and `force` is not set."""
+        from ground.recordings import bags
+
+        return bags.write(self, os.fspath(path), self.axes, self.heading_offset, force)
 
 
 @dataclass

@@ -13,6 +13,7 @@ from ground.workers import Workers
 # What follows a reference; the open-loop PRBS, to compare with, does not look at it.
 CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
 KINDS = {info.name: info for info in _core.reference_table()}
+PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # what sets parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
 # Numbers of a run that ended before its errors count

@@ -3,6 +3,7 @@ import argparse
 import sys
 
 from ground import files, workers
+from ground.api.models import Model
 from ground.errors import GroundError
 from ground.reports import tracking_plots
 from ground.simulation import gains, tracking, tuning
@@ -82,7 +83,7 @@ def run(arguments):
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
-    model = common.load(arguments.model)
+    model = Model.load(arguments.model).core
     use = tracking.effect_use(arguments.controller, model)
     if use["remark"]:
         common.say(arguments, "model: %s" % use["remark"])
