@@ -1,11 +1,12 @@
 """What the programs say when they cannot do what they were asked: one line, and exit status 1."""
+import argparse
 import contextlib
 import errno
 import os
 import sys
 import traceback
 import warnings
-from typing import Iterator, Type
+from typing import Any, Callable, Iterator, TextIO, Type
 
 # What to do about failures of the system that a person can do something about.
 ADVICE = {
@@ -61,7 +62,7 @@ def warnings_as_lines() -> Iterator[None]:
         warnings.simplefilter("always", GroundWarning)
         usual = warnings.showwarning
 
-        def show(message, category, *where, **options):  # type: ignore[no-untyped-def]
+        def show(message: Any, category: Type[Warning], *where: Any, **options: Any) -> None:
             if issubclass(category, GroundWarning):
                 print("%s%s" % (category.PREFIX, message), file=sys.stderr)
             else:
@@ -71,14 +72,14 @@ def warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def guarded(name, work, debug=False):
+def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
     """The exit status of work(); a failure becomes one line on standard error and status 1.
 
     name: of the program, begins the line. debug: print the traceback as well; the environment variable
     GROUND_DEBUG asks for the same. What argparse exits with passes through.
     """
     with contextlib.suppress(AttributeError, ValueError):  # a stream that is none of Python's own
-        sys.stdout.reconfigure(errors="backslashreplace")
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
     try:
         status = work()
         sys.stdout.flush()
@@ -94,7 +95,7 @@ def guarded(name, work, debug=False):
     return 1
 
 
-def sentence(error):
+def sentence(error: BaseException) -> str:
     """What a failure means to the user, in one line."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
@@ -109,21 +110,21 @@ def sentence(error):
     return "unexpected %s: %s; --debug shows where" % (type(error).__name__, text or "no reason")
 
 
-def reason(error):
+def reason(error: OSError) -> str:
     """Why the system refused, with what to do about it; error: an OSError."""
     why = error.strerror or str(error)
-    advice = ADVICE.get(error.errno)
+    advice = ADVICE.get(error.errno or 0)
     return "%s; %s" % (why, advice) if advice else why
 
 
-def add_debug(parser):
+def add_debug(parser: argparse.ArgumentParser) -> None:
     """Adds --debug to an argparse parser."""
     parser.add_argument(
         "--debug", action="store_true", help="show where it failed (also: GROUND_DEBUG=1)"
     )
 
 
-def _flush_or_drop(stream):
+def _flush_or_drop(stream: TextIO) -> None:
     """Flushes a stream; when nobody takes what is left, the interpreter shall not complain at exit."""
     try:
         stream.flush()

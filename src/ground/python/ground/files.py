@@ -4,6 +4,7 @@ import json
 import math
 import os
 import tempfile
+from typing import Any, Iterable, Iterator, Sequence
 
 import yaml
 
@@ -14,7 +15,7 @@ _FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
 
 
 @contextlib.contextmanager
-def protect(paths):
+def protect(paths: Iterable[str]) -> Iterator[None]:
     """No file among `paths` can be replaced inside the block, under whatever name it is asked for;
     neither can one that the block itself has written. Names without a file are ignored."""
     global _kept
@@ -34,7 +35,7 @@ def _keep(path, why):
             _kept[status.st_dev, status.st_ino] = why
 
 
-def refuse_existing(path, force):
+def refuse_existing(path: str, force: bool) -> None:
     """Raises GroundError when `path` cannot be written: it is an input of this command (also through
     a link), no regular file, there already and not forced, or in a folder that does not exist or cannot
     be written. To be asked before long work starts."""
@@ -58,7 +59,7 @@ def refuse_existing(path, force):
 
 
 @contextlib.contextmanager
-def new_file(path, force=False):
+def new_file(path: str, force: bool = False) -> Iterator[str]:
     """Gives a temporary name beside `path`, which becomes `path` when the block ends well."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
@@ -105,7 +106,7 @@ def _move(temporary, path):
         raise GroundError("%s has come to exist meanwhile; left as it is" % path)
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """The same with None for numbers that JSON has no word for: infinite ones and NaN."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
@@ -114,20 +115,20 @@ def plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_json(path, value, force=False):
+def write_json(path: str, value: Any, force: bool = False) -> None:
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")
 
 
-def write_yaml(path, value, force=False):
+def write_yaml(path: str, value: Any, force: bool = False) -> None:
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             yaml.safe_dump(value, file, sort_keys=False)
 
 
-def write_csv(path, header, rows, force=False):
+def write_csv(path: str, header: str, rows: Iterable[Sequence[float]], force: bool = False) -> None:
     """Writes rows of numbers under a line of column names."""
     with new_file(path, force) as temporary, open(temporary, "w") as file:
         file.write(header + "\n")

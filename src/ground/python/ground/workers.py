@@ -2,6 +2,7 @@
 import copyreg
 import os
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
 
 from ground import _core
 from ground.errors import GroundError
@@ -29,7 +30,13 @@ class Workers:
     package. Raises GroundError when the scheduler does not answer.
     """
 
-    def __init__(self, scheduler=None, processes=False, count=None, modules=()):
+    def __init__(
+        self,
+        scheduler: Optional[str] = None,
+        processes: bool = False,
+        count: Optional[int] = None,
+        modules: Sequence[str] = (),
+    ) -> None:
         self._client = self._pool = None
         if scheduler:
             self._client = _connect(scheduler)
@@ -39,16 +46,16 @@ class Workers:
             kind = ProcessPoolExecutor if processes else ThreadPoolExecutor
             self._pool = kind(count or len(os.sched_getaffinity(0)))
 
-    def __enter__(self):
+    def __enter__(self) -> "Workers":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         if self._client:
             self._client.close()
         else:
             self._pool.shutdown()
 
-    def map(self, work, items):
+    def map(self, work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         """Yields work(item) in the order of the items; what one raises is raised in its place."""
         if not self._client:
             yield from self._pool.map(work, items)

@@ -2,7 +2,7 @@
 import math
 import os
 from dataclasses import dataclass
-from typing import Callable
+from typing import Any, Callable, List, Sequence
 
 import yaml
 
@@ -38,7 +38,7 @@ class Candidate:
             yield given
 
 
-def of_library(name):
+def of_library(name: str) -> Candidate:
     """The Candidate of that name; GroundError naming all known ones when there is none."""
 
     def add(model):
@@ -52,7 +52,7 @@ def of_library(name):
     return Candidate(name, add)
 
 
-def library(model, wanted=()):
+def library(model: Any, wanted: Sequence[str] = ()) -> List[Candidate]:
     """Candidates for the effects of the library that the model does not have; for those that a
     diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
     return [
@@ -62,7 +62,7 @@ def library(model, wanted=()):
     ]
 
 
-def from_file(path):
+def from_file(path: str) -> Candidate:
     """The Candidate of a YAML file with one effect as model files list it; GroundError names file
     and line of what is wrong with it."""
     try:
@@ -88,7 +88,7 @@ def _from_text(text, source):
     return Candidate(add(_core.Model()).effects[0], add)
 
 
-def named(effect):
+def named(effect: str) -> Candidate:
     """The Candidate of a name in the library or of a YAML file."""
     is_file = os.path.splitext(effect)[1] in (".yaml", ".yml")
     return from_file(effect) if is_file else of_library(effect)
@@ -115,7 +115,7 @@ def values(model):
     return {p["name"]: model.value(p["name"]) for p in model.parameters()}
 
 
-def carried_over(fitted, extended):
+def carried_over(fitted: Any, extended: Any) -> Any:
     """The extended model with the values of the fitted one, which may lack some parameters."""
     model = extended.copy()
     known = values(model)

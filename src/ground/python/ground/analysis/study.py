@@ -1,7 +1,7 @@
 """A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
 import itertools
 from dataclasses import dataclass
-from typing import Any, Dict
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class Study:
     not grow with them. Raises GroundError when runs are too short.
     """
 
-    def __init__(self, runs, threads=0, most=MAX_WINDOWS):
+    def __init__(self, runs: Sequence[Any], threads: int = 0, most: float = MAX_WINDOWS) -> None:
         self.runs = runs
         # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
         self.threads = threads
@@ -62,7 +62,7 @@ class Study:
             edges = np.arange(count + 1) * len(self.windows) // count
             self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
-    def fit(self, model, free, also=()):
+    def fit(self, model: Any, free: Sequence[str], also: Sequence[Any] = ()) -> Fit:
         """Fits the free parameters, and once more without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
@@ -95,7 +95,7 @@ class Study:
             raise failure
         return min(found, key=lambda result: result["objective"])
 
-    def refit(self, starts, free):
+    def refit(self, starts: Sequence[Any], free: Sequence[str]) -> Fit:
         """The same from models near the best: no other start is tried. One thread."""
         return self._judged(
             self._best(starts, free, near=True, threads=1, width=self.width), free, 1
@@ -141,14 +141,16 @@ class Study:
             raise GroundError(str(error))
 
 
-def free_parameters(model):
+def free_parameters(model: Any) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
     return list(FIVE) + [
         p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
     ]
 
 
-def channel_errors(runs, chosen, model, truth=None):
+def channel_errors(
+    runs: Sequence[Any], chosen: List[Any], model: Any, truth: Optional[Sequence[Any]] = None
+) -> np.ndarray:
     """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
 
     Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
@@ -216,7 +218,7 @@ def change(runs, chosen, model, other):
     return np.concatenate(sizes).mean(axis=0)
 
 
-def noise_floor(runs, model, seed=1):
+def noise_floor(runs: Sequence[Any], model: Any, seed: int = 1) -> np.ndarray:
     """Mean |e|/s of u, v, r (3,) that the poses' noise alone would leave, were the model the truth.
 
     The model is run along each stretch without a gap, its poses get the noise that was measured and

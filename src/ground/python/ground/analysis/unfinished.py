@@ -13,6 +13,7 @@ import os
 import re
 import threading
 import zipfile
+from typing import Any, Callable, Optional
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Unfinished:
     results of other work are not taken for those of this one.
     """
 
-    def __init__(self, folder=None, identity=None):
+    def __init__(self, folder: Optional[str] = None, identity: Any = None) -> None:
         self._folder = folder
         self._identity = _packed(identity) if folder else b""
         self._lock = threading.Lock()
@@ -49,7 +50,7 @@ class Unfinished:
         if folder:
             os.makedirs(folder, exist_ok=True)
 
-    def result(self, part, compute):
+    def result(self, part: Any, compute: Callable[[], Any]) -> Any:
         """What compute() gives, or gave in an earlier try; part: says which; its repr counts."""
         if not self._folder:
             return compute()
@@ -72,7 +73,7 @@ class Unfinished:
                     file.write(_packed(found))
         return found
 
-    def done(self):
+    def done(self) -> None:
         """All is finished: nothing need be kept. Files of others stay."""
         if not self._folder:
             return

@@ -36,7 +36,8 @@ class ChannelErrors:
     @classmethod
     def of(cls, channels: Array) -> "ChannelErrors":
         """Of mean |e|/s (3,)."""
-        return cls(*map(float, channels), error=float(np.sum(channels)))
+        u, v, r = map(float, channels)
+        return cls(u, v, r, float(np.sum(channels)))
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def add(
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # of a craft that turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
-    >>> low < 2e-4 < high  # [N m], what was hidden
+    >>> low < 2e-5 < high  # [N m], what was hidden
     True
     >>> found.error["heldout"].change < -0.5
     True

@@ -197,7 +197,7 @@ def compare(
     done. GroundError when a file cannot be read or a model cannot be simulated.
 
     >>> craft = ground.Model.load(model_file)
-    >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-4)], bag)
+    >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
     >>> print(found.best)  # of a craft that turns by itself
     Tiny Whoover with yaw_bias
     >>> found.runs[0].numbers[found.best]["error"] < 2 * found.noise_floor
@@ -222,12 +222,11 @@ def labelled(models: Models) -> Dict[str, Model]:
 
 def _label(model: Model, others: Sequence[Model]) -> str:
     """A model's name in tables: its file's, with the folder where two files share it; of a model without
-    a file its title, with its effects where two share that."""
+    a file its title and effects."""
+    if not model.path:
+        return " with ".join(filter(None, (model.name, ", ".join(model.effects))))
     shared = sum(other.label == model.label for other in others) > 1
-    if model.path:
-        return os.path.splitext(model.path)[0] if shared else model.label
-    effects = " with " + ", ".join(model.effects) if shared and model.effects else ""
-    return model.label + effects
+    return os.path.splitext(model.path)[0] if shared else model.label
 
 
 def each_run(
@@ -264,7 +263,7 @@ def _inspect(task: List[Tuple[Any, ...]]) -> List[Dict[str, Any]]:
 
 def conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     """The Comparison of what was found on each run."""
-    pooled = {}
+    pooled: Dict[str, Dict[str, Any]] = {}
     for label in models:
         of_model = [s for run in runs for s in run.studies if s["label"] == label]
         groups = {role: [s["evaluation"] for s in of_model if s["role"] == role] for role in ROLES}

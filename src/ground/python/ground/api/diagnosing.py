@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Optional,
 import numpy as np
 
 from ground import origin
-from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis import candidates, diagnosis, diagnosis_report, study
 from ground.analysis.unfinished import Unfinished
 from ground.api.models import (
     Model,
@@ -177,7 +177,7 @@ def diagnose(
     >>> found.verdict, found.effects  # of a craft that turns by itself
     ('missing', ('yaw_bias',))
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
-    >>> low < 2e-4 < high  # [N m], what was hidden
+    >>> low < 2e-5 < high  # [N m], what was hidden
     True
     >>> found.to_frame().loc["yaw_bias", "selected"]
     True
@@ -283,7 +283,7 @@ def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> di
         problem.budget,
         progress=say,
         kept=kept,
-        **({"most": math.inf} if problem.thorough else {}),
+        most=math.inf if problem.thorough else study.MAX_WINDOWS,
     )
     found.grow()
     return found

@@ -256,7 +256,8 @@ def _blocks(
     found = validation.leave_blocks_out(problem.runs, models, refit, block, problem.window, say=say)
     if found is None:
         return None
-    return BlockErrors(*found["models"], found["heldout"], found["blocks"], found["folds"])
+    before, after = found["models"]
+    return BlockErrors(before, after, found["heldout"], found["blocks"], found["folds"])
 
 
 def _each(

@@ -91,13 +91,17 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
     """Notes what a model's heading_offset means for runs whose heading is corrected already."""
     if "heading_offset" not in model.effects:
         return
-    corrected = [r for r in found if any(r.settings.values("heading_offset") or ())]
+
+    def offsets(recording: Recording) -> Tuple[float, ...]:
+        return recording.settings.values("heading_offset") or ()
+
+    corrected = [r for r in found if any(offsets(r))]
     if corrected:
         warn(
             "heading_offset %s is taken off the headings of %s before the model sees them; the "
             "model's effect heading_offset is what is left of it"
             % (
-                " then ".join("%g" % v for v in corrected[0].settings.values("heading_offset")),
+                " then ".join("%g" % v for v in offsets(corrected[0])),
                 ", ".join(r.name for r in corrected),
             ),
             GroundNote,

@@ -181,9 +181,11 @@ class _Drive:
 
     def _play(self, seed: int, duration: Optional[float]) -> None:
         """A design or a file, open loop or in bursts."""
-        kind, options = self.kind, {"seed": seed, **self._given(PATTERN)}
-        if kind not in KINDS:
-            kind, options = "file", {"file": self.kind, **self._given(PATTERN)}
+        kind, options = self.kind, self._given(PATTERN)
+        if kind in KINDS:
+            options["seed"] = seed
+        else:
+            kind, options["file"] = "file", self.kind
         try:
             signal = experiments.design(kind, duration or DURATION, **options)
         except ValueError as error:

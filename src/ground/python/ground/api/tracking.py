@@ -1,5 +1,6 @@
 """track: a controller in closed loop with a simulated craft."""
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Tuple, Union
 
@@ -226,7 +227,7 @@ def _choice(controller: str, gains: Optional[Gains]) -> Any:
         choice = gain_files.choice(controller)
         gain_files.put(choice, dict(gains))
         return choice
-    return gain_files.choice(controller, gains)
+    return gain_files.choice(controller, None if gains is None else os.fspath(gains))
 
 
 def starts_of(

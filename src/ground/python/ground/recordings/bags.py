@@ -1,6 +1,7 @@
 """Bags in folders, and simulated runs written like those that launch/record.launch records."""
 import glob
 import os
+from typing import Any, Dict, Iterable, List
 
 import numpy as np
 
@@ -30,7 +31,7 @@ NS = 10**9
 CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
 
 
-def listed(paths):
+def listed(paths: Iterable[str]) -> List[str]:
     """The paths with every folder replaced by the bags in it, by name; GroundError when it has
     none."""
     found = []
@@ -44,7 +45,9 @@ def listed(paths):
     return found
 
 
-def write(run, path, axes=AXES, heading_offset=0.0, force=False):
+def write(
+    run: Any, path: str, axes: str = AXES, heading_offset: float = 0.0, force: bool = False
+) -> Dict[str, int]:
     """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
     of a controller.
 

@@ -4,7 +4,7 @@ import functools
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, List
+from typing import TYPE_CHECKING, List, Optional
 
 import numpy as np
 
@@ -87,7 +87,9 @@ class Recording:
         )
 
 
-def read_bag(path, axes=None, heading_offset=None):
+def read_bag(
+    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
+) -> Recording:
     """The recording in a bag: ground's own topics or those of the original system.
 
     Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`

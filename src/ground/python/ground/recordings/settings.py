@@ -7,7 +7,7 @@ import bisect
 import math
 import os
 from dataclasses import dataclass, replace
-from typing import Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.errors import GroundError
@@ -70,7 +70,7 @@ class Settings:
         offset = self.changes[self._index(stamp)].heading_offset
         return math.remainder(measured - offset, 2 * math.pi) if offset else measured
 
-    def values(self, name):
+    def values(self, name: str) -> Optional[Tuple[Any, ...]]:
         """Of axes or heading_offset, in order of time; None where the run takes none."""
         values = [getattr(s, name) for s in self.changes]
         kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
@@ -130,7 +130,7 @@ def default():
     return Settings((Setting(0, AXES, 0.0),), sources, ())
 
 
-def differences(recordings):
+def differences(recordings: Sequence[Any]) -> str:
     """A line that names recordings by their settings, and by the model and the room of their controllers,
     where these differ; empty where they do not."""
     parts = flown.differences(recordings)

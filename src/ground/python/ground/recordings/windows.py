@@ -1,4 +1,6 @@
 """Stretches of runs that are simulated, each from an initial state of its own, and the error there."""
+from typing import Any, List, Optional, Sequence
+
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings.repair import MAX_GAP
@@ -6,7 +8,7 @@ from ground.recordings.repair import MAX_GAP
 WINDOW = 1.5  # of the error [s]
 
 
-def cut(runs, length=WINDOW):
+def cut(runs: Sequence[Any], length: float = WINDOW) -> List[Any]:
     """Windows of `length` seconds over all runs (_core.RunData); GroundError when one has none."""
     windows = []
     for index, run in enumerate(runs):
@@ -45,7 +47,7 @@ def cut_again(runs, window, length):
     return found or [window]
 
 
-def problem(runs, windows, target=_core.Target.velocities):
+def problem(runs: Sequence[Any], windows: List[Any], target: Any = _core.Target.velocities) -> Any:
     """The _core.SimulationError over windows; GroundError when the runs do not allow it."""
     try:
         return _core.SimulationError(runs, windows, target)
@@ -53,7 +55,7 @@ def problem(runs, windows, target=_core.Target.velocities):
         raise GroundError(str(error))
 
 
-def error(runs, model, windows=None):
+def error(runs: Sequence[Any], model: Any, windows: Optional[List[Any]] = None) -> float:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 
     Initial velocities are those that suit the model best. Raises GroundError when the

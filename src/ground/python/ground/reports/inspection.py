@@ -1,10 +1,14 @@
 """All that is found out about one model on one run."""
+from typing import Any, Dict
+
 from ground.analysis import comparison, failure, residuals
 from ground.errors import GroundError
 from ground.reports import words
 
 
-def inspect(run, model, label, role="fit", wrench_of=None):
+def inspect(
+    run: Any, model: Any, label: str, role: str = "fit", wrench_of: Any = None
+) -> Dict[str, Any]:
     """Errors of a model on a _core.RunData, where they are, what stays in the residuals and which
     wrench is missing, as a dictionary.
 

@@ -5,7 +5,7 @@ Everything runs in process, without ROS, and depends on nothing but its argument
 """
 import os
 from dataclasses import dataclass, field
-from typing import Any, Dict, Optional, Union
+from typing import Any, Dict, Optional, Sequence, Union
 
 import numpy as np
 
@@ -82,7 +82,7 @@ class Schedule:
     end: float
 
 
-def design(kind, duration, **options):
+def design(kind: str, duration: float, **options: Any) -> Any:
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
     options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
@@ -94,7 +94,7 @@ def design(kind, duration, **options):
         raise GroundError(str(error))
 
 
-def design_params(kind, **options):
+def design_params(kind: str, **options: Any) -> Any:
     """The _core.DesignParams of a design and its options."""
     params = _core.DesignParams()
     params.kind = kind
@@ -103,19 +103,21 @@ def design_params(kind, **options):
     return params
 
 
-def rows(kind, duration, **options):
+def rows(kind: str, duration: float, **options: Any) -> np.ndarray:
     """Rows time [s], left, right of a design; arguments are those of `design`."""
     return design(kind, duration, **options).rows[:, :3]
 
 
-def with_lift(rows, duration, lift=1.0, lift_time=1.0):
+def with_lift(
+    rows: np.ndarray, duration: float, lift: float = 1.0, lift_time: float = 1.0
+) -> Schedule:
     """The schedule of an open-loop run from rows of time, left, right: rest, lift alone for
     `lift_time` [s], the rows for `duration` [s], then everything off."""
     lifted = np.column_stack([rows[:, 0] + lift_time, rows[:, 1:3], np.full(len(rows), lift)])
     return as_given(np.vstack([(0.0, 0, 0, lift), lifted]), lift_time + duration)
 
 
-def as_given(rows, duration):
+def as_given(rows: np.ndarray, duration: float) -> Schedule:
     """The schedule of rows of time, left, right, lift that end after `duration` [s]: rest before
     them, everything off after them."""
     end = LEAD + duration
@@ -124,7 +126,9 @@ def as_given(rows, duration):
     return Schedule(np.vstack([off[:1], rows[rows[:, 0] < end], off[1:]]), end + TAIL)
 
 
-def disturbance_in_shares(model, share=0.0, time=0.0, trim=0.0):
+def disturbance_in_shares(
+    model: Any, share: float = 0.0, time: float = 0.0, trim: float = 0.0
+) -> Any:
     """A _core.Disturbance in shares of what the craft's thrusters can do.
 
     The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
@@ -140,16 +144,16 @@ def disturbance_in_shares(model, share=0.0, time=0.0, trim=0.0):
 
 
 def simulate(
-    model,
-    drive,
-    name="simulated",
-    pose=(0, 0, 0),
-    velocity=(0, 0, 0),
-    mocap=None,
-    seed=1,
-    believed=None,
-    disturbance=None,
-):
+    model: Any,
+    drive: Any,
+    name: str = "simulated",
+    pose: Sequence[float] = (0, 0, 0),
+    velocity: Sequence[float] = (0, 0, 0),
+    mocap: Any = None,
+    seed: int = 1,
+    believed: Any = None,
+    disturbance: Any = None,
+) -> SimulatedRun:
     """Runs an experiment and gives its SimulatedRun.
 
     drive: a Schedule; or _core.TrackingParams for a tracking controller in the loop, or

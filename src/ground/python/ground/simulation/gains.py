@@ -2,6 +2,7 @@
 rosparam load and dynparam load read them, too."""
 import math
 import os
+from typing import Any, Dict, Optional
 
 import yaml
 
@@ -11,12 +12,12 @@ from ground.errors import GroundError
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
 
 
-def get(choice):
+def get(choice: Any) -> Dict[str, Any]:
     """Name to value of the parameters of a _core.ControllerChoice."""
     return choice.values
 
 
-def put(choice, values):
+def put(choice: Any, values: Dict[str, Any]) -> None:
     """Sets parameters by their names; GroundError on unknown ones."""
     try:
         choice.values = values
@@ -24,7 +25,7 @@ def put(choice, values):
         raise GroundError(str(error))
 
 
-def choice(kind, path=None):
+def choice(kind: str, path: Optional[str] = None) -> Any:
     """The _core.ControllerChoice of a kind with the gains in a file, or its own."""
     made = _core.ControllerChoice()
     made.kind = kind
@@ -33,7 +34,7 @@ def choice(kind, path=None):
     return made
 
 
-def read(path):
+def read(path: str) -> Dict[str, float]:
     """Name to number; GroundError that says what is wrong with the file."""
     try:
         with open(path) as file:

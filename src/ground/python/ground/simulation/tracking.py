@@ -1,6 +1,7 @@
 """A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
 
 from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -31,12 +32,12 @@ REFERENCES = {
 class Task:
     """A reference and the window in which errors count, [s] since the reference began."""
 
-    reference: object  # _core.ReferenceParams
+    reference: Any  # _core.ReferenceParams
     settled: float
     until: float
 
     @property
-    def ends(self):
+    def ends(self) -> bool:
         """Whether the reference comes to a stop."""
         return KINDS[self.reference.kind].ends
 
@@ -62,7 +63,7 @@ class Tracked:
     numbers: dict = field(default_factory=dict)
 
     @property
-    def errors(self):
+    def errors(self) -> np.ndarray:
         return np.hypot(*(self.eta[:, :2] - self.reference).T)
 
     @property
@@ -81,7 +82,7 @@ class Tracked:
         return self.decisions[:, [0, 3]]
 
 
-def reference(kind, **settings):
+def reference(kind: str, **settings: Any) -> Any:
     """The _core.ReferenceParams of a kind with these parameters (_core.reference_parameters);
     GroundError when there is no such kind or it does not take one of them."""
     if kind not in KINDS:
@@ -101,7 +102,9 @@ def reference(kind, **settings):
     return params
 
 
-def task(kind, settled=None, until=None, **settings):
+def task(
+    kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any
+) -> Task:
     """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
     are given. GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
@@ -117,20 +120,20 @@ def task(kind, settled=None, until=None, **settings):
     )
 
 
-def starts(count, seed, spread=SPREAD):
+def starts(count: int, seed: int, spread: float = SPREAD) -> List[Tuple[np.ndarray, np.ndarray]]:
     """(pose, velocity) of `count` starts, normally spread about rest at the origin."""
     random = np.random.default_rng(seed)
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def anywhere(count, seed, reach):
+def anywhere(count: int, seed: int, reach: float) -> List[Tuple[np.ndarray, np.ndarray]]:
     """(pose, velocity) of `count` starts at rest, within +-reach [m], any heading."""
     random = np.random.default_rng(seed)
     places = random.uniform(-1, 1, (count, 3)) * [reach, reach, np.pi]
     return [(place, np.zeros(3)) for place in places]
 
 
-def effect_use(kind, model):
+def effect_use(kind: str, model: Any) -> Dict[str, Any]:
     """What a kind of controller does with the effects of the model that it believes in: `used` and
     `unused` ones, a `remark` for people. GroundError when it must not drive by the model."""
     use = _core.effect_use(kind, model)
@@ -222,8 +225,16 @@ def _numbers(found, task):
 
 
 def many(
-    truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0, max_error=0.0
-):
+    truth: Any,
+    believed: Any,
+    controller: Any,
+    task: Task,
+    starts: Sequence[Tuple[np.ndarray, np.ndarray]],
+    conditions: Optional[Conditions] = None,
+    seed: int = 1,
+    rate: float = 50.0,
+    max_error: float = 0.0,
+) -> List[Tracked]:
     """The Tracked of every start, each with a seed of its own."""
 
     def one(i):
@@ -234,7 +245,7 @@ def many(
         return list(team.map(one, range(len(starts))))
 
 
-def perturbed(model, factors):
+def perturbed(model: Any, factors: Dict[str, float]) -> Any:
     """The model with parameters multiplied by factors, {name: factor}."""
     moved = model.copy()
     for name, factor in factors.items():
@@ -242,7 +253,7 @@ def perturbed(model, factors):
     return moved
 
 
-def pooled(runs):
+def pooled(runs: Sequence[Tracked]) -> Dict[str, Any]:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
     result = {
