@@ -16,7 +16,7 @@ WIDE ?= NATIVE
 UNITY ?= ON
 
 .PHONY: build demo test sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-own-stop docs lint install clean
 
 build: build/CMakeCache.txt
 	@cmake --build build --parallel $(jobs)
@@ -125,6 +125,11 @@ docs: build
 	done
 	@docs/check_math.py build/docs/html
 	@echo "build/docs/html/index.html"
+
+# What reads the sources only: types of the Python API (mypy.ini).
+lint: $(installed)
+	@.ci/install-dependencies .ci/debian-packages-lint.txt
+	@/usr/bin/python3 -m mypy --cache-dir build/.mypy_cache
 
 build/CMakeCache.txt: $(installed)
 	@$(in_ros) cmake -S . -B build -DGROUND_WIDE=$(WIDE) -DCMAKE_UNITY_BUILD=$(UNITY) \

@@ -58,12 +58,12 @@ class Addition(Shown):
     """A model with an effect more, both refitted."""
 
     effect: str
-    model: Model  # with the effect
-    parameters: Dict[str, Parameter]  # of the model with it, by name
-    parameters_before: Dict[str, Parameter]  # of the model without it
-    error: Dict[str, Pair]  # by kind of runs: fit, heldout, and holdout where some were given
-    noise_floor: ChannelErrors  # that the noise of the poses alone would leave
-    folds: str  # what was held out
+    model: Model  #: with the effect
+    parameters: Dict[str, Parameter]  #: of the model with it, by name
+    parameters_before: Dict[str, Parameter]  #: of the model without it
+    error: Dict[str, Pair]  #: by kind of runs: fit, heldout, and holdout where some were given
+    noise_floor: ChannelErrors  #: that the noise of the poses alone would leave
+    folds: str  #: what was held out
 
     def to_dict(self) -> Document:
         """Plain values, as `identify add --json` prints them."""

@@ -34,7 +34,7 @@ class RunComparison(Shown):
     """All models against one run."""
 
     recording: Recording
-    studies: List[Dict[str, Any]]  # of each model, as ground.reports.inspection.inspect gives them
+    studies: List[Dict[str, Any]]  #: of each model, as ground.reports.inspection.inspect gives them
 
     @property
     def name(self) -> str:
@@ -82,10 +82,10 @@ class RunComparison(Shown):
 class Comparison(Shown):
     """Models against recordings."""
 
-    models: Dict[str, Model]  # by label
+    models: Dict[str, Model]  #: by label
     runs: List[RunComparison]
-    pooled: Dict[str, Dict[str, Any]]  # by label: error numbers over all, fit and held_out runs
-    noise_floor: float  # error that the noise of the poses alone would leave
+    pooled: Dict[str, Dict[str, Any]]  #: by label: error numbers over all, fit and held_out runs
+    noise_floor: float  #: error that the noise of the poses alone would leave
 
     @property
     def best(self) -> str:

@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 class Diagnosis(Shown):
     """Which effects a model lacks, by how much they improve it, and the model with them."""
 
-    verdict: str  # complete, missing, varies, memory or unexplained
-    effects: Tuple[str, ...]  # that were added, in the order in which the error falls
-    improved: Model  # the model with them, refitted
-    parameters: Dict[str, Parameter]  # of that, by name
-    error: Tuple[float, ...]  # on what was held out: of the model as it was, then after each effect
-    noise_floor: float  # error there that the noise of the poses alone would leave
-    next_inputs: Optional[Array]  # (n, 3) time [s], left, right: what would tell the rest apart
-    report: Document  # all of it, as diagnosis.json has it
-    problem: "Problem"  # what was diagnosed
-    found: diagnosis.Diagnosis  # how it was found, for the page
+    verdict: str  #: complete, missing, varies, memory or unexplained
+    effects: Tuple[str, ...]  #: that were added, in the order in which the error falls
+    improved: Model  #: the model with them, refitted
+    parameters: Dict[str, Parameter]  #: of that, by name
+    error: Tuple[float, ...]  #: on what was held out: of the model as it was, then after each effect
+    noise_floor: float  #: error there that the noise of the poses alone would leave
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: what would tell the rest apart
+    report: Document  #: all of it, as diagnosis.json has it
+    problem: "Problem"  #: what was diagnosed
+    found: diagnosis.Diagnosis  #: how it was found, for the page
     conclusion: diagnosis.Conclusion
 
     @property
@@ -99,9 +99,9 @@ class Problem:
 
     model: Model
     tried: List[candidates.Candidate]
-    seen: Measured  # what is fitted to
-    held: Measured  # what is tested on; empty: parts of what is fitted to
-    own: List[str]  # files of effects
+    seen: Measured  #: what is fitted to
+    held: Measured  #: what is tested on; empty: parts of what is fitted to
+    own: List[str]  #: files of effects
     budget: Optional[int]
     thorough: bool
     given_room: Optional[Room]

@@ -49,22 +49,22 @@ class ThesisObjective:
 class BlockErrors:
     """Errors on blocks of time."""
 
-    before: float  # of the start values
-    after: float  # of the fit
-    heldout: float  # of fits that have not seen the block
-    count: int  # of blocks
-    folds: int  # parts that they are held out in
+    before: float  #: of the start values
+    after: float  #: of the fit
+    heldout: float  #: of fits that have not seen the block
+    count: int  #: of blocks
+    folds: int  #: parts that they are held out in
 
 
 @dataclass(frozen=True)
 class Errors:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows of 1.5 s."""
 
-    before: float  # of the start values
-    after: float  # of the fit
-    heldout_runs: Optional[float]  # each run by a fit to the others; None of a single run
-    blocks: Optional[BlockErrors]  # None where the runs are too short
-    holdout: Optional[Change]  # on runs given to test on
+    before: float  #: of the start values
+    after: float  #: of the fit
+    heldout_runs: Optional[float]  #: each run by a fit to the others; None of a single run
+    blocks: Optional[BlockErrors]  #: None where the runs are too short
+    holdout: Optional[Change]  #: on runs given to test on
 
 
 @dataclass(frozen=True)
@@ -76,26 +76,26 @@ class RunFit:
     ci95: Dict[str, Tuple[float, float]]
     error: float
     heldout_error: float
-    disagrees_in: List[str]  # parameters whose estimate is not that of the others
+    disagrees_in: List[str]  #: parameters whose estimate is not that of the others
 
 
 @dataclass(frozen=True, repr=False)
 class Fit(Shown):
     """A model fitted to recordings."""
 
-    model: Model  # fitted
-    parameters: Dict[str, Parameter]  # that were free, by name
+    model: Model  #: fitted
+    parameters: Dict[str, Parameter]  #: that were free, by name
     error: Errors
     thesis_objective: ThesisObjective
-    objective: float  # what was minimised
-    starts: Dict[str, int]  # tried, and how many of them came to this end (at_best)
-    condition: float  # of the scaled information matrix
-    weak: List[Dict[str, Any]]  # combinations of parameters that are known better than their parts
+    objective: float  #: what was minimised
+    starts: Dict[str, int]  #: tried, and how many of them came to this end (at_best)
+    condition: float  #: of the scaled information matrix
+    weak: List[Dict[str, Any]]  #: combinations of parameters that are known better than their parts
     converged: bool
-    message: str  # of the optimizer
-    runs: List[RunFit]  # one by one; empty for a single run
-    same_inputs: List[Tuple[str, str]]  # runs that were driven by the same commands
-    remarks: List[str]  # what is not identifiable, in words
+    message: str  #: of the optimizer
+    runs: List[RunFit]  #: one by one; empty for a single run
+    same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
+    remarks: List[str]  #: what is not identifiable, in words
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -140,11 +140,11 @@ class Fit(Shown):
 class _Problem:
     """What is fitted to, and how."""
 
-    runs: List[Any]  # _core.RunData
+    runs: List[Any]  #: _core.RunData
     free: List[str]
     objective: str
     target: str
-    window: float  # [s]
+    window: float  #: [s]
 
     def cut(self) -> List[Any]:
         """Windows of all runs."""
@@ -204,7 +204,7 @@ def fit(
     does not exist or nothing can be fitted to.
 
     >>> craft = ground.Model.load(model_file)
-    >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k"])
+    >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])
     >>> low, high = found.parameters["k"].ci95
     >>> low < 0.062 < high  # [N], of the craft that flew
     True

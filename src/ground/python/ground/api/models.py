@@ -22,14 +22,14 @@ Path = Union[str, "os.PathLike[str]"]
 class Parameter:
     """An estimated parameter."""
 
-    name: str  # "k", or "EFFECT.PARAMETER"
+    name: str  #: "k", or "EFFECT.PARAMETER"
     unit: str
-    start: float  # where the fit began
+    start: float  #: where the fit began
     value: float
-    ci95: Tuple[float, float]  # 95% interval
-    deviation: float  # standard deviation
-    at_bound: bool  # the data would have it beyond
-    identified: bool  # whether the data determine it
+    ci95: Tuple[float, float]  #: 95% interval
+    deviation: float  #: standard deviation
+    at_bound: bool  #: the data would have it beyond
+    identified: bool  #: whether the data determine it
 
     @property
     def interval(self) -> str:
@@ -70,8 +70,8 @@ class Model(Shown):
     (0.07, 0.0001, 0.062)
     """
 
-    core: Any  # _core.Model; must not be changed
-    path: str = ""  # of the file that it was read from
+    core: Any  #: _core.Model; must not be changed
+    path: str = ""  #: of the file that it was read from
 
     @classmethod
     def load(cls, path: Path) -> "Model":
@@ -189,13 +189,13 @@ class Room:
 
     >>> room = Room.load(room_file)
     >>> room.corners.shape, room.home.shape
-    ((4, 2), (3,))
+    ((4, 2), (2,))
     >>> room.clearance((0, 0)) > 0
     True
     """
 
-    core: Any  # _core.RoomPlan; must not be changed
-    path: str = ""  # of the file that it was read from
+    core: Any  #: _core.RoomPlan; must not be changed
+    path: str = ""  #: of the file that it was read from
 
     @classmethod
     def load(cls, path: Path) -> "Room":
@@ -234,7 +234,7 @@ class Room:
 
     @property
     def home(self) -> Array:
-        """(3,) x, y [m], psi [rad] where bursts begin."""
+        """(2,) x, y [m] where bursts begin."""
         return np.array(self.core.home, float)
 
     @property

@@ -112,9 +112,9 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
 class Part:
     """The part of a run that is looked at, on the run's clock."""
 
-    start: float = 0.0  # [s]
-    end: Optional[float] = None  # [s]; None: of the run
-    everything: bool = False  # also what is not usable by ground.recordings.quality
+    start: float = 0.0  #: [s]
+    end: Optional[float] = None  #: [s]; None: of the run
+    everything: bool = False  #: also what is not usable by ground.recordings.quality
 
     def of(self, run: quality.Run, model: Model) -> Any:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
@@ -126,7 +126,7 @@ class Measured:
     """Recordings as fits see them."""
 
     recordings: List[Recording]
-    data: List[Any]  # _core.RunData
+    data: List[Any]  #: _core.RunData
 
     @property
     def runs(self) -> List[quality.Run]:

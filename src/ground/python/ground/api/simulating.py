@@ -103,7 +103,7 @@ def simulate(
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
-    <SimulatedRun simulated: 6.99 s, 700 poses, 351 commands>
+    <SimulatedRun simulated: 6.99 s, 700 poses, 401 commands>
     >>> run.truth_wrench.any()  # no disturbance acted
     False
     >>> ground.simulate(model_file, "prbs", burst=2)

@@ -31,21 +31,21 @@ class Recording:
     """One run as it was recorded, on the clock of its header stamps."""
 
     name: str
-    pose_times: np.ndarray  # (n,) [s], in the order of arrival
-    eta: np.ndarray  # (n, 3) x, y [m], psi [rad], world_ned
-    control_times: np.ndarray  # (m,) [s]
-    controls: np.ndarray  # (m, 3) left, right, lift, 0..1
-    source: str  # which topics it came from
-    clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
+    pose_times: np.ndarray  #: (n,) [s], in the order of arrival
+    eta: np.ndarray  #: (n, 3) x, y [m], psi [rad], world_ned
+    control_times: np.ndarray  #: (m,) [s]
+    controls: np.ndarray  #: (m, 3) left, right, lift, 0..1
+    source: str  #: which topics it came from
+    clock_offset: float = 0.0  #: what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
     # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began,
     # and until when it was said to be the newest
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
-    settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
-    flown_by: dict = field(default_factory=dict)  # flown.read
-    files: dict = field(default_factory=dict)  # flown.RunFile by `model` and `room`, where kept
-    changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
-    path: str = ""  # of the bag that it was read from
+    settings: measured.Settings = field(default_factory=measured.default)  #: of the mocap
+    flown_by: dict = field(default_factory=dict)  #: flown.read
+    files: dict = field(default_factory=dict)  #: flown.RunFile by `model` and `room`, where kept
+    changes: List[live_changes.LiveChange] = field(default_factory=list)  #: made while it ran
+    path: str = ""  #: of the bag that it was read from
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
