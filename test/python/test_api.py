@@ -1,4 +1,5 @@
 """The Python API: its examples, its types, and what importing it loads."""
+
 import ast
 import doctest
 import importlib
@@ -31,7 +32,9 @@ def flown(tmp_path_factory):
 
 
 def test_there_are_modules():
-    assert {"fitting", "comparing", "diagnosing", "adding", "simulating", "tracking"} <= set(MODULES)
+    assert {"fitting", "comparing", "diagnosing", "adding", "simulating", "tracking"} <= set(
+        MODULES
+    )
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -1,10 +1,10 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `compare`, `diagnose`, `add`, `simulate` and `track` do what the programs of the
-same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned; velocities u, v
-[m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. What is wrong with a file or
-an argument raises `GroundError` with a line that says what, where and why; what may not be meant is a
-`GroundWarning`.
+`ground.read`, `fit`, `compare`, `diagnose`, `add`, `simulate` and `track` do what the programs of
+the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
+velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. What
+is wrong with a file or an argument raises `GroundError` with a line that says what, where and why;
+what may not be meant is a `GroundWarning`.
 """
 
 import os

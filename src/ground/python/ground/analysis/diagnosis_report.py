@@ -51,15 +51,7 @@ def of(
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
         "slight": _slight(diagnosis),
-        "dropped": [
-            {
-                "effect": d.trial.name,
-                "why": d.why,
-                "p_value": d.trial.p_value,
-                "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
-            }
-            for d in diagnosis.dropped
-        ],
+        "dropped": _dropped(diagnosis),
         "varies": conclusion.varies,
         "memory": _memory(conclusion),
         "state": _remains(conclusion.state),
@@ -160,6 +152,19 @@ def _candidates(diagnosis, alike, thorough):
             "parameters": _parameters(trial.parameters, trial.name + "."),
         }
         for rank, trial in enumerate(tried, 1)
+    ]
+
+
+def _dropped(diagnosis):
+    """Effects that the likelihood asks for and that were not added."""
+    return [
+        {
+            "effect": d.trial.name,
+            "why": d.why,
+            "p_value": d.trial.p_value,
+            "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
+        }
+        for d in diagnosis.dropped
     ]
 
 

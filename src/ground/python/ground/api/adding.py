@@ -75,8 +75,8 @@ class Addition(Shown):
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: before (NaN without the effect), start, value, low, high (95%),
-        identified, unit."""
+        """Parameters, indexed by name: before (NaN without the effect), start, value, low, high
+        (95%), identified, unit."""
         before = [
             self.parameters_before[name].value if name in self.parameters_before else np.nan
             for name in self.parameters
@@ -113,12 +113,14 @@ def add(
     everything: bool = False,
     progress: Progress = None,
 ) -> Addition:
-    """A model with an effect more: both are fitted to the recordings, and to all but a part of them.
+    """A model with an effect more: both are fitted to the recordings, and to all but a part of
+    them.
 
-    effect: a name of the library, or a YAML file with one effect as model files have it. recordings,
-    holdout: recordings or bags to fit to and to test on. start, end: the part of every run, on the
-    run's clock [s]; everything: also what is not usable. progress: is told in a sentence what is done.
-    GroundError when there is no such effect, or the recordings are too short.
+    effect: a name of the library, or a YAML file with one effect as model files have it.
+    recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
+    run, on the run's clock [s]; everything: also what is not usable. progress: is told in a
+    sentence what is done. GroundError when there is no such effect, or the recordings are too
+    short.
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # of a craft that turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95

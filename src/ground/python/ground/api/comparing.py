@@ -116,8 +116,8 @@ class Comparison(Shown):
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """A row for each run and model: error, prediction_error, thesis_objective and the fit of u, v
-        and r [%]; indexed by run and model."""
+        """A row for each run and model: error, prediction_error, thesis_objective and the fit of u,
+        v and r [%]; indexed by run and model."""
         import pandas
 
         index, rows = [], []
@@ -143,9 +143,9 @@ class Comparison(Shown):
     def save(
         self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
     ) -> str:
-        """Writes compare.json and, of every run, the missing wrench as CSV; with pictures these as well,
-        and the page report.html. form: "png" or "svg". Gives the path of the page, or of the JSON.
-        GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes compare.json and, of every run, the missing wrench as CSV; with pictures these as
+        well, and the page report.html. form: "png" or "svg". Gives the path of the page, or of the
+        JSON. GroundError when a file cannot be written, or exists and `force` is not set."""
         from ground.reports import comparison_files
 
         kept = comparison_files.Folder(os.fspath(folder), list(self.models), pictures, form, force)
@@ -191,10 +191,10 @@ def compare(
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
-    models: one or several; recordings: or bags. start, end: the part of every run, on the run's clock
-    [s]; everything: also what is not usable. scheduler: of a Dask cluster to work on, tcp://HOST:PORT,
-    in a network you trust; None: all cores of this computer. progress: is told in a sentence what is
-    done. GroundError when a file cannot be read or a model cannot be simulated.
+    models: one or several; recordings: or bags. start, end: the part of every run, on the run's
+    clock [s]; everything: also what is not usable. scheduler: of a Dask cluster to work on,
+    tcp://HOST:PORT, in a network you trust; None: all cores of this computer. progress: is told in
+    a sentence what is done. GroundError when a file cannot be read or a model cannot be simulated.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
@@ -221,8 +221,8 @@ def labelled(models: Models) -> Dict[str, Model]:
 
 
 def _label(model: Model, others: Sequence[Model]) -> str:
-    """A model's name in tables: its file's, with the folder where two files share it; of a model without
-    a file its title and effects."""
+    """A model's name in tables: its file's, with the folder where two files share it; of a model
+    without a file its title and effects."""
     if not model.path:
         return " with ".join(filter(None, (model.name, ", ".join(model.effects))))
     shared = sum(other.label == model.label for other in others) > 1
@@ -236,8 +236,8 @@ def each_run(
     scheduler: Optional[str] = None,
     progress: Progress = None,
 ) -> Iterator[RunComparison]:
-    """What is found out about all models on each run, in their order; the last model is asked how much
-    it accounts for of what the first one lacks."""
+    """What is found out about all models on each run, in their order; the last model is asked how
+    much it accounts for of what the first one lacks."""
     say = progress or silent
     runs = [recording.repaired for recording in recordings]
     for model in models.values():

@@ -40,7 +40,9 @@ class Diagnosis(Shown):
     effects: Tuple[str, ...]  #: that were added, in the order in which the error falls
     improved: Model  #: the model with them, refitted
     parameters: Dict[str, Parameter]  #: of that, by name
-    error: Tuple[float, ...]  #: on what was held out: of the model as it was, then after each effect
+    error: Tuple[
+        float, ...
+    ]  #: on what was held out: of the model as it was, then after each effect
     noise_floor: float  #: error there that the noise of the poses alone would leave
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: what would tell the rest apart
     report: Document  #: all of it, as diagnosis.json has it
@@ -164,14 +166,15 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects a model lacks, with evidence, and the model with them.
 
-    recordings, holdout: recordings or bags to fit to and to test on; without the latter, parts of the
-    former are held out. only, exclude: names of effects to try and not to try (all of the library but
-    those that it tries on request). effects: to try as well, YAML files with one effect each or names.
-    budget: refit only so many effects in each step, best by a score test first. thorough: look at all of
-    much data. room: for the next experiment. start, end: the part of every run, on the run's clock [s];
-    everything: also what is not usable. resume: a folder that keeps what is finished, so that the same
-    diagnosis goes on where it was interrupted. progress: is told in a sentence what is done. GroundError
-    when a file cannot be read, there is no such effect or the recordings are too short.
+    recordings, holdout: recordings or bags to fit to and to test on; without the latter, parts of
+    the former are held out. only, exclude: names of effects to try and not to try (all of the
+    library but those that it tries on request). effects: to try as well, YAML files with one effect
+    each or names. budget: refit only so many effects in each step, best by a score test first.
+    thorough: look at all of much data. room: for the next experiment. start, end: the part of every
+    run, on the run's clock [s]; everything: also what is not usable. resume: a folder that keeps
+    what is finished, so that the same diagnosis goes on where it was interrupted. progress: is told
+    in a sentence what is done. GroundError when a file cannot be read, there is no such effect or
+    the recordings are too short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # of a craft that turns by itself
@@ -229,9 +232,10 @@ def effects_to_try(
     exclude: Sequence[str] = (),
     effects: Sequence[str] = (),
 ) -> List[candidates.Candidate]:
-    """Effects of the library and of `effects`, by `only` and `exclude`. Those of `effects` are tried
-    beside the library's of `only`, unless `only` names one of them, and in place of those of the library
-    that have their names. GroundError when one does not exist or does not fit the model."""
+    """Effects of the library and of `effects`, by `only` and `exclude`. Those of `effects` are
+    tried beside the library's of `only`, unless `only` names one of them, and in place of those of
+    the library that have their names. GroundError when one does not exist or does not fit the
+    model."""
     own = [candidates.named(effect) for effect in effects]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]

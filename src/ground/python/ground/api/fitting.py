@@ -39,7 +39,8 @@ class Change:
 
 @dataclass(frozen=True)
 class ThesisObjective:
-    """(3.4) over the first 4 s of runs, of the start values and of the fit; None of shorter runs."""
+    """(3.4) over the first 4 s of runs, of the start values and of the fit; None of shorter
+    runs."""
 
     before: Optional[float]
     after: Optional[float]
@@ -166,8 +167,8 @@ class _Problem:
         return one.fit(model, one.cut())
 
     def refit_near(self, result: Any) -> Callable[[List[Any], Any], Any]:
-        """A function of windows and initial states that fits from a result near by, and with the same
-        outliers: so a refit costs a few steps."""
+        """A function of windows and initial states that fits from a result near by, and with the
+        same outliers: so a refit costs a few steps."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
 
         def refit(part: List[Any], initial: Any) -> Any:
@@ -195,13 +196,13 @@ def fit(
     """A model's parameters, fitted to recordings by simulation error.
 
     model: with the start values. recordings, holdout: recordings or bags to fit to and to test on.
-    free: names of the free parameters. objective: "least-squares" (robust, weighted) or "thesis" (mean
-    absolute error, 3.4). target: "velocities" (smoothed) or "poses" (raw; sharper where the model is
-    right). window: length of the windows that are simulated [s]. starts: descend from the model's
-    values and starts - 1 others, keep the best. block: length of blocks of time that are held out [s].
-    start, end: the part of every run, on the run's clock [s]; everything: also what is not usable.
-    progress: is told in a sentence what is done. GroundError when a file cannot be read, a parameter
-    does not exist or nothing can be fitted to.
+    free: names of the free parameters. objective: "least-squares" (robust, weighted) or "thesis"
+    (mean absolute error, 3.4). target: "velocities" (smoothed) or "poses" (raw; sharper where the
+    model is right). window: length of the windows that are simulated [s]. starts: descend from the
+    model's values and starts - 1 others, keep the best. block: length of blocks of time that are
+    held out [s]. start, end: the part of every run, on the run's clock [s]; everything: also what
+    is not usable. progress: is told in a sentence what is done. GroundError when a file cannot be
+    read, a parameter does not exist or nothing can be fitted to.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])

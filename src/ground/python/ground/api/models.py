@@ -59,8 +59,8 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown):
-    """A craft: a rigid body and the effects that act on it. It never changes: what changes one gives
-    another.
+    """A craft: a rigid body and the effects that act on it. It never changes: what changes one
+    gives another.
 
     >>> craft = Model.load(model_file)
     >>> craft["m"], craft.unit("m"), craft.effects
@@ -75,8 +75,8 @@ class Model(Shown):
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """The model in a file. GroundError names file, line and key of what is wrong; a value that is
-        hardly meant as it stands is a GroundWarning."""
+        """The model in a file. GroundError names file, line and key of what is wrong; a value that
+        is hardly meant as it stands is a GroundWarning."""
         try:
             core, doubts = _core.load_model_with_warnings(os.fspath(path))
         except RuntimeError as error:
@@ -136,8 +136,8 @@ class Model(Shown):
         return Model(core)
 
     def with_effect(self, effect: Path, **values: float) -> "Model":
-        """A copy with an effect: a name of the library, or a YAML file with one effect; values: of its
-        parameters. GroundError when there is no such effect, or the model has it already."""
+        """A copy with an effect: a name of the library, or a YAML file with one effect; values: of
+        its parameters. GroundError when there is no such effect, or the model has it already."""
         from ground.analysis import candidates
 
         candidate = candidates.named(os.fspath(effect))
@@ -157,8 +157,8 @@ class Model(Shown):
         return str(self.core.format())
 
     def save(self, path: Path, force: bool = False) -> "Model":
-        """Writes its file; force: also over another one. Gives the model of that file. GroundError when
-        it cannot be written."""
+        """Writes its file; force: also over another one. Gives the model of that file. GroundError
+        when it cannot be written."""
         with files.new_file(os.fspath(path), force) as temporary:
             with open(temporary, "w") as file:
                 file.write(self.format())

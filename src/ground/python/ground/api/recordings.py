@@ -22,10 +22,10 @@ def read(
 ) -> Tuple[Recording, ...]:
     """The recordings in bags.
 
-    bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the mocap's
-    axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of what was
-    recorded with the run. GroundError when a bag cannot be read or is given twice; what is odd about a
-    bag is a GroundWarning.
+    bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
+    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of
+    what was recorded with the run. GroundError when a bag cannot be read or is given twice; what is
+    odd about a bag is a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift

@@ -86,20 +86,22 @@ def simulate(
 ) -> SimulatedRun:
     """A recording of a simulated experiment, without ROS and faster than real time.
 
-    model: moves the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...: `identify simulate
-    --help` lists them), "tracking" for a controller in the loop, or a CSV file of bits or timed rows.
-    duration: of the input [s] (20, or that of a file's rows). seed: of noise, losses, disturbance and
-    the input. start_pose: x, y [m], psi [rad], world_ned; start_velocity: u, v [m/s], r [rad/s], body.
-    mocap: rate [Hz], position_noise [m], heading_noise [rad], latency [s], loss (0..1), gap_rate [1/s],
-    gap_length [s]. disturbance: True for that of the model, or the standard deviation of a random wrench
-    as a share of full thrust and its correlation time [s]. trim: what differs from run to run, 1 sigma,
-    in the same shares. room: bursts of the input between returns home, inside it. controller_model:
-    what a controller believes (model). axes, heading_offset: of the mocap, for `save`.
+    model: moves the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...: `identify
+    simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of bits or
+    timed rows. duration: of the input [s] (20, or that of a file's rows). seed: of noise, losses,
+    disturbance and the input. start_pose: x, y [m], psi [rad], world_ned; start_velocity: u, v
+    [m/s], r [rad/s], body. mocap: rate [Hz], position_noise [m], heading_noise [rad], latency [s],
+    loss (0..1), gap_rate [1/s], gap_length [s]. disturbance: True for that of the model, or the
+    standard deviation of a random wrench as a share of full thrust and its correlation time [s].
+    trim: what differs from run to run, 1 sigma, in the same shares. room: bursts of the input
+    between returns home, inside it. controller_model: what a controller believes (model). axes,
+    heading_offset: of the mocap, for `save`.
 
-    options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1), hold [s], rows_per_bit of a
-    design; burst [s] in a room; controller, reference, origin, end ((x, y) [m]), sharp, max_error [m],
-    control_rate [Hz], size [m], rate_of_turn [rad/s], petals, speed [m/s] and gains of a controller in
-    the loop. OptionError when one does not go with the input, GroundError when nothing can be recorded.
+    options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1), hold [s], rows_per_bit of
+    a design; burst [s] in a room; controller, reference, origin, end ((x, y) [m]), sharp, max_error
+    [m], control_rate [Hz], size [m], rate_of_turn [rad/s], petals, speed [m/s] and gains of a
+    controller in the loop. OptionError when one does not go with the input, GroundError when
+    nothing can be recorded.
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run

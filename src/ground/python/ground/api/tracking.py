@@ -120,16 +120,16 @@ def track(
 ) -> Tracking:
     """A controller that follows a reference in closed loop with a simulated craft, without ROS.
 
-    model: what the controller believes in. reference: its kind, or a CSV file. controller: its kind.
-    gains: names and values, or a file of them. truth: what the craft moves by (model). perturb: factors
-    on parameters of the craft. noise: mocap noise and the estimator; else the controller knows the true
-    state. delay: from measurement to command [s]. loss: share of frames lost. rate: of the controller
-    [Hz]. max_error: error at which the controller stops itself [m]; 0: as the reference's size asks,
-    inf: never. seed: of noise and starts (None: one start, at rest at the origin). starts: how many;
-    spread: of them, all states, 1 sigma; anywhere: or at rest, so far off in x and y [m]. settled,
-    end_time: when errors count [s]. settings: parameters of the reference, as size [m], rate_of_turn
-    [rad/s], petals, speed [m/s], x, y, end_x, end_y [m], smooth. GroundError when something does not
-    exist or the motion is not finite.
+    model: what the controller believes in. reference: its kind, or a CSV file. controller: its
+    kind. gains: names and values, or a file of them. truth: what the craft moves by (model).
+    perturb: factors on parameters of the craft. noise: mocap noise and the estimator; else the
+    controller knows the true state. delay: from measurement to command [s]. loss: share of frames
+    lost. rate: of the controller [Hz]. max_error: error at which the controller stops itself [m];
+    0: as the reference's size asks, inf: never. seed: of noise and starts (None: one start, at rest
+    at the origin). starts: how many; spread: of them, all states, 1 sigma; anywhere: or at rest, so
+    far off in x and y [m]. settled, end_time: when errors count [s]. settings: parameters of the
+    reference, as size [m], rate_of_turn [rad/s], petals, speed [m/s], x, y, end_x, end_y [m],
+    smooth. GroundError when something does not exist or the motion is not finite.
 
     >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
     >>> found.stopped, found.rms < 0.03  # [m]
