@@ -6,7 +6,6 @@ velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame;
 is wrong with a file or an argument raises `GroundError` with a line that says what, where and why;
 what may not be meant is a `GroundWarning`.
 """
-
 import os
 from typing import TYPE_CHECKING, Any, List
 

@@ -1,5 +1,4 @@
 """add: a physical effect into a model, refitted, with the error before and after."""
-
 import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple

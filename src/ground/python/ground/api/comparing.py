@@ -1,5 +1,4 @@
 """compare: models against recordings, and where they fail."""
-
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union

@@ -1,5 +1,4 @@
 """diagnose: which physical effect a model lacks."""
-
 import math
 import os
 import shlex

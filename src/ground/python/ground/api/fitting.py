@@ -1,5 +1,4 @@
 """fit: a model's parameters from recordings."""
-
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
 

@@ -1,5 +1,4 @@
 """Models of crafts, and rooms."""
-
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union

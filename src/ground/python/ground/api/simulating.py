@@ -1,5 +1,4 @@
 """simulate: a recording of a simulated experiment."""
-
 import os
 from dataclasses import replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union

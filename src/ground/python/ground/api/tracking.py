@@ -1,5 +1,4 @@
 """track: a controller in closed loop with a simulated craft."""
-
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Tuple, Union

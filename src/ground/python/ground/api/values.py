@@ -1,5 +1,4 @@
 """What the modules of the API share: types, tables and how results look in a notebook."""
-
 import html
 from typing import TYPE_CHECKING, Any, Callable, Iterable, List, Optional, Sequence, Tuple
 

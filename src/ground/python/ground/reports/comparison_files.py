@@ -1,5 +1,4 @@
 """The folder of a comparison: compare.json, wrenches over time as CSV, pictures and the page."""
-
 import os
 from typing import TYPE_CHECKING, Any, Dict, List, Sequence
 

@@ -1,5 +1,4 @@
 """The folder of a diagnosis: its numbers, the improved model, what to do next, and the page."""
-
 import os
 from typing import TYPE_CHECKING
 

@@ -1,5 +1,4 @@
 """identify add: a physical effect into a model, refitted, with the error before and after."""
-
 from ground import files
 from ground.api import adding
 from ground.verbs import common

@@ -1,5 +1,4 @@
 """What the verbs of the command line share."""
-
 import argparse
 import contextlib
 import sys

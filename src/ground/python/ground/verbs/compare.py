@@ -26,7 +26,6 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
 pooled    by label: the numbers over all, fit and held_out runs
 noise_floor  error that the noise of the poses alone would leave, were the best model the truth
 """
-
 from ground import workers
 from ground.analysis import comparison
 from ground.api import comparing

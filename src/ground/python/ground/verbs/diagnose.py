@@ -1,5 +1,4 @@
 """identify diagnose: which physical effect a model lacks."""
-
 import os
 
 from ground.analysis.candidates import ON_REQUEST

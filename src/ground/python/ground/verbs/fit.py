@@ -1,5 +1,4 @@
 """identify fit: a model's parameters from recordings."""
-
 import sys
 
 import numpy as np

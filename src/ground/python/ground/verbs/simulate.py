@@ -1,5 +1,4 @@
 """identify simulate: a recording of a simulated experiment."""
-
 import argparse
 import os
 import sys

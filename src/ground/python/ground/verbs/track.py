@@ -1,5 +1,4 @@
 """track: a controller in closed loop with a simulated craft."""
-
 import argparse
 
 import numpy as np
