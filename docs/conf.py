@@ -13,10 +13,12 @@ project = "ground"
 author = "the ground team"
 copyright = author
 release = ElementTree.parse(os.path.join(ROOT, "src/ground/package.xml")).findtext("version")
-extensions = ["myst_parser", "from_code"]
+extensions = ["myst_parser", "from_code", "sphinx.ext.autodoc"]
 exclude_patterns = ["schemas"]
 smartquotes = False  # they would turn --option into a dash
 nitpicky = True  # a reference that leads nowhere is a warning, and make docs fails by warnings
+nitpick_ignore_regex = [("py:.*", ".*")]  # but types of others have no page here
+autodoc_member_order = "bysource"
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3

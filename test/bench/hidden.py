@@ -22,7 +22,7 @@ import hidden_visibility
 import hidden_white as white
 from ground import _core, workers
 from ground.analysis import next_experiment, study
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
 # What a cluster's workers need, each after what it imports.
@@ -206,7 +206,7 @@ def main():
     parser.add_argument("--picture", help="file for the matrix of white single effects")
     try:
         bench(parser.parse_args())
-    except (IdentifyError, OSError) as error:
+    except (GroundError, OSError) as error:
         return str(error)
 
 

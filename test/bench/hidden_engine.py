@@ -3,7 +3,7 @@
 import time
 
 from ground.analysis import candidates, diagnosis, diagnosis_report
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 
 def diagnose(runs, heldout, model, thorough=False):
@@ -30,7 +30,7 @@ def diagnose(runs, heldout, model, thorough=False):
         found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=1)
         found.grow()
         conclusion = found.conclude(heldout)
-    except IdentifyError as error:
+    except GroundError as error:
         return {"failed": str(error)}
     told = {
         "seconds": time.perf_counter() - start,

@@ -19,7 +19,7 @@ import numpy as np
 
 from ground import _core, workers
 from ground.analysis import study
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import quality, windows
 from ground.simulation import experiments, gains
 
@@ -122,7 +122,7 @@ def run_seed(duration, seed):
     for name, run in (("bounded", bounded), ("unbounded", unbounded)):
         try:
             found["fits"][name] = fitted(run, model)
-        except IdentifyError as error:
+        except GroundError as error:
             print("seed %d, fit of the %s run: %s" % (seed, name, error), file=sys.stderr)
     found["seconds"] = time.perf_counter() - begin
     return found
@@ -277,7 +277,7 @@ def main():
         parser.error("--count and --jobs must be positive")
     try:
         bench(options)
-    except (IdentifyError, OSError) as error:
+    except (GroundError, OSError) as error:
         return str(error)
 
 

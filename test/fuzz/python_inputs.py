@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Nonsense for what the identification tool reads: exports (csv), bags (bag), options (options).
 
-Whatever is wrong has to be said as an IdentifyError, or as bad usage; anything else is a crash. First
+Whatever is wrong has to be said as an GroundError, or as bad usage; anything else is a crash. First
 argument: what; the rest is libFuzzer's.
 """
 import contextlib
@@ -14,7 +14,7 @@ import atheris
 
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
-    from ground.errors import IdentifyError
+    from ground.errors import GroundError
     from ground.recordings import quality, recording
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
@@ -36,13 +36,13 @@ def csv(data):
     """Two exports, one after the other."""
     controls, _, poses = data.partition(b"\0")
     bag = os.path.join(FOLDER.name, "run.bag")
-    with contextlib.suppress(IdentifyError):
+    with contextlib.suppress(GroundError):
         recording.import_csv(path("c.csv", controls), path("p.csv", poses), bag, force=True)
         quality.Run(recording.read_bag(bag))
 
 
 def bag(data):
-    with contextlib.suppress(IdentifyError):
+    with contextlib.suppress(GroundError):
         quality.Run(recording.read_bag(path("any.bag", data)))
 
 

@@ -187,8 +187,9 @@ def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
 def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     import argparse
 
-    from ground import _core
-    from ground.errors import IdentifyError
+    from ground.errors import GroundError
+    from ground.api.diagnosing import effects_to_try
+    from ground.api.models import Model
     from ground.verbs import diagnose as verb
 
     own = {}
@@ -197,7 +198,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         own[name].write_text(
             "name: %s\nexpression: {X: a*u}\nparameters:\n  a: {value: 0.1, unit: N}\n" % name
         )
-    model = _core.load_model(str(MODEL))
+    model = Model.load(MODEL)
 
     def tried(*options):
         parser = argparse.ArgumentParser()
@@ -206,7 +207,8 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         arguments = parser.parse_args(
             ["run.bag", "--model", "m", "-o", "o"] + files + list(options)
         )
-        return {c.name for c in verb._candidates(arguments, model)}
+        chosen = arguments.only, arguments.exclude, arguments.effects
+        return {c.name for c in effects_to_try(model, *chosen)}
 
     assert tried() == tried_by_default() | {"gust", "swirl"}
     assert tried("--only", "motor_lag") == {"motor_lag", "gust", "swirl"}
@@ -215,20 +217,20 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     assert tried("--only", "gust", "floor_friction_map") == {"gust", "floor_friction_map"}
     assert tried("floor_friction_map") == tried() | {"floor_friction_map"}  # one more of --effects
     assert "swirl" not in tried("--exclude", "swirl")
-    with pytest.raises(IdentifyError, match="there is no effect guts"):
+    with pytest.raises(GroundError, match="there is no effect guts"):
         tried("--only", "guts")
 
     text = own["gust"].read_text()
     own["gust"].write_text(text.replace("value: 0.1", "value: much"))
-    with pytest.raises(IdentifyError, match="gust.yaml, line 4: a must be a number"):
+    with pytest.raises(GroundError, match="gust.yaml, line 4: a must be a number"):
         tried()
     own["gust"].write_text(text.replace("name: gust", "name: swirl"))
-    with pytest.raises(IdentifyError, match="gust.yaml: --effects has another effect swirl"):
+    with pytest.raises(GroundError, match="gust.yaml: --effects has another effect swirl"):
         tried()
     own["gust"].write_text("name: motor_lag\ntau: 0.1\n")
     assert tried() == tried_by_default() | {"swirl"}
     own["gust"].write_text("")
-    with pytest.raises(IdentifyError, match="gust.yaml: it is empty"):
+    with pytest.raises(GroundError, match="gust.yaml: it is empty"):
         tried()
 
 

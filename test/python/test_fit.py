@@ -6,10 +6,11 @@ from conftest import MODEL, write_bag
 
 def run_verb(*arguments):
     """What a verb of identify returns, run in this process."""
-    from ground import cli
+    from ground import cli, errors
 
     parsed = cli._parser().parse_args([str(a) for a in arguments] + ["--json"])
-    return parsed.run(parsed)
+    with errors.warnings_as_lines():
+        return parsed.run(parsed)
 
 
 def test_the_work_of_a_fit_grows_with_the_length_of_a_run_not_with_its_square(

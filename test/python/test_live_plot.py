@@ -18,7 +18,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt is loaded
 
 from ground_msgs.msg import Controls, ControllerStatus, ModelError, Reference, SenderStatus, State
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.nodes import live_buffers, live_plot
 
 DURATION = 20.0
@@ -351,10 +351,10 @@ def test_a_picture_is_written_and_none_is_overwritten(window, tmp_path):
     picture = Image.open(str(path)).convert("RGB")
     assert picture.size == live_plot.SIZE
     assert len(picture.getcolors(1 << 20)) > 20
-    with pytest.raises(IdentifyError, match="plot.png exists"):
+    with pytest.raises(GroundError, match="plot.png exists"):
         window.save(str(path))
     window.save(str(path), force=True)
-    with pytest.raises(IdentifyError, match="there is no folder"):
+    with pytest.raises(GroundError, match="there is no folder"):
         window.save(str(tmp_path / "nowhere" / "plot.png"))
 
 
@@ -366,11 +366,11 @@ def test_a_closed_window_ends_it(application, monkeypatch):
 
 def test_a_failure_while_drawing_ends_it_with_the_reason(application, monkeypatch):
     def fail(_):
-        raise IdentifyError("no more ink")
+        raise GroundError("no more ink")
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(live_plot.LivePlot, "redraw", fail)
-    with pytest.raises(IdentifyError, match="no more ink"):
+    with pytest.raises(GroundError, match="no more ink"):
         live_plot.show(live_plot.Feed(DURATION))
 
 

@@ -10,7 +10,7 @@ import yaml
 from conftest import MODEL
 
 from ground.analysis import own_stop
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import own_stop as records
 
 THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06  # accelerations of thrust, of the floor, of the air [m/s^2]
@@ -186,6 +186,6 @@ def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):
 def test_a_file_that_is_something_else_is_left_alone(tmp_path, text):
     path = tmp_path / "own_stop.yaml"
     path.write_text(text)
-    with pytest.raises(IdentifyError):
+    with pytest.raises(GroundError):
         records.append(str(path), "craft", {})
     assert path.read_text() == text

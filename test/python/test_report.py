@@ -98,7 +98,7 @@ def assert_sound(browser, names):
 def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
     tmp_path, verb, capsys, monkeypatch
 ):
-    monkeypatch.setattr("ground.verbs.compare._draw", lambda *_: None)  # slow, and beside the page
+    monkeypatch.setattr("ground.reports.comparison_files._draw", lambda *_: None)  # slow, and beside the page
     out, bag = tmp_path / "out", write_bag(tmp_path / "run.bag", duration=4)
     arguments = [verb, str(bag), "--model", str(MODEL), "-o", str(out)]
     if verb == "diagnose":

@@ -10,11 +10,11 @@ from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
 from ground.analysis import diagnosis_report
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
 from ground.reports import report, tracking_plots
-from ground.verbs import common
+from ground.api.models import Room
 
 TURNED = "y, -x, z"  # a mocap whose z is down
 OFFSET = 0.5
@@ -218,7 +218,7 @@ def test_model_and_room_travel_beside_a_recorded_run(tmp_path, lab):
     (lab / "room.yaml").write_text("something else")
     read = recording.read_bag(bag)
     assert read.files["room"].text == room and not read.warnings
-    assert common.room_of(read).margin == 0.2
+    assert Room.of_recording(read).margin == 0.2
     assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "people can read it, too"
 
 
@@ -365,5 +365,5 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
 
 def test_no_settings_of_a_bag_end_in_a_traceback(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
-    with pytest.raises(IdentifyError, match="recorded in the bag"):
+    with pytest.raises(GroundError, match="recorded in the bag"):
         recording.read_bag(bag)

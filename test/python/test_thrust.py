@@ -122,9 +122,9 @@ def test_a_draft_has_a_cell_for_every_level_that_was_held(tmp_path):
 )
 def test_levels_that_fit_no_table_are_said(levels, said):
     from ground.analysis import thrust_bench
-    from ground.errors import IdentifyError
+    from ground.errors import GroundError
 
-    with pytest.raises(IdentifyError, match=said):
+    with pytest.raises(GroundError, match=said):
         thrust_bench.draft(levels)
 
 

@@ -12,7 +12,7 @@ import pytest
 from conftest import MODEL, process, write_bag
 
 from ground import workers
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.simulation import tracking
 from test_launch import free_port
 
@@ -135,5 +135,5 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "PATIENCE", 1)
     address = "tcp://127.0.0.1:%d" % free_port()
-    with pytest.raises(IdentifyError, match="%s: no Dask scheduler answers" % address):
+    with pytest.raises(GroundError, match="%s: no Dask scheduler answers" % address):
         workers.Workers(address)

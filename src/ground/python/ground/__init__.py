@@ -1,5 +1,89 @@
-"""Identification of a miniature hovercraft: recordings, fits and comparisons."""
+"""Identification, diagnosis and control of a miniature hovercraft.
+
+`ground.read`, `fit`, `compare`, `diagnose`, `add`, `simulate` and `track` do what the programs of
+the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
+velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. What
+is wrong with a file or an argument raises `GroundError` with a line that says what, where and why;
+what may not be meant is a `GroundWarning`.
+"""
 import os
+from typing import TYPE_CHECKING, Any, List
 
 # Ceres logs steps that it takes back; what matters is in its summary, which errors quote.
 os.environ.setdefault("GLOG_minloglevel", "3")
+
+# Name to the module that has it. Each is loaded when it is used first, for what a fit needs takes a
+# second to load.
+_HOMES = {
+    "Addition": "ground.api.adding",
+    "Comparison": "ground.api.comparing",
+    "Diagnosis": "ground.api.diagnosing",
+    "Fit": "ground.api.fitting",
+    "GroundError": "ground.errors",
+    "GroundWarning": "ground.errors",
+    "Model": "ground.api.models",
+    "OptionError": "ground.errors",
+    "Parameter": "ground.api.models",
+    "Recording": "ground.recordings.recording",
+    "Room": "ground.api.models",
+    "RunComparison": "ground.api.comparing",
+    "SimulatedRun": "ground.simulation.experiments",
+    "Tracking": "ground.api.tracking",
+    "add": "ground.api.adding",
+    "compare": "ground.api.comparing",
+    "diagnose": "ground.api.diagnosing",
+    "fit": "ground.api.fitting",
+    "read": "ground.api.recordings",
+    "simulate": "ground.api.simulating",
+    "track": "ground.api.tracking",
+}
+if TYPE_CHECKING:
+    from ground.api.adding import Addition, add
+    from ground.api.comparing import Comparison, RunComparison, compare
+    from ground.api.diagnosing import Diagnosis, diagnose
+    from ground.api.fitting import Fit, fit
+    from ground.api.models import Model, Parameter, Room
+    from ground.api.recordings import read
+    from ground.api.simulating import simulate
+    from ground.api.tracking import Tracking, track
+    from ground.errors import GroundError, GroundWarning, OptionError
+    from ground.recordings.recording import Recording
+    from ground.simulation.experiments import SimulatedRun
+
+__all__ = [  # what _HOMES has, once more for programs that check types
+    "Addition",
+    "Comparison",
+    "Diagnosis",
+    "Fit",
+    "GroundError",
+    "GroundWarning",
+    "Model",
+    "OptionError",
+    "Parameter",
+    "Recording",
+    "Room",
+    "RunComparison",
+    "SimulatedRun",
+    "Tracking",
+    "add",
+    "compare",
+    "diagnose",
+    "fit",
+    "read",
+    "simulate",
+    "track",
+]
+
+
+def __getattr__(name: str) -> Any:
+    import importlib
+
+    if name not in _HOMES:
+        raise AttributeError("module 'ground' has no attribute '%s'" % name)
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> List[str]:
+    return sorted({*globals(), *_HOMES})

@@ -23,8 +23,11 @@ def program(verb, argv=None):
 
 def _run(name, arguments):
     def work():
-        with files.protect(_inputs(arguments)):
-            result = arguments.run(arguments)
+        with files.protect(_inputs(arguments)), errors.warnings_as_lines():
+            try:
+                result = arguments.run(arguments)
+            except errors.OptionError as error:
+                arguments.refuse(error.as_options)
         if arguments.json:
             json.dump(files.plain(result), sys.stdout, indent=1, allow_nan=False)
             print()

@@ -1,9 +1,12 @@
 """What the programs say when they cannot do what they were asked: one line, and exit status 1."""
+import argparse
 import contextlib
 import errno
 import os
 import sys
 import traceback
+import warnings
+from typing import Any, Callable, Iterator, TextIO, Type
 
 # What to do about failures of the system that a person can do something about.
 ADVICE = {
@@ -17,18 +20,66 @@ ADVICE = {
 }
 
 
-class IdentifyError(Exception):
+class GroundError(Exception):
     """Something is wrong with the user's files or wishes; the message says what, where, and why."""
 
 
-def guarded(name, work, debug=False):
+class OptionError(GroundError):
+    """An argument that does not go with the others, or that cannot have this value.
+
+    text: with {0}, {1} for the names of arguments, and {name} for `values`. The message names
+    arguments as Python does; `as_options` is the same as the command line has them.
+    """
+
+    def __init__(self, text: str, *names: str, **values: object) -> None:
+        super().__init__(text.format(*names, **values))
+        options = ["--" + name.replace("_", "-") for name in names]
+        self.as_options = text.format(*options, **values)
+
+
+class GroundWarning(UserWarning):
+    """Something that is done all the same, and may not be what was meant."""
+
+    PREFIX = "warning: "  # on the command line
+
+
+class GroundNote(GroundWarning):
+    """What a user should know about a result."""
+
+    PREFIX = "note: "
+
+
+class RecordingWarning(GroundWarning):
+    """What is odd about a recording; the message begins with its path."""
+
+    PREFIX = ""
+
+
+@contextlib.contextmanager
+def warnings_as_lines() -> Iterator[None]:
+    """GroundWarnings inside the block are lines on standard error, each as often as it is given."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", GroundWarning)
+        usual = warnings.showwarning
+
+        def show(message: Any, category: Type[Warning], *where: Any, **options: Any) -> None:
+            if issubclass(category, GroundWarning):
+                print("%s%s" % (category.PREFIX, message), file=sys.stderr)
+            else:
+                usual(message, category, *where, **options)
+
+        warnings.showwarning = show
+        yield
+
+
+def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
     """The exit status of work(); a failure becomes one line on standard error and status 1.
 
     name: of the program, begins the line. debug: print the traceback as well; the environment variable
     GROUND_DEBUG asks for the same. What argparse exits with passes through.
     """
     with contextlib.suppress(AttributeError, ValueError):  # a stream that is none of Python's own
-        sys.stdout.reconfigure(errors="backslashreplace")
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
     try:
         status = work()
         sys.stdout.flush()
@@ -44,7 +95,7 @@ def guarded(name, work, debug=False):
     return 1
 
 
-def sentence(error):
+def sentence(error: BaseException) -> str:
     """What a failure means to the user, in one line."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
@@ -54,28 +105,36 @@ def sentence(error):
         names = [str(n) for n in (error.filename, error.filename2) if n is not None]
         return ": ".join(names + [reason(error)])
     text = " ".join(str(error).split())
-    if isinstance(error, IdentifyError):
+    if isinstance(error, GroundError):
         return text
     return "unexpected %s: %s; --debug shows where" % (type(error).__name__, text or "no reason")
 
 
-def reason(error):
+def reason(error: OSError) -> str:
     """Why the system refused, with what to do about it; error: an OSError."""
     why = error.strerror or str(error)
-    advice = ADVICE.get(error.errno)
+    advice = ADVICE.get(error.errno or 0)
     return "%s; %s" % (why, advice) if advice else why
 
 
-def add_debug(parser):
+def add_debug(parser: argparse.ArgumentParser) -> None:
     """Adds --debug to an argparse parser."""
     parser.add_argument(
         "--debug", action="store_true", help="show where it failed (also: GROUND_DEBUG=1)"
     )
 
 
-def _flush_or_drop(stream):
+def _flush_or_drop(stream: TextIO) -> None:
     """Flushes a stream; when nobody takes what is left, the interpreter shall not complain at exit."""
     try:
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def warn(text: str, category: Type[GroundWarning] = GroundWarning) -> None:
+    """Gives a GroundWarning at the line that called the package."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("ground."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)

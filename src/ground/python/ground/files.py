@@ -4,17 +4,18 @@ import json
 import math
 import os
 import tempfile
+from typing import Any, Iterable, Iterator, Sequence
 
 import yaml
 
-from ground.errors import IdentifyError, reason
+from ground.errors import GroundError, reason
 
 _kept = None  # inside protect: files that must not be replaced, (device, inode) -> why
 _FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
 
 
 @contextlib.contextmanager
-def protect(paths):
+def protect(paths: Iterable[str]) -> Iterator[None]:
     """No file among `paths` can be replaced inside the block, under whatever name it is asked for;
     neither can one that the block itself has written. Names without a file are ignored."""
     global _kept
@@ -34,8 +35,8 @@ def _keep(path, why):
             _kept[status.st_dev, status.st_ino] = why
 
 
-def refuse_existing(path, force):
-    """Raises IdentifyError when `path` cannot be written: it is an input of this command (also through
+def refuse_existing(path: str, force: bool) -> None:
+    """Raises GroundError when `path` cannot be written: it is an input of this command (also through
     a link), no regular file, there already and not forced, or in a folder that does not exist or cannot
     be written. To be asked before long work starts."""
     if os.path.lexists(path):
@@ -43,29 +44,29 @@ def refuse_existing(path, force):
             status = os.stat(path)
             why = (_kept or {}).get((status.st_dev, status.st_ino))
             if why:
-                raise IdentifyError(_FORMAT % (path, why))
+                raise GroundError(_FORMAT % (path, why))
         if os.path.isdir(path):
-            raise IdentifyError("%s is a folder; name a file" % path)
+            raise GroundError("%s is a folder; name a file" % path)
         if not os.path.isfile(path) and not os.path.islink(path):
-            raise IdentifyError("%s is not a regular file; choose another name" % path)
+            raise GroundError("%s is not a regular file; choose another name" % path)
         if not force:
-            raise IdentifyError("%s exists; choose another name, or --force to overwrite it" % path)
+            raise GroundError("%s exists; choose another name, or --force to overwrite it" % path)
     folder = os.path.dirname(os.path.abspath(path))
     if not os.path.isdir(folder):
-        raise IdentifyError("%s: there is no folder %s" % (path, folder))
+        raise GroundError("%s: there is no folder %s" % (path, folder))
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise IdentifyError("%s: the folder %s cannot be written to" % (path, folder))
+        raise GroundError("%s: the folder %s cannot be written to" % (path, folder))
 
 
 @contextlib.contextmanager
-def new_file(path, force=False):
+def new_file(path: str, force: bool = False) -> Iterator[str]:
     """Gives a temporary name beside `path`, which becomes `path` when the block ends well."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
     try:
         handle, temporary = tempfile.mkstemp(os.path.splitext(name)[1], ".ground-", folder)
     except OSError as error:
-        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
+        raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     try:
         os.close(handle)
         yield temporary
@@ -79,14 +80,14 @@ def new_file(path, force=False):
     except OSError as error:
         if error.filename not in (None, temporary, path):
             raise  # of another file that was read meanwhile
-        raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error))) from error
+        raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     finally:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(temporary)
 
 
 def _move(temporary, path):
-    """Renames a file to a name that must not exist; IdentifyError when it does."""
+    """Renames a file to a name that must not exist; GroundError when it does."""
     try:
         try:
             os.link(temporary, path)
@@ -102,10 +103,10 @@ def _move(temporary, path):
                 os.unlink(path)
                 raise
     except FileExistsError:
-        raise IdentifyError("%s has come to exist meanwhile; left as it is" % path)
+        raise GroundError("%s has come to exist meanwhile; left as it is" % path)
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """The same with None for numbers that JSON has no word for: infinite ones and NaN."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
@@ -114,20 +115,20 @@ def plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_json(path, value, force=False):
+def write_json(path: str, value: Any, force: bool = False) -> None:
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")
 
 
-def write_yaml(path, value, force=False):
+def write_yaml(path: str, value: Any, force: bool = False) -> None:
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             yaml.safe_dump(value, file, sort_keys=False)
 
 
-def write_csv(path, header, rows, force=False):
+def write_csv(path: str, header: str, rows: Iterable[Sequence[float]], force: bool = False) -> None:
     """Writes rows of numbers under a line of column names."""
     with new_file(path, force) as temporary, open(temporary, "w") as file:
         file.write(header + "\n")

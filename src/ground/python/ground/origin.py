@@ -6,19 +6,20 @@ import platform
 import shlex
 import sys
 from importlib import metadata
+from typing import Dict
 
 
-def command():
+def command() -> str:
     """What was typed."""
     name = os.path.basename(sys.argv[0])
     return " ".join([name] + [shlex.quote(a) for a in sys.argv[1:]])
 
 
-def now():
+def now() -> str:
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
-def versions():
+def versions() -> Dict[str, str]:
     """Of the programs that took part, by name."""
     from ground import _core
 
@@ -29,7 +30,7 @@ def versions():
     return found
 
 
-def fingerprint(path):
+def fingerprint(path: str) -> str:
     """The first half of a file's SHA-256: the same digits, the same file."""
     digest = hashlib.sha256()
     with open(path, "rb") as file:

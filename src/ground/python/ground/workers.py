@@ -2,9 +2,10 @@
 import copyreg
 import os
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 RETRIES = 3  # of a piece of work whose worker died or that failed there
 PATIENCE = 10  # with a scheduler [s]
@@ -26,10 +27,16 @@ class Workers:
     holds the interpreter; then, and on a cluster, functions have to be those of modules and items and
     results picklable. Pickles travel between the processes, on a cluster over its network: whoever can
     talk to the scheduler runs code here. modules: files that a cluster's workers need besides this
-    package. Raises IdentifyError when the scheduler does not answer.
+    package. Raises GroundError when the scheduler does not answer.
     """
 
-    def __init__(self, scheduler=None, processes=False, count=None, modules=()):
+    def __init__(
+        self,
+        scheduler: Optional[str] = None,
+        processes: bool = False,
+        count: Optional[int] = None,
+        modules: Sequence[str] = (),
+    ) -> None:
         self._client = self._pool = None
         if scheduler:
             self._client = _connect(scheduler)
@@ -39,16 +46,16 @@ class Workers:
             kind = ProcessPoolExecutor if processes else ThreadPoolExecutor
             self._pool = kind(count or len(os.sched_getaffinity(0)))
 
-    def __enter__(self):
+    def __enter__(self) -> "Workers":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         if self._client:
             self._client.close()
         else:
             self._pool.shutdown()
 
-    def map(self, work, items):
+    def map(self, work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         """Yields work(item) in the order of the items; what one raises is raised in its place."""
         if not self._client:
             yield from self._pool.map(work, items)
@@ -60,9 +67,9 @@ class Workers:
             for future in futures:
                 yield future.result()
         except KilledWorker as error:
-            raise IdentifyError("a piece of work has ended several workers: %s" % error)
+            raise GroundError("a piece of work has ended several workers: %s" % error)
         except ImportError as error:
-            raise IdentifyError("the workers lack a module: %s" % error)
+            raise GroundError("the workers lack a module: %s" % error)
         finally:
             self._client.cancel(futures)
 
@@ -71,16 +78,16 @@ def _connect(address):
     try:
         from distributed import Client
     except ImportError:
-        raise IdentifyError(
+        raise GroundError(
             "Dask is missing: install python3-distributed (Debian) or distributed from PyPI"
         )
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise IdentifyError("%s: no Dask scheduler answers (%s)" % (address, error))
+        raise GroundError("%s: no Dask scheduler answers (%s)" % (address, error))
     if not client.scheduler_info()["workers"]:
         client.close()
-        raise IdentifyError("%s: the scheduler has no workers" % address)
+        raise GroundError("%s: the scheduler has no workers" % address)
     return client
 
 

@@ -17,7 +17,7 @@ from scipy import stats
 
 from ground import _core
 from ground.analysis.likelihood import CAP, call
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import repair, windows
 
 PART = 0.9  # probability of a band
@@ -148,7 +148,7 @@ def _predict(run, fit, cut, loudness):
             velocity_noise=_smoothed_noise(run),
             cap=CAP,
         )
-    except IdentifyError:
+    except GroundError:
         return Bands(run, ())
     measured = _measured(run)
     predictions = []

@@ -2,12 +2,12 @@
 import math
 import os
 from dataclasses import dataclass
-from typing import Callable
+from typing import Any, Callable, Dict, List, Sequence
 
 import yaml
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 # Angles all round have several minima: they are sought from several starts [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
@@ -36,35 +36,35 @@ class Candidate:
             yield given
 
 
-def of_library(name):
-    """The Candidate of that name; IdentifyError naming all known ones when there is none."""
+def of_library(name: str) -> Candidate:
+    """The Candidate of that name; GroundError naming all known ones when there is none."""
 
     def add(model):
         extended = model.copy()
         try:
             extended.add_effect(name)
         except (ValueError, RuntimeError) as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
         return extended
 
     return Candidate(name, add)
 
 
-def effects():
-    """The effects of the library by name, as _core.effects() has them; IdentifyError where a library of
+def effects() -> Dict[str, Dict[str, Any]]:
+    """The effects of the library by name, as _core.effects() has them; GroundError where a library of
     GROUND_EFFECT_LIBRARIES cannot be used."""
     try:
         return _core.effects()
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
-def on_request():
+def on_request() -> List[str]:
     """Names of the effects that a diagnosis tries only when it is asked to."""
     return [name for name, effect in effects().items() if effect["opt_in"]]
 
 
-def library(model, wanted=()):
+def library(model: Any, wanted: Sequence[str] = ()) -> List[Candidate]:
     """Candidates for the effects of the library that the model does not have; for those that a
     diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
     return [
@@ -74,15 +74,15 @@ def library(model, wanted=()):
     ]
 
 
-def from_file(path):
-    """The Candidate of a YAML file with one effect as model files list it; IdentifyError names file
+def from_file(path: str) -> Candidate:
+    """The Candidate of a YAML file with one effect as model files list it; GroundError names file
     and line of what is wrong with it."""
     try:
         return _from_text(_core.read_effect_file(path), path)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     except UnicodeDecodeError as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+        raise GroundError("%s: cannot be read (%s)" % (path, error))
 
 
 def from_entry(entry, source):
@@ -95,12 +95,12 @@ def _from_text(text, source):
         try:
             return _core.with_effect(model, text, source)
         except RuntimeError as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
 
     return Candidate(add(_core.Model()).effects[0], add)
 
 
-def named(effect):
+def named(effect: str) -> Candidate:
     """The Candidate of a name in the library or of a YAML file."""
     is_file = os.path.splitext(effect)[1] in (".yaml", ".yml")
     return from_file(effect) if is_file else of_library(effect)
@@ -127,7 +127,7 @@ def values(model):
     return {p["name"]: model.value(p["name"]) for p in model.parameters()}
 
 
-def carried_over(fitted, extended):
+def carried_over(fitted: Any, extended: Any) -> Any:
     """The extended model with the values of the fitted one, which may lack some parameters."""
     model = extended.copy()
     known = values(model)

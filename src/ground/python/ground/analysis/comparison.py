@@ -1,6 +1,6 @@
 """Model against measurement: error numbers, as docs/theory/identification.md defines them."""
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
-def thesis_objective(run, model):
+def thesis_objective(run: Any, model: Any) -> Optional[float]:
     """(3.4) over one window, the first 4 s of the run; None when the run is shorter."""
     start = run.times[0]
     # One simulation, also through a gap: only the measurement is missing there.
@@ -26,7 +26,7 @@ def thesis_objective(run, model):
     return problem.simulate(model, _core.Objective.thesis)["objective"]
 
 
-def mean_thesis_objective(runs, model):
+def mean_thesis_objective(runs: Sequence[Any], model: Any) -> Optional[float]:
     """The mean over runs that are long enough; None when none is."""
     values = [thesis_objective(run, model) for run in runs]
     values = [v for v in values if v is not None]
@@ -54,10 +54,10 @@ class Evaluation:
         return np.concatenate([p["index"] for p in self.pieces])
 
 
-def evaluate(run, model):
+def evaluate(run: Any, model: Any) -> Evaluation:
     """Simulates the run's windows and predicts over all horizons.
 
-    Raises IdentifyError on runs that are too short, RuntimeError on models whose motion is not
+    Raises GroundError on runs that are too short, RuntimeError on models whose motion is not
     finite.
     """
     cut = windows.cut([run])
@@ -140,7 +140,7 @@ def _predict_horizons(run, model, sigma):
     return rows
 
 
-def numbers(evaluations):
+def numbers(evaluations: Sequence[Evaluation]) -> Dict[str, Any]:
     """Error numbers of one run, or pooled over several: every sample counts alike."""
     normalised = np.vstack([e.residual / e.sigma for e in evaluations])
     predicted = np.vstack([e.predicted for e in evaluations])

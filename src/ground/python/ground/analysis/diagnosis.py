@@ -11,7 +11,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, List, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ground.analysis import (
     trials,
 )
 from ground.analysis import varying
+from ground.analysis.candidates import Candidate
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.score_tests import UNSEEN
 from ground.analysis.search import Criteria, Search
@@ -108,15 +109,15 @@ class Diagnosis:
 
     def __init__(
         self,
-        runs,
-        model,
-        candidates,
-        budget=None,
-        threads=0,
-        progress=None,
-        kept=None,
-        most=study.MAX_WINDOWS,
-    ):
+        runs: Sequence[Any],
+        model: Any,
+        candidates: List[Candidate],
+        budget: Optional[int] = None,
+        threads: int = 0,
+        progress: Optional[Callable[[str], None]] = None,
+        kept: Optional[Unfinished] = None,
+        most: float = study.MAX_WINDOWS,
+    ) -> None:
         self.runs = runs
         self.given = model
         self.candidates = candidates
@@ -190,7 +191,7 @@ class Diagnosis:
             self.judged[names] = self.kept.result(what, lambda: self.folds.judge(fit))
         return self.judged[names]
 
-    def grow(self):
+    def grow(self) -> None:
         """Adds the effects that earn their place."""
         found = self._found()
         self.tried = self._trials()
@@ -403,7 +404,7 @@ class Diagnosis:
 
     # --- The end
 
-    def conclude(self, heldout=()):
+    def conclude(self, heldout: Sequence[Any] = ()) -> Conclusion:
         """Judges what was found: the verdict, and the model that improves on the given one.
 
         heldout: _core.RunData of runs to test on; an effect that raises the error there is taken

@@ -1,8 +1,10 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 import dataclasses
+from typing import Any, Dict, Sequence
 
 from ground.analysis import bands, candidates, next_experiment, study, unexplained
+from ground.analysis.diagnosis import Conclusion, Diagnosis
 
 SCHEMA = "ground/diagnosis/1"
 # What is refitted for the report only is bounded, so that the work grows with the data, not faster.
@@ -10,7 +12,14 @@ LEAST_JUDGED = 3  # effects, best first, that have these errors whatever the num
 PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
 
 
-def of(diagnosis, conclusion, model_name, heldout=(), thorough=False, room=None):
+def of(
+    diagnosis: Diagnosis,
+    conclusion: Conclusion,
+    model_name: str,
+    heldout: Sequence[Any] = (),
+    thorough: bool = False,
+    room: Any = None,
+) -> Dict[str, Any]:
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
     thorough: errors of all effects in the table and the next experiment beside all runs, however
@@ -42,15 +51,7 @@ def of(diagnosis, conclusion, model_name, heldout=(), thorough=False, room=None)
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
         ],
         "slight": _slight(diagnosis),
-        "dropped": [
-            {
-                "effect": d.trial.name,
-                "why": d.why,
-                "p_value": d.trial.p_value,
-                "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
-            }
-            for d in diagnosis.dropped
-        ],
+        "dropped": _dropped(diagnosis),
         "varies": conclusion.varies,
         "memory": _memory(conclusion),
         "state": _remains(conclusion.state),
@@ -154,6 +155,19 @@ def _candidates(diagnosis, alike, thorough):
     ]
 
 
+def _dropped(diagnosis):
+    """Effects that the likelihood asks for and that were not added."""
+    return [
+        {
+            "effect": d.trial.name,
+            "why": d.why,
+            "p_value": d.trial.p_value,
+            "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
+        }
+        for d in diagnosis.dropped
+    ]
+
+
 def _slight(diagnosis):
     """An effect that is seen and too small to matter; None without one."""
     trial = diagnosis.slight
@@ -224,7 +238,7 @@ def _unexplained(diagnosis, conclusion):
     }
 
 
-def effect_entry(proposal):
+def effect_entry(proposal: Dict[str, Any]) -> Dict[str, Any]:
     """A proposal as model files list effects."""
     keys = ("name", "states", "expression", "parameters")
     return {key: proposal[key] for key in keys if key in proposal}

@@ -10,7 +10,7 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 FOLDS = 4  # largest number of parts that are held out one after the other
 
@@ -98,7 +98,7 @@ class Folds:
                 chosen = [self.cut[i] for i in inside]
                 try:
                     heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
-                except IdentifyError:  # its motion is not finite where it was not fitted to
+                except GroundError:  # its motion is not finite where it was not fitted to
                     heldout[inside] = np.inf
         return heldout
 

@@ -1,11 +1,13 @@
 """What a fit does not tell, in words."""
+from typing import Any, Dict, Iterator, List
+
 import numpy as np
 
 POORLY = 0.03  # a parameter known better than this is known [of its value]
 MUCH_BETTER = 0.5  # a combination that is known so much better than its parts is worth a word
 
 
-def weak_directions(fit):
+def weak_directions(fit: Dict[str, Any]) -> List[Dict[str, Any]]:
     """Parameters of a fit's result that only their ratio or product tells, strongest first.
 
     Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
@@ -38,7 +40,7 @@ def weak_directions(fit):
     return sorted(found, key=lambda w: -w["strength"])
 
 
-def sentences(fit):
+def sentences(fit: Dict[str, Any]) -> Iterator[str]:
     """What to tell the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:

@@ -14,7 +14,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.thinning import thinned
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
 BLOCK = 1.0  # of time, for standard errors [s]
@@ -80,7 +80,7 @@ class Likelihood:
         """The likeliest values of the free parameters, sought from the model's own.
 
         near: a Fit whose levels are near; without it the search begins far away. levels: whether
-        they are fitted, too; held: values by name of those that are not. Raises IdentifyError when
+        they are fitted, too; held: values by name of those that are not. Raises GroundError when
         the model cannot be simulated.
         """
         held = {**self.absent, **(held or {})}
@@ -147,8 +147,8 @@ class Likelihood:
 
 
 def call(function, *arguments, **options):
-    """The core's answer; IdentifyError in place of what it throws."""
+    """The core's answer; GroundError in place of what it throws."""
     try:
         return function(*arguments, **options)
     except (RuntimeError, ValueError) as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Tuple
 
 from ground.analysis.score_tests import UNSEEN, stepped
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # tried, in parts of the typical size
 SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
@@ -37,7 +37,7 @@ def look_alike(search, chosen, name):
         try:
             model = stepped(neutral, steps, part)
             found = search.likelihood.fit(model, fit.free, fit, levels=False)
-        except IdentifyError:
+        except GroundError:
             continue
         if found.log_posterior > fit.log_posterior - SETTLED:
             return LookAlike(name, found, _moved(fit, found.model))

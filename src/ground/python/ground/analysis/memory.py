@@ -15,7 +15,7 @@ from scipy import stats
 from ground.analysis import candidates
 from ground.analysis.score_tests import ScoreTests
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 LEVEL = 0.001  # chance of finding memory where there is none
 NEEDED = 20.0  # least log-likelihood ratio: models are never quite true
@@ -131,5 +131,5 @@ def _fitted(likelihood, fit, kind, time, size):
     try:
         sized = likelihood.fit(start, fit.free + (kind.name + ".c",), near=fit)
         return likelihood.fit(sized.model, sized.free + (kind.name + ".tau",), near=sized)
-    except IdentifyError:
+    except GroundError:
         return None

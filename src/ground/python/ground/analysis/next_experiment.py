@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Likelihood
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.simulation import experiments
 
 DURATION = 8.0  # of the thrust [s]
@@ -61,7 +61,7 @@ class Experiment:
 
     def schedule_in(self, room, model):
         """The Schedule that a craft which moves by `model` is given in a _core.RoomPlan: bursts and
-        returns. Raises ValueError when ModelPredictive cannot drive by the model, IdentifyError when
+        returns. Raises ValueError when ModelPredictive cannot drive by the model, GroundError when
         the motion is not finite."""
         params = _core.ExcitationParams()
         params.design = experiments.design_params(self.design, **dict(self.options))
@@ -72,7 +72,7 @@ class Experiment:
                 model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
             )
         except RuntimeError as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
         return experiments.Schedule(log["commands"], log["frames"][-1, 0])
 
 
@@ -107,7 +107,7 @@ def propose(rivals, runs, each=map, room=None):
         try:
             schedule = experiment.schedule_in(room, rivals[0].fit.model)
             return _disagreement(rivals, schedule, runs, known)
-        except (ValueError, IdentifyError):
+        except (ValueError, GroundError):
             return None
 
     best, proposed = 0.0, None
@@ -174,7 +174,7 @@ def _disagreement(rivals, schedule, runs, known=None):
                 apart = _cost(other, runs + new, True) - known[other.name]
                 apart -= _cost(true, runs + new, True) - known[true.name]
             worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
-    except IdentifyError:
+    except GroundError:
         return None
     return worst
 
@@ -189,7 +189,7 @@ def _run(model, schedule, noise):
     inputs[:, 1:3] *= model.input_max
     found = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
     if not np.isfinite(found["eta"]).all():
-        raise IdentifyError("the motion is not finite")
+        raise GroundError("the motion is not finite")
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ground.analysis import residuals
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import windows
 
 STEP = 0.01  # commands are compared at instants so far apart [s]
@@ -114,7 +114,7 @@ def _errors(runs, cut, model):
     try:
         motions = problem.simulate(model)["nu"]
     except RuntimeError as failure:
-        raise IdentifyError(str(failure))
+        raise GroundError(str(failure))
     return [
         (motion - np.array(runs[w.run].nu)[w.first : w.last + 1]) / problem.sigma(w.run)
         for w, motion in zip(cut, motions)

@@ -15,7 +15,7 @@ from scipy import stats
 from ground.analysis import candidates as effects
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.unfinished import Unfinished
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import windows
 
 
@@ -204,7 +204,7 @@ class Search:
         for start, near in self._starts(current, extended, added, step):
             try:
                 found = self.likelihood.fit(start, self.free_of(extended), near)
-            except IdentifyError:
+            except GroundError:
                 continue
             if best is None or found.log_posterior > best.log_posterior:
                 best = found

@@ -1,14 +1,14 @@
 """A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
 import itertools
 from dataclasses import dataclass
-from typing import Any, Dict
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.unfinished import can_be_kept
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import repair, windows
 
 PARTS = 4  # held out one after the other, where one run is all there is
@@ -38,10 +38,10 @@ class Study:
 
     Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a
     single run. Of long runs it takes about `most` windows, spread evenly, so that its work does
-    not grow with them. Raises IdentifyError when runs are too short.
+    not grow with them. Raises GroundError when runs are too short.
     """
 
-    def __init__(self, runs, threads=0, most=MAX_WINDOWS):
+    def __init__(self, runs: Sequence[Any], threads: int = 0, most: float = MAX_WINDOWS) -> None:
         self.runs = runs
         # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
         self.threads = threads
@@ -55,14 +55,14 @@ class Study:
         else:
             count = min(PARTS, len(self.windows))
             if count < 2:
-                raise IdentifyError(
+                raise GroundError(
                     "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
                     % (runs[0].name, windows.WINDOW)
                 )
             edges = np.arange(count + 1) * len(self.windows) // count
             self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
-    def fit(self, model, free, also=()):
+    def fit(self, model: Any, free: Sequence[str], also: Sequence[Any] = ()) -> Fit:
         """Fits the free parameters, and once more without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
@@ -84,18 +84,18 @@ class Study:
         return fit
 
     def _best(self, starts, free, **options):
-        """The best fit from any start; IdentifyError when none can be simulated."""
+        """The best fit from any start; GroundError when none can be simulated."""
         found, failure = [], None
         for start in starts:
             try:
                 found.append(self._fit(self.windows, start, free, **options))
-            except IdentifyError as error:
+            except GroundError as error:
                 failure = error
         if not found:
             raise failure
         return min(found, key=lambda result: result["objective"])
 
-    def refit(self, starts, free):
+    def refit(self, starts: Sequence[Any], free: Sequence[str]) -> Fit:
         """The same from models near the best: no other start is tried. One thread."""
         return self._judged(
             self._best(starts, free, near=True, threads=1, width=self.width), free, 1
@@ -138,20 +138,22 @@ class Study:
         try:
             return windows.problem(self.runs, pieces).fit(model, free, **options)
         except (ValueError, RuntimeError) as error:
-            raise IdentifyError(str(error))
+            raise GroundError(str(error))
 
 
-def free_parameters(model):
+def free_parameters(model: Any) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
     return list(FIVE) + [
         p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
     ]
 
 
-def channel_errors(runs, chosen, model, truth=None):
+def channel_errors(
+    runs: Sequence[Any], chosen: List[Any], model: Any, truth: Optional[Sequence[Any]] = None
+) -> np.ndarray:
     """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
 
-    Their sum is the error that reports give. Raises IdentifyError when the model cannot be simulated.
+    Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
     """
     samples = [w.last - w.first + 1 for w in chosen]
     return np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
@@ -164,7 +166,7 @@ def window_errors(runs, chosen, model, truth=None):
     try:
         simulated = problem.simulate(model)["nu"]
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     errors = []
     for window, nu in zip(chosen, simulated):
         measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
@@ -211,12 +213,12 @@ def change(runs, chosen, model, other):
     try:
         motions = [problem.simulate(m)["nu"] for m in (model, other)]
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     sizes = [np.abs(a - b) / problem.sigma(w.run) for w, a, b in zip(chosen, *motions)]
     return np.concatenate(sizes).mean(axis=0)
 
 
-def noise_floor(runs, model, seed=1):
+def noise_floor(runs: Sequence[Any], model: Any, seed: int = 1) -> np.ndarray:
     """Mean |e|/s of u, v, r (3,) that the poses' noise alone would leave, were the model the truth.
 
     The model is run along each stretch without a gap, its poses get the noise that was measured and
@@ -245,7 +247,7 @@ def recorded(run, model, random, wrench=None, thrust=0.0):
         )
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     if not np.isfinite(poses).all():
-        raise IdentifyError("the model's motion along %s is not finite" % run.name)
+        raise GroundError("the model's motion along %s is not finite" % run.name)
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
     return _core.RunData(
         run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives

@@ -13,7 +13,7 @@ from typing import Dict
 import numpy as np
 from scipy import optimize, stats
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
 LEVEL = 0.01  # chance of a curve or an asymmetry that is not there
@@ -51,16 +51,16 @@ class Thrust:
 def read(path, off=0.0, full=1.0, unit=1.0):
     """The Bench in a CSV file whose header names a column input and columns left, right or both
     (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
-    values of input that mean 0 and 1; unit: newtons in one unit of force. Raises IdentifyError."""
+    values of input that mean 0 and 1; unit: newtons in one unit of force. Raises GroundError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:  # as spreadsheets write it, too
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise IdentifyError("%s: cannot be read: %s" % (path, error))
+        raise GroundError("%s: cannot be read: %s" % (path, error))
     header = [name.strip() for name in rows[0]] if rows else []
     columns = {i: name.split("_")[0] for i, name in enumerate(header) if i > 0}
     if header[:1] != ["input"] or not columns or not set(columns.values()) <= set(SIDES):
-        raise IdentifyError(
+        raise GroundError(
             "%s: line 1 must name the columns: input, then left, right or both, each perhaps with an "
             "ending such as left_2" % path
         )
@@ -73,28 +73,28 @@ def read(path, off=0.0, full=1.0, unit=1.0):
         except ValueError:
             values = []
         if len(values) != len(header) or not np.isfinite(values).all():
-            raise IdentifyError("%s: line %d: must be %d numbers" % (path, number, len(header)))
+            raise GroundError("%s: line %d: must be %d numbers" % (path, number, len(header)))
         level = (values[0] - off) / (full - off)
         if not -1e-6 <= level <= 1 + 1e-6:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs"
                 % (path, number, values[0], off, full)
             )
         level = min(max(level, 0.0), 1.0)
         found += [(level, *SIDES[side], unit * values[i]) for i, side in columns.items()]
     if len({level for level, *_ in found if level > OFF}) < 2:
-        raise IdentifyError("%s: a fit needs forces at two inputs above zero" % path)
+        raise GroundError("%s: a fit needs forces at two inputs above zero" % path)
     return Bench(*np.array(found).T)
 
 
 def draft(levels):
     """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and no forces
-    yet; a level that comes again gets a column of its own. Raises IdentifyError when the columns would
+    yet; a level that comes again gets a column of its own. Raises GroundError when the columns would
     not be of the same inputs."""
     counts = {}
     for left, right in levels:
         if left > OFF and right > OFF and left != right:
-            raise IdentifyError(
+            raise GroundError(
                 "left %.3g and right %.3g at once have no column in a table of forces"
                 % (left, right)
             )
@@ -103,7 +103,7 @@ def draft(levels):
             counts.setdefault(side, collections.Counter())[max(left, right)] += 1
     inputs = {tuple(sorted(count)) for count in counts.values()}
     if len(inputs) != 1 or any(len(set(count.values())) > 1 for count in counts.values()):
-        raise IdentifyError("the thrusters were not held at the same levels equally often")
+        raise GroundError("the thrusters were not held at the same levels equally often")
     header = ["input"]
     for side, count in counts.items():
         rounds = next(iter(count.values()))
@@ -159,7 +159,7 @@ def _scale(bench):
     """Largest force of one thruster [N]."""
     largest = float(np.max(bench.forces / (bench.left + bench.right)))
     if not largest > 0:
-        raise IdentifyError("no force is positive: thrusters push, so turn the sign or the table")
+        raise GroundError("no force is positive: thrusters push, so turn the sign or the table")
     return largest
 
 

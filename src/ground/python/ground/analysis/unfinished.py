@@ -13,11 +13,12 @@ import os
 import re
 import threading
 import zipfile
+from typing import Any, Callable, Optional
 
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
 _classes = {}  # name, module included -> dataclass
@@ -41,7 +42,7 @@ class Unfinished:
     results of other work are not taken for those of this one.
     """
 
-    def __init__(self, folder=None, identity=None):
+    def __init__(self, folder: Optional[str] = None, identity: Any = None) -> None:
         self._folder = folder
         self._identity = _packed(identity) if folder else b""
         self._lock = threading.Lock()
@@ -49,7 +50,7 @@ class Unfinished:
         if folder:
             os.makedirs(folder, exist_ok=True)
 
-    def result(self, part, compute):
+    def result(self, part: Any, compute: Callable[[], Any]) -> Any:
         """What compute() gives, or gave in an earlier try; part: says which; its repr counts."""
         if not self._folder:
             return compute()
@@ -66,13 +67,13 @@ class Unfinished:
             return found
         found = compute()
         # what cannot be kept is computed once more the next time
-        with contextlib.suppress(IdentifyError, OSError):
+        with contextlib.suppress(GroundError, OSError):
             with files.new_file(path, force=True) as temporary:
                 with open(temporary, "wb") as file:
                     file.write(_packed(found))
         return found
 
-    def done(self):
+    def done(self) -> None:
         """All is finished: nothing need be kept. Files of others stay."""
         if not self._folder:
             return

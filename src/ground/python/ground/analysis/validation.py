@@ -1,4 +1,6 @@
 """How well a fit predicts what it has not seen: runs, and blocks of time, held out of it."""
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
 import numpy as np
 
 from ground.recordings import windows
@@ -8,7 +10,14 @@ FOLDS = 10  # largest number of parts that blocks are held out in, whatever the 
 RUN_FOLDS = 20  # largest number of parts that runs are held out in
 
 
-def leave_runs_out(runs, fit, whole, length=windows.WINDOW, most=RUN_FOLDS, say=None):
+def leave_runs_out(
+    runs: Sequence[Any],
+    fit: Callable[[List[Any], Any], Any],
+    whole: Any,
+    length: float = windows.WINDOW,
+    most: int = RUN_FOLDS,
+    say: Optional[Callable[[str], None]] = None,
+) -> List[Tuple[Any, float]]:
     """Fits without some of the runs, and their errors on those: [(fit's result, error)], one a run.
 
     Each run is held out once: alone, or, of more than `most` runs, together with every `most`-th
@@ -25,7 +34,15 @@ def leave_runs_out(runs, fit, whole, length=windows.WINDOW, most=RUN_FOLDS, say=
     ]
 
 
-def leave_blocks_out(runs, models, fit, block=BLOCK, length=windows.WINDOW, most=FOLDS, say=None):
+def leave_blocks_out(
+    runs: Sequence[Any],
+    models: Sequence[Any],
+    fit: Callable[[List[Any], Any], Any],
+    block: float = BLOCK,
+    length: float = windows.WINDOW,
+    most: int = FOLDS,
+    say: Optional[Callable[[str], None]] = None,
+) -> Optional[Dict[str, Any]]:
     """Errors on blocks of time: of models as they are, and of fits that have not seen the blocks.
 
     Up to `most` blocks are held out one by one; of more blocks every `most`-th one together. `fit`,
@@ -79,7 +96,7 @@ def _refits(cut, folds, fit, initial, say):
     return results
 
 
-def disagreements(fitted, others, most=3.0):
+def disagreements(fitted: Any, others: Any, most: float = 3.0) -> List[str]:
     """Parameters whose estimate from one run and from the others differ by `most` deviations."""
     names = []
     for a, b in zip(fitted["parameters"], others["parameters"]):

@@ -28,7 +28,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from ground import files
-from ground.errors import IdentifyError, sentence
+from ground.errors import GroundError, sentence
 from ground.recordings import bags
 from ground.reports import words
 
@@ -84,16 +84,16 @@ class LiveBuffer:
         return (min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec()
 
     def write(self, path, last):
-        """Writes the last seconds to a bag; IdentifyError when there are not as many."""
+        """Writes the last seconds to a bag; GroundError when there are not as many."""
         import rosbag
 
         if last > self.seconds:
-            raise IdentifyError(
+            raise GroundError(
                 "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
             )
         covered = self.covered()
         if covered < 0.95 * last:
-            raise IdentifyError(
+            raise GroundError(
                 "poses and commands of %.1f s have come so far, not of %g s" % (covered, last)
             )
         with self._lock:
@@ -130,7 +130,7 @@ class IdentificationNode:
                 self._settings.append("--%s=%s" % (name.replace("_", "-"), value))
         keep = rospy.get_param("~keep", 120.0)
         if not isinstance(keep, (int, float)) or not 0 < keep < math.inf:
-            raise IdentifyError("parameter keep is %s, not a number of seconds" % keep)
+            raise GroundError("parameter keep is %s, not a number of seconds" % keep)
         self.live = LiveBuffer(keep)
         self._busy = threading.Lock()
         self._child, self._cancelled = None, False
@@ -167,9 +167,9 @@ class IdentificationNode:
     def _run(self, task, request, began):
         model = _existing(request.model or self.model, "model")
         if task == "add" and not request.effect:
-            raise IdentifyError("effect is empty: which one shall be added?")
+            raise GroundError("effect is empty: which one shall be added?")
         if request.last < 0:
-            raise IdentifyError(
+            raise GroundError(
                 "last is %g s: seconds before now have to be positive" % request.last
             )
         folder = self._new_folder(task)
@@ -201,7 +201,7 @@ class IdentificationNode:
     def _recordings(self, request, folder):
         if request.last > 0:
             if request.bags:
-                raise IdentifyError("either bags or the last seconds, not both")
+                raise GroundError("either bags or the last seconds, not both")
             path = os.path.join(folder, "live.bag")
             self.live.write(path, request.last)
             return [path]
@@ -217,10 +217,10 @@ class IdentificationNode:
                 return path
             except FileExistsError:
                 continue
-        raise IdentifyError("%s: no free name beside it" % stem)
+        raise GroundError("%s: no free name beside it" % stem)
 
     def _execute(self, task, command, began):
-        """What the command prints; its progress goes out as status. IdentifyError when it fails."""
+        """What the command prints; its progress goes out as status. GroundError when it fails."""
         self._cancelled = False
         self._say(Status.RUNNING, task, "begins", began)
         lines = collections.deque(maxlen=20)
@@ -248,9 +248,9 @@ class IdentificationNode:
         listener.join(PATIENCE)
         self._child = None
         if self._cancelled:
-            raise IdentifyError("cancelled")
+            raise GroundError("cancelled")
         if status != 0:
-            raise IdentifyError(lines[-1] if lines else "ended with status %d" % status)
+            raise GroundError(lines[-1] if lines else "ended with status %d" % status)
         return printed
 
     def _cancel(self, _):
@@ -298,7 +298,7 @@ class IdentificationNode:
 def _existing(path, what):
     path = os.path.abspath(os.path.expanduser(path)) if path else ""
     if not os.path.isfile(path):
-        raise IdentifyError("%s: there is no %s of this name" % (path or "(empty)", what))
+        raise GroundError("%s: there is no %s of this name" % (path or "(empty)", what))
     return path
 
 

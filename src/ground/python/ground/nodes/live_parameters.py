@@ -10,7 +10,7 @@ from dynamic_reconfigure import client as reconfigure
 from dynamic_reconfigure import find_reconfigure_services
 from rosgraph_msgs.msg import Log
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 ANSWER = 3.0  # patience with a node [s]
 REASON = 0.5  # and with the reason of a refusal, which comes on another way [s]
@@ -31,16 +31,16 @@ class Parameter:
     choices: Optional[List[str]]
 
     def parse(self, text):
-        """The value that a text stands for; IdentifyError when it is none."""
+        """The value that a text stands for; GroundError when it is none."""
         if self.kind == "bool":
             known = {"true": True, "1": True, "on": True, "false": False, "0": False, "off": False}
             if text.strip().lower() in known:
                 return known[text.strip().lower()]
-            raise IdentifyError("%s: %s is neither true nor false" % (self.name, text))
+            raise GroundError("%s: %s is neither true nor false" % (self.name, text))
         try:
             return KINDS[self.kind](text)
         except ValueError:
-            raise IdentifyError("%s: %s is no number of type %s" % (self.name, text, self.kind))
+            raise GroundError("%s: %s is no number of type %s" % (self.name, text, self.kind))
 
     def nudged(self, value, up, factor=1.0):
         """A value a little higher or lower, inside the range: by 5%, or 1 in 200 of the range at 0."""
@@ -61,7 +61,7 @@ class Parameter:
 class Node:
     """A running node with parameters that can be changed.
 
-    changed: called with nothing whenever values have changed, whoever did it. Raises IdentifyError when
+    changed: called with nothing whenever values have changed, whoever did it. Raises GroundError when
     the node does not answer.
     """
 
@@ -76,7 +76,7 @@ class Node:
             described = self._client.get_group_descriptions()
             self.values = dict(self._client.get_configuration(ANSWER) or {})
         except rospy.ROSException:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: no node of this name with such parameters runs; there are: %s"
                 % (name, ", ".join(names()) or "none")
             )
@@ -86,22 +86,22 @@ class Node:
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise IdentifyError(
+        raise GroundError(
             "%s has no parameter %s; it has %s"
             % (self.name, name, ", ".join(p.name for p in self.parameters))
         )
 
     def set(self, values):
-        """Sets parameters by name; IdentifyError with the node's reason when it refuses them."""
+        """Sets parameters by name; GroundError with the node's reason when it refuses them."""
         self._refused.clear()
         try:
             now = self._client.update_configuration(dict(values))
         except (rospy.ServiceException, DynamicReconfigureCallbackException) as error:
-            raise IdentifyError("%s does not answer: %s" % (self.name, error))
+            raise GroundError("%s does not answer: %s" % (self.name, error))
         self.values = {k: v for k, v in now.items() if k != "groups"}
         if any(self.values[name] != value for name, value in values.items()):
             self._refused.wait(REASON)
-            raise IdentifyError(self._refusal or "%s refused it" % self.name)
+            raise GroundError(self._refusal or "%s refused it" % self.name)
 
     def _take(self, config):
         self.values = {k: v for k, v in config.items() if k != "groups"}
@@ -119,7 +119,7 @@ def names():
     try:
         return sorted(find_reconfigure_services())
     except rospy.ROSException as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
 def _parameters(group):

@@ -21,7 +21,7 @@ from ground_msgs.msg import Controls, ControllerStatus, ModelError, Reference, S
 from PyQt5 import QtCore, QtGui, QtWidgets
 
 from ground import files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.nodes.live_buffers import (
     LiveBuffers,
     Samples,
@@ -528,11 +528,11 @@ class LivePlot(QtWidgets.QWidget):
             diagram.draw(now, samples, models, silent, fit)
 
     def save(self, path: str, force: bool = False) -> None:
-        """Writes a PNG of the window; IdentifyError when that is not possible."""
+        """Writes a PNG of the window; GroundError when that is not possible."""
         self.redraw()
         with files.new_file(path, force) as temporary:
             if not self.grab().save(temporary, "PNG"):
-                raise IdentifyError("%s: the picture cannot be written" % path)
+                raise GroundError("%s: the picture cannot be written" % path)
 
     def _tell(self, now):
         sentences = [status_line(topic, self._feed) for topic in STATUSES]
@@ -584,14 +584,14 @@ def data_line(now: Optional[float], feed: Feed) -> str:
 
 
 def check_display() -> None:
-    """Raises IdentifyError where no window can be opened. Qt itself would abort this process."""
+    """Raises GroundError where no window can be opened. Qt itself would abort this process."""
     probe = [sys.executable, "-c", "from PyQt5.QtWidgets import QApplication; QApplication([])"]
     result = subprocess.run(probe, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     if result.returncode == 0:
         return
     display = os.environ.get("DISPLAY")
     what = "display %s cannot be opened" % display if display else "DISPLAY is not set"
-    raise IdentifyError(
+    raise GroundError(
         "%s: start it on a desktop or through ssh -X, or, for a picture only, as "
         "QT_QPA_PLATFORM=offscreen rosrun ground plot --picture FILE.png" % what
     )

@@ -4,7 +4,7 @@ import os
 
 import urwid
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.nodes import live_parameters
 from ground.nodes.live_parameters import shown
 
@@ -104,7 +104,7 @@ class Editor:
         try:
             row.node.set({name: value})
             self._say("done", "%s %s = %s" % (row.node.name, name, shown(value)))
-        except IdentifyError as error:
+        except GroundError as error:
             self._say("refused", str(error))
         self._refresh(b"")
 
@@ -123,7 +123,7 @@ class Editor:
                 if key == "enter":
                     try:
                         self.change(row, row.parameter.parse(self._prompt.edit_text))
-                    except IdentifyError as error:
+                    except GroundError as error:
                         self._say("refused", str(error))
         elif key in ("q", "Q", "esc"):
             raise urwid.ExitMainLoop()

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
 from ground.analysis import own_stop
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
 ANSWER = 10.0  # patience with a node [s]
@@ -97,11 +97,11 @@ class Stack:
                 "no nodelet can be loaded into %s: is it the launch's manager?" % self.manager,
             )
             if process.poll() is not None:
-                raise IdentifyError("no nodelet can be loaded into %s" % self.manager)
+                raise GroundError("no nodelet can be loaded into %s" % self.manager)
             yield drive
         finally:
             if drive.status and drive.status.state != ControllerStatus.STOPPED:
-                with contextlib.suppress(rospy.ServiceException, rospy.ROSException, IdentifyError):
+                with contextlib.suppress(rospy.ServiceException, rospy.ROSException, GroundError):
                     drive.stop()
             drive.close()
             process.send_signal(signal.SIGINT)
@@ -125,10 +125,10 @@ class Stack:
         _wait(lambda: self.states, "no state of the craft comes")
         state = self.states[-1]
         if not state.valid:
-            raise IdentifyError("the state is invalid: %s" % state.status)
+            raise GroundError("the state is invalid: %s" % state.status)
         speed = math.hypot(state.nu[0], state.nu[1])
         if speed > AT_REST:
-            raise IdentifyError(
+            raise GroundError(
                 "the craft moves at %.2f m/s: stop its controller (rosservice call "
                 "/controller/stop), let it come to rest, and try again" % speed
             )
@@ -137,7 +137,7 @@ class Stack:
         del self.states[:], self.telemetry[:]
         answer = drive.start()
         if not answer.success:
-            raise IdentifyError("the push was refused: %s" % answer.message)
+            raise GroundError("the push was refused: %s" % answer.message)
         say("lift, then thrust %.2f for %.1f s" % (push.thrust, push.thrust_time))
 
         _wait(
@@ -146,13 +146,13 @@ class Stack:
             push.lift_time + push.thrust_time + ANSWER,
         )
         if drive.ended():
-            raise IdentifyError(
+            raise GroundError(
                 "the push was stopped: %s; the sender: %s"
                 % (drive.status.reason, self.statuses[-1].reason)
             )
         answer = self.silence(push.silence)
         if not answer.success:
-            raise IdentifyError("the sender does not fall silent: %s" % answer.message)
+            raise GroundError("the sender does not fall silent: %s" % answer.message)
         drive.stop()
         say("silence for %.1f s" % push.silence)
         began = answer.last_packet
@@ -228,7 +228,7 @@ def verdict_of(trial, ended):
 def _parameter(name):
     value = rospy.get_param(name, "")
     if not value:
-        raise IdentifyError(
+        raise GroundError(
             "no sender with a model runs (parameter %s): start a launch first, or "
             "roslaunch ground own_stop.launch" % rospy.resolve_name(name)
         )
@@ -244,19 +244,19 @@ def _service(name, kind):
     try:
         rospy.wait_for_service(name, ANSWER)
     except rospy.ROSException:
-        raise IdentifyError("no service %s" % rospy.resolve_name(name))
+        raise GroundError("no service %s" % rospy.resolve_name(name))
     return rospy.ServiceProxy(name, kind)
 
 
 def _wait(condition, message, timeout=ANSWER, required=True):
-    """Until condition() holds, in wall time; IdentifyError with a message, or with what a function then
+    """Until condition() holds, in wall time; GroundError with a message, or with what a function then
     says, when it does not come to hold and is required."""
     deadline = time.monotonic() + timeout
     while not condition():
         if rospy.is_shutdown():
-            raise IdentifyError("ROS was shut down")
+            raise GroundError("ROS was shut down")
         if time.monotonic() > deadline:
             if required:
-                raise IdentifyError(message() if callable(message) else message)
+                raise GroundError(message() if callable(message) else message)
             return
         time.sleep(0.005)

@@ -13,7 +13,7 @@ from collections import Counter, OrderedDict, namedtuple
 
 import numpy as np
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 MAGIC = b"#ROSBAG V2.0\n"
 FILE_OP, INDEX_OP, CHUNK_OP, INFO_OP, CONNECTION_OP = 3, 4, 5, 6, 7
@@ -62,7 +62,7 @@ class State(enum.Enum):
 
 
 class BagReader:
-    """The messages of a bag. Raises IdentifyError when the file is no bag of format 2.0.
+    """The messages of a bag. Raises GroundError when the file is no bag of format 2.0.
 
     warnings: what is wrong with the bag, a sentence each, complete when its messages have been read.
     """
@@ -80,7 +80,7 @@ class BagReader:
             if file.read(len(MAGIC)) != MAGIC:
                 file.seek(0)
                 old = file.read(7) == MAGIC[:7]
-                raise IdentifyError(
+                raise GroundError(
                     "%s: %s"
                     % (path, "a bag, but not of format 2.0: see rosbag fix" if old else "not a bag")
                 )
@@ -95,8 +95,8 @@ class BagReader:
     def __exit__(self, kind, error, _):
         self._open.clear()
         self._data.close()
-        if kind is IdentifyError and self.warnings:  # the damage may be why
-            raise IdentifyError("%s; %s" % (error, "; ".join(self.warnings))) from error
+        if kind is GroundError and self.warnings:  # the damage may be why
+            raise GroundError("%s; %s" % (error, "; ".join(self.warnings))) from error
 
     def get_type_and_topic_info(self):
         """Type and number of messages by topic, as rosbag.Bag gives them; the type of a topic that has
@@ -149,7 +149,7 @@ class BagReader:
                 self._take_connection(self._data, record)
             elif record.op == FILE_OP:
                 if record.fields.get(b"encryptor"):
-                    raise IdentifyError("%s: the bag is encrypted; decrypt it first" % self.path)
+                    raise GroundError("%s: the bag is encrypted; decrypt it first" % self.path)
                 self._index_at = _number(record.fields.get(b"index_pos", b""))
         self._has_end = any(record.op == INFO_OP for record in records)
         indices = {}  # of each chunk: records that tell its messages

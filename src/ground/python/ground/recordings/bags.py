@@ -1,11 +1,12 @@
 """Bags in folders, and simulated runs written like those that launch/record.launch records."""
 import glob
 import os
+from typing import Any, Dict, Iterable, List
 
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings.settings import AXES
 
 POSE = "/vrpn_client_node/hovercraft/pose"
@@ -30,8 +31,8 @@ NS = 10**9
 CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
 
 
-def listed(paths):
-    """The paths with every folder replaced by the bags in it, by name; IdentifyError when it has
+def listed(paths: Iterable[str]) -> List[str]:
+    """The paths with every folder replaced by the bags in it, by name; GroundError when it has
     none."""
     found = []
     for path in paths:
@@ -39,18 +40,20 @@ def listed(paths):
         if os.path.isdir(path):
             inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
             if not inside:
-                raise IdentifyError("%s: there is no bag in this folder" % path)
+                raise GroundError("%s: there is no bag in this folder" % path)
         found += inside
     return found
 
 
-def write(run, path, axes=AXES, heading_offset=0.0, force=False):
+def write(
+    run: Any, path: str, axes: str = AXES, heading_offset: float = 0.0, force: bool = False
+) -> Dict[str, int]:
     """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
     of a controller.
 
     Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
     the craft; the bag says so. Header stamps are times of measurement, record times those of
-    delivery. Gives the number of messages by topic; raises IdentifyError when the file exists.
+    delivery. Gives the number of messages by topic; raises GroundError when the file exists.
     """
     import rosbag
 

@@ -1,5 +1,6 @@
 """What is in a recording and what is odd about it, in words."""
 import datetime
+from typing import Any, Dict, Iterator, Tuple
 
 from ground.recordings import quality
 
@@ -26,7 +27,7 @@ def _flown_by(kind, name, d):
     return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
 
 
-def facts(d):
+def facts(d: Dict[str, Any]) -> Iterator[Tuple[str, str]]:
     """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
     poses, controls = d["poses"], d["controls"]
     noise = poses["noise"]
@@ -84,7 +85,7 @@ def _measured(settings):
     return text
 
 
-def grave(d):
+def grave(d: Dict[str, Any]) -> Iterator[str]:
     """What is odd in a way that a repair may have got wrong, a sentence each: not for info alone."""
     poses, controls = d["poses"], d["controls"]
     if poses["stamps_out_of_order"]:
@@ -104,7 +105,7 @@ def grave(d):
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
-def findings(d):
+def findings(d: Dict[str, Any]) -> Iterator[str]:
     """What is odd and what was repaired, a sentence each."""
     poses, controls = d["poses"], d["controls"]
     yield from grave(d)

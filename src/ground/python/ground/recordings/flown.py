@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import yaml
 
-from ground.errors import IdentifyError, reason
+from ground.errors import GroundError, reason
 from ground.recordings import run_parameters
 
 # what drove a craft, and the parameter of node controller that says so
@@ -51,7 +51,7 @@ class RunFile:
 
     def place(self):
         """Path of a file with this content: the old one where it has not changed, else a copy under
-        $ROS_HOME/ground. Raises IdentifyError when that cannot be written."""
+        $ROS_HOME/ground. Raises GroundError when that cannot be written."""
         if _content(self.path) == self.text:
             return os.path.abspath(self.path)
         home = os.environ.get("ROS_HOME") or os.path.expanduser("~/.ros")
@@ -65,7 +65,7 @@ class RunFile:
                 file.write(self.text)
             os.replace(file.name, path)
         except OSError as error:
-            raise IdentifyError("%s: cannot be written (%s)" % (path, reason(error)))
+            raise GroundError("%s: cannot be written (%s)" % (path, reason(error)))
         return path
 
 

@@ -10,7 +10,7 @@ import os
 import yaml
 
 from ground import files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 
 def default_path():
@@ -27,9 +27,9 @@ def read(path):
         try:
             crafts = yaml.safe_load(file) or {}
         except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise IdentifyError("%s: not YAML, nothing is added to it: %s" % (path, error))
+            raise GroundError("%s: not YAML, nothing is added to it: %s" % (path, error))
     if not isinstance(crafts, dict) or not all(isinstance(c, list) for c in crafts.values()):
-        raise IdentifyError("%s: not a map of crafts to trials, nothing is added to it" % path)
+        raise GroundError("%s: not a map of crafts to trials, nothing is added to it" % path)
     return crafts
 
 

@@ -1,10 +1,15 @@
 """What is odd about a recording, which parts of it can be used, and the run that fits see."""
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
+
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import frame_clock
 from ground.recordings.repair import MAX_GAP, repair, wrap
+
+if TYPE_CHECKING:
+    from ground.recordings.recording import Recording
 
 GAP = 0.05  # a longer pause is a gap [s]
 LATE = 0.05  # a stamp that comes more after its frame is a late one [s]
@@ -28,7 +33,7 @@ class Run:
     command" (which has lift already) or "start" (of the run: no command has lift).
     """
 
-    def __init__(self, recording):
+    def __init__(self, recording: "Recording") -> None:
         self.recording = recording
         self.motion = repair(recording)
         times, motion = self.motion.times, self.motion
@@ -36,7 +41,7 @@ class Run:
         self.zero = max(times[0], controls[0])
         last = min(times[-1], controls[-1])
         if not last > self.zero:
-            raise IdentifyError("%s: commands and poses do not overlap in time" % recording.name)
+            raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
         self.drives, self.drives_by = self._drives()
         reply = _reply(recording, motion)
@@ -88,15 +93,21 @@ class Run:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
 
-    def inputs(self):
+    def inputs(self) -> np.ndarray:
         """Rows of time on the run's clock [s], left, right, lift, 0..1."""
         recording = self.recording
         return np.column_stack([recording.control_times - self.zero, recording.controls])
 
-    def data(self, model, start=None, end=None, everything=False):
+    def data(
+        self,
+        model: Any,
+        start: Optional[float] = None,
+        end: Optional[float] = None,
+        everything: bool = False,
+    ) -> Any:
         """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
 
-        `start` and `end` [s] choose a part, on the run's clock. Raises IdentifyError when nothing is
+        `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
         left of it.
         """
         motion = self.motion
@@ -108,7 +119,7 @@ class Run:
                 [(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0
             )
         if inside.sum() < 10:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
                 "of it (identify info says why, --all takes what is there)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
@@ -126,11 +137,11 @@ class Run:
             self.drives,
         )
 
-    def usable(self):
+    def usable(self) -> float:
         """Length of all usable spans [s]."""
         return float(sum(b - a for a, b in self.spans))
 
-    def describe(self):
+    def describe(self) -> Dict[str, Any]:
         """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
         recording, motion = self.recording, self.motion
         stamps, controls = recording.pose_times, recording.control_times
@@ -203,7 +214,7 @@ class Run:
         }
 
 
-def describe(runs):
+def describe(runs: List[Run]) -> List[Dict[str, Any]]:
     """What `info` says of runs, a dictionary each; with those that share their inputs."""
     pairs = same_inputs(runs)
     described = [run.describe() for run in runs]
@@ -212,7 +223,7 @@ def describe(runs):
     return described
 
 
-def same_inputs(runs):
+def same_inputs(runs: List[Run]) -> List[Tuple[str, str]]:
     """Pairs of runs (names) that were driven by the same sequence of commands."""
     held = [_held(run.recording) for run in runs]
     return [

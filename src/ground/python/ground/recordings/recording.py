@@ -1,16 +1,22 @@
 """Recordings: poses and commands as they were measured, from bags and CSV files."""
 import csv
+import functools
 import math
 import os
-from dataclasses import dataclass, field
-from typing import List
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, List, Optional
 
 import numpy as np
 
 from ground import files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import bags, flown, live_changes, plausibility, settings as measured
 from ground.recordings.bag_reader import BagReader
+
+if TYPE_CHECKING:
+    import pandas
+
+    from ground.recordings import quality
 
 CSV_RECEIVED = "%time"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
@@ -20,39 +26,81 @@ FARTHEST = 1e4  # that a pose can be away [m]
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One run as it was recorded, on the clock of its header stamps."""
 
     name: str
-    pose_times: np.ndarray  # (n,) [s], in the order of arrival
-    eta: np.ndarray  # (n, 3) x, y [m], psi [rad], world_ned
-    control_times: np.ndarray  # (m,) [s]
-    controls: np.ndarray  # (m, 3) left, right, lift, 0..1
-    source: str  # which topics it came from
-    clock_offset: float = 0.0  # what stamps of poses lack to the clock of the commands [s]
+    pose_times: np.ndarray  #: (n,) [s], in the order of arrival
+    eta: np.ndarray  #: (n, 3) x, y [m], psi [rad], world_ned
+    control_times: np.ndarray  #: (m,) [s]
+    controls: np.ndarray  #: (m, 3) left, right, lift, 0..1
+    source: str  #: which topics it came from
+    clock_offset: float = 0.0  #: what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
     # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began,
     # and until when it was said to be the newest
     drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
-    settings: measured.Settings = field(default_factory=measured.default)  # of the mocap
-    flown_by: dict = field(default_factory=dict)  # flown.read
-    files: dict = field(default_factory=dict)  # flown.RunFile by `model` and `room`, where kept
-    changes: List[live_changes.LiveChange] = field(default_factory=list)  # made while it ran
+    settings: measured.Settings = field(default_factory=measured.default)  #: of the mocap
+    flown_by: dict = field(default_factory=dict)  #: flown.read
+    files: dict = field(default_factory=dict)  #: flown.RunFile by `model` and `room`, where kept
+    changes: List[live_changes.LiveChange] = field(default_factory=list)  #: made while it ran
+    path: str = ""  #: of the bag that it was read from
+
+    @functools.cached_property
+    def repaired(self) -> "quality.Run":
+        """The same with its motion repaired, and what can be used of it."""
+        from ground.recordings import quality  # which takes a while to load
+
+        return quality.Run(self)
+
+    @property
+    def duration(self) -> float:
+        """From the first pose to the last one [s]."""
+        return float(np.ptp(self.pose_times))
+
+    @property
+    def bag(self) -> str:
+        """Name of its bag's file, or its own name."""
+        return os.path.basename(self.path) or self.name
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Poses and the commands that held then: columns t [s] since the first pose, x, y [m],
+        psi [rad], left, right, lift, 0..1 (NaN before the first command)."""
+        import pandas
+
+        order = np.argsort(self.pose_times, kind="stable")
+        times, eta = self.pose_times[order], self.eta[order]
+        at = np.searchsorted(self.control_times, times, side="right") - 1
+        commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
+        columns = ["t", "x", "y", "psi", "left", "right", "lift"]
+        rows = np.column_stack([times - times[0], eta, commands])
+        return pandas.DataFrame(rows, columns=columns)
+
+    def __repr__(self) -> str:
+        return "<%s %s: %.2f s, %d poses, %d commands>" % (
+            type(self).__name__,
+            self.name,
+            self.duration,
+            len(self.pose_times),
+            len(self.control_times),
+        )
 
 
-def read_bag(path, axes=None, heading_offset=None):
+def read_bag(
+    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
+) -> Recording:
     """The recording in a bag: ground's own topics or those of the original system.
 
     Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`
     (x, y, psi), else from ground_msgs/State. Mocap poses become world_ned by the settings that were
     recorded with the run, or by `axes` and `heading_offset` [rad] where given; planar ones take the
-    heading offset; states are corrected already. Raises IdentifyError.
+    heading offset; states are corrected already. Raises GroundError.
     """
     if os.path.isdir(path):
-        raise IdentifyError("%s: a folder, not a bag; name the bags in it" % path)
+        raise GroundError("%s: a folder, not a bag; name the bags in it" % path)
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         warnings = bag.warnings
         info = bag.get_type_and_topic_info().topics
@@ -102,34 +150,39 @@ def read_bag(path, axes=None, heading_offset=None):
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    recording = _checked(path, poses, controls, source, warnings)
+    checked = _checked(path, poses, controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
     ordered = sorted(drives.items(), key=lambda row: row[1])
-    recording.drives = np.array(ordered, float).reshape(-1, 2)
-    recording.settings, recording.changes = settings, changes
-    recording.flown_by, recording.files = flown_by, run_files
-    # The recorder received both: if their delays differ by much, their stamps are of two clocks.
-    recording.clock_offset = float(
-        np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
-        - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
+    return replace(
+        checked,
+        path=str(path),
+        drives=np.array(ordered, float).reshape(-1, 2),
+        settings=settings,
+        changes=changes,
+        flown_by=flown_by,
+        files=run_files,
+        # The recorder received both: if their delays differ by much, their stamps are of two clocks.
+        clock_offset=float(
+            np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
+            - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
+        ),
     )
-    return recording
 
 
 def read_settings(path, axes=None, heading_offset=None):
     """The settings.Settings by which the mocap's poses in a bag become world_ned, or the given ones in
-    their place. Raises IdentifyError."""
+    their place. Raises GroundError."""
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         kind = "geometry_msgs/PoseStamped"
         return measured.settings_of(bag, path, kind, axes, heading_offset)
 
 
 def read_files(path):
-    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises IdentifyError."""
+    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises GroundError."""
     if not os.path.isfile(path):
-        raise IdentifyError("%s: no such file" % path)
+        raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
         return flown.read(path, bag)[1]
 
@@ -159,13 +212,13 @@ def _choose(info, path, what, rank):
             found.append((order, topic))
     if not found:
         there = ", ".join("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
-        raise IdentifyError(
+        raise GroundError(
             "%s: no %s in this bag; it has %s" % (path, what, there or "no messages at all")
         )
     found.sort()
     same = [topic for order, topic in found if order == found[0][0]]
     if len(same) > 1:
-        raise IdentifyError(
+        raise GroundError(
             "%s: several topics could be the %s: %s" % (path, what, ", ".join(same))
         )
     return same[0]
@@ -194,39 +247,39 @@ def _checked(path, poses, controls, source, warnings):
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
-            raise IdentifyError("%s: only %d %s" % (path, len(rows), what))
+            raise GroundError("%s: only %d %s" % (path, len(rows), what))
         bad = ~np.isfinite(rows).all(axis=1)
         if bad.any():
-            raise IdentifyError(
+            raise GroundError(
                 "%s: %d of %d %s are not finite, the first is number %d"
                 % (path, bad.sum(), len(rows), what, np.argmax(bad) + 1)
             )
         times = rows[:, 0]
         if times.max() == times.min():
-            raise IdentifyError(
+            raise GroundError(
                 "%s: all %s have the same stamp, %.3f s: their headers were not filled in"
                 % (path, what, times[0])
             )
         back = np.diff(times)
         if back.min() < -JUMP_BACK:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
     low, high = controls[:, 1:].min(), controls[:, 1:].max()
     if low < -1e-9 or high > 1 + 1e-9:
-        raise IdentifyError(
+        raise GroundError(
             "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
         )
     turns = np.abs(np.diff(poses[:, 3]))
     wraps = turns[np.abs(turns - 360) < 60]
     if len(wraps) and np.abs(poses[:, 3]).max() < 361:
-        raise IdentifyError(
+        raise GroundError(
             "%s: headings jump by %.0f from pose to pose: they seem to be in degrees, but radians "
             "are needed" % (path, wraps[0])
         )
     if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
-        raise IdentifyError(
+        raise GroundError(
             "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
             "degrees, but radians are needed" % (path, np.abs(poses[:, 3]).max(), np.median(turns))
         )
@@ -250,7 +303,7 @@ def read_csv(path):
             reader = csv.DictReader(file)
             missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
             if missing:
-                raise IdentifyError("%s, line 1: no column %s" % (path, ", ".join(missing)))
+                raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
             stamps, received, points = [], [], []
             for row in reader:
                 try:
@@ -258,20 +311,20 @@ def read_csv(path):
                     receipt = int(row.get(CSV_RECEIVED) or stamp)
                     point = [float(row[c]) for c in CSV_COLUMNS[1:]]
                 except (TypeError, ValueError):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
                     )
                 if not all(0 < t < LATEST for t in (stamp, receipt)):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a stamp is not a time between 1970 and 2106 in nanoseconds"
                         % (path, reader.line_num)
                     )
                 if not all(map(math.isfinite, point)):
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: a value is not finite" % (path, reader.line_num)
                     )
                 if stamps and stamp < stamps[-1]:
-                    raise IdentifyError(
+                    raise GroundError(
                         "%s, line %d: the stamp is %.6f s before that of the row above"
                         % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
                     )
@@ -279,9 +332,9 @@ def read_csv(path):
                 received.append(receipt)
                 points.append(point)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+        raise GroundError("%s: cannot be read (%s)" % (path, error))
     if len(stamps) < 2:
-        raise IdentifyError("%s: only %d rows" % (path, len(stamps)))
+        raise GroundError("%s: only %d rows" % (path, len(stamps)))
     return stamps, received, np.array(points)
 
 
@@ -300,7 +353,7 @@ def import_csv(controls_path, pose_path, bag_path, force=False):
         _checked(path, pair[0], pair[1], "", [])
     spans = [(min(r), max(r)) for _, r, _ in series.values()]
     if max(s[0] for s in spans) > min(s[1] for s in spans):
-        raise IdentifyError(
+        raise GroundError(
             "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:

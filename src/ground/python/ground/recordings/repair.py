@@ -5,7 +5,7 @@ from typing import Dict, Optional
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import frame_clock
 
 MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
@@ -39,7 +39,7 @@ def wrap(angle):
 
 
 def repair(recording):
-    """The recording's motion; raises IdentifyError when too little of it is left."""
+    """The recording's motion; raises GroundError when too little of it is left."""
     repairs = {}
     times = recording.pose_times
     if abs(recording.clock_offset) > CLOCK_OFFSET:
@@ -51,7 +51,7 @@ def repair(recording):
     keep = _distinct(times, eta, repairs)
     times, eta = times[keep], eta[keep]
     if len(times) < 10:
-        raise IdentifyError("%s: only %d distinct poses" % (recording.name, len(times)))
+        raise GroundError("%s: only %d distinct poses" % (recording.name, len(times)))
     eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
     eta[:, 2] = np.unwrap(eta[:, 2])
     clock = frame_clock.rebuild(times, eta)

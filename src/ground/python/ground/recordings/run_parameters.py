@@ -6,6 +6,7 @@ record.launch writes it beside a bag, RUN.yaml; the bag of a simulated run has t
 import contextlib
 import os
 import re
+from typing import Any, Dict
 
 import yaml
 
@@ -45,7 +46,7 @@ def contents(parameters):
     return yaml.dump({FILES: found}, Dumper=_Dumper) if found else ""
 
 
-def document(parameters):
+def document(parameters: Dict[str, Any]) -> str:
     """YAML text of parameters by node, with the contents of their files."""
     return yaml.dump(parameters, Dumper=_Dumper) + contents(parameters)
 

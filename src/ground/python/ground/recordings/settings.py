@@ -7,10 +7,10 @@ import bisect
 import math
 import os
 from dataclasses import dataclass, replace
-from typing import Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import flown, messages, run_parameters
 
 TYPE = "ground_msgs/MocapSettings"
@@ -33,16 +33,16 @@ class Setting:
 
 
 def _check(setting, source):
-    """The _core.AxisMapping of a setting; IdentifyError names where one that makes no sense is from."""
+    """The _core.AxisMapping of a setting; GroundError names where one that makes no sense is from."""
     if not abs(setting.heading_offset) <= 2 * math.pi:
-        raise IdentifyError(
+        raise GroundError(
             "%s: a heading_offset of %g is no angle; write it in radians, from -6.28 to 6.28"
             % (source, setting.heading_offset)
         )
     try:
         return _core.AxisMapping(setting.axes, setting.heading_offset)
     except ValueError as error:
-        raise IdentifyError("%s: %s" % (source, error))
+        raise GroundError("%s: %s" % (source, error))
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Settings:
         offset = self.changes[self._index(stamp)].heading_offset
         return math.remainder(measured - offset, 2 * math.pi) if offset else measured
 
-    def values(self, name):
+    def values(self, name: str) -> Optional[Tuple[Any, ...]]:
         """Of axes or heading_offset, in order of time; None where the run takes none."""
         values = [getattr(s, name) for s in self.changes]
         kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
@@ -99,7 +99,7 @@ def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
 
     They are `axes` and `heading_offset` [rad] where given, else those in the bag, else those in the
     parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
-    and what the poses do not take; raises IdentifyError for axes that are no frame.
+    and what the poses do not take; raises GroundError for axes that are no frame.
     """
     warnings = [] if warnings is None else warnings
     taken, given = TAKES[kind], {"axes": axes, "heading_offset": heading_offset}
@@ -130,7 +130,7 @@ def default():
     return Settings((Setting(0, AXES, 0.0),), sources, ())
 
 
-def differences(recordings):
+def differences(recordings: Sequence[Any]) -> str:
     """A line that names recordings by their settings, and by the model and the room of their controllers,
     where these differ; empty where they do not."""
     parts = flown.differences(recordings)
@@ -153,7 +153,7 @@ def _in_bag(bag, path, warnings):
     if not topics and messages.announced(bag, TYPE):
         warnings.append("the settings of the mocap that were recorded in the bag are lost")
     if len(topics) > 1:
-        raise IdentifyError(
+        raise GroundError(
             "%s: several topics could be the settings of the mocap: %s" % (path, ", ".join(topics))
         )
     found = [

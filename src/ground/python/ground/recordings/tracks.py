@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import tracking_error
 from ground.recordings.bag_reader import BagReader
 
@@ -33,7 +33,7 @@ class Track:
 
 
 def read(path, recording):
-    """The Tracks of a Recording and the bag that it is of; IdentifyError where nothing followed a
+    """The Tracks of a Recording and the bag that it is of; GroundError where nothing followed a
     reference."""
     references, wanted, computing, drivers = [], [], [], []
     with BagReader(path) as bag:
@@ -53,7 +53,7 @@ def read(path, recording):
             elif message.header.frame_id:
                 drivers.append((stamp, message.header.frame_id))
     if not references:
-        raise IdentifyError(
+        raise GroundError(
             "%s: no reference was recorded: nothing was tracked, or the topic reference is missing"
             % path
         )
@@ -66,7 +66,7 @@ def read(path, recording):
     ]
     tracks = [track for track in tracks if track]
     if not tracks:
-        raise IdentifyError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
+        raise GroundError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
     return tracks
 
 
@@ -109,7 +109,7 @@ def numbers(track, settled=0.0):
     tracking_error (the latter of the whole drive), None where that was not recorded."""
     counts = track.times >= settled
     if not counts.any():
-        raise IdentifyError("the drive ended before %g s" % settled)
+        raise GroundError("the drive ended before %g s" % settled)
     inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
     wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
     return {

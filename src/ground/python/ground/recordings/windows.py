@@ -1,18 +1,20 @@
 """Stretches of runs that are simulated, each from an initial state of its own, and the error there."""
+from typing import Any, List, Optional, Sequence
+
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings.repair import MAX_GAP
 
 WINDOW = 1.5  # of the error [s]
 
 
-def cut(runs, length=WINDOW):
-    """Windows of `length` seconds over all runs (_core.RunData); IdentifyError when one has none."""
+def cut(runs: Sequence[Any], length: float = WINDOW) -> List[Any]:
+    """Windows of `length` seconds over all runs (_core.RunData); GroundError when one has none."""
     windows = []
     for index, run in enumerate(runs):
         found = cut_part(run, index, run.times[0], run.times[-1], length)
         if not found:
-            raise IdentifyError(
+            raise GroundError(
                 "%s: too short for a window of %.1f s without a gap" % (run.name, length)
             )
         windows += found
@@ -45,21 +47,21 @@ def cut_again(runs, window, length):
     return found or [window]
 
 
-def problem(runs, windows, target=_core.Target.velocities):
-    """The _core.SimulationError over windows; IdentifyError when the runs do not allow it."""
+def problem(runs: Sequence[Any], windows: List[Any], target: Any = _core.Target.velocities) -> Any:
+    """The _core.SimulationError over windows; GroundError when the runs do not allow it."""
     try:
         return _core.SimulationError(runs, windows, target)
     except ValueError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
-def error(runs, model, windows=None):
+def error(runs: Sequence[Any], model: Any, windows: Optional[List[Any]] = None) -> float:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 
-    Initial velocities are those that suit the model best. Raises IdentifyError when the
+    Initial velocities are those that suit the model best. Raises GroundError when the
     model cannot be simulated.
     """
     try:
         return problem(runs, windows or cut(runs)).simulate(model)["objective"]
     except RuntimeError as failure:
-        raise IdentifyError(str(failure))
+        raise GroundError(str(failure))

@@ -1,15 +1,19 @@
 """All that is found out about one model on one run."""
+from typing import Any, Dict
+
 from ground.analysis import comparison, failure, residuals
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.reports import words
 
 
-def inspect(run, model, label, role="fit", wrench_of=None):
+def inspect(
+    run: Any, model: Any, label: str, role: str = "fit", wrench_of: Any = None
+) -> Dict[str, Any]:
     """Errors of a model on a _core.RunData, where they are, what stays in the residuals and which
     wrench is missing, as a dictionary.
 
     role: "fit" or "held_out", of the run to the model. wrench_of: another model; then also how much of
-    the wrench that is missing it accounts for. Raises IdentifyError when the model cannot be simulated
+    the wrench that is missing it accounts for. Raises GroundError when the model cannot be simulated
     along the run.
     """
     try:
@@ -19,7 +23,7 @@ def inspect(run, model, label, role="fit", wrench_of=None):
         correlation = residuals.analyse(wrench_filter, rest)
         missing = failure.of_wrench(wrench_filter, rest, model, events, wrench_of)
     except (ValueError, RuntimeError) as error:
-        raise IdentifyError("%s with %s: %s" % (run.name, label, error))
+        raise GroundError("%s with %s: %s" % (run.name, label, error))
     numbers = comparison.numbers([evaluation])
     return {
         "label": label,

@@ -166,7 +166,7 @@ class Page:
         self.add("</details>")
 
     def write(self, path, color, force=False):
-        """Raises IdentifyError when the file exists."""
+        """Raises GroundError when the file exists."""
         from plotly.offline import get_plotlyjs
 
         text = PAGE.substitute(

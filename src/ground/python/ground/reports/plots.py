@@ -1,4 +1,6 @@
 """Pictures of measurement and model, and of where the model fails."""
+from typing import Any, Sequence
+
 import matplotlib
 
 matplotlib.use("Agg")  # before pyplot is imported, which would choose another
@@ -25,7 +27,7 @@ LABELS = ["%s [%s]" % (name, unit) for _, name, unit in CHANNELS]
 TIME = "time since the start of the run [s]"
 
 
-def comparison(path, studies, force=False):
+def comparison(path: str, studies: Sequence[Any], force: bool = False) -> None:
     """Velocities, commands and path of one run against models."""
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
@@ -140,7 +142,7 @@ def _draw_table(axis, studies):
             table[(row, 0)].set_fontsize(max(5, 9 * 14 / longest))
 
 
-def where(path, studies, force=False):
+def where(path: str, studies: Sequence[Any], force: bool = False) -> None:
     """Normalised error of one run, channel by channel, against what was measured."""
     figure, axes = plt.subplots(
         3,
@@ -194,7 +196,7 @@ def where(path, studies, force=False):
     save(figure, path, force)
 
 
-def residuals(path, studies, force=False):
+def residuals(path: str, studies: Sequence[Any], force: bool = False) -> None:
     """Correlation of one-step residuals with themselves and with the inputs."""
     figure, axes = plt.subplots(3, 3, figsize=(15, 9.5))
     columns = [
@@ -247,7 +249,7 @@ WRENCH_LABELS = {
 }
 
 
-def wrench(path, study, force=False):
+def wrench(path: str, study: Any, force: bool = False) -> None:
     """The wrench that one model lacks in one run: over time, and against what was measured."""
     missing, color = study["missing"], MODELS[0]
     figure = plt.figure(figsize=(19, 12))

@@ -1,5 +1,6 @@
 """report.html of compare and diagnose: the verdict first, then what it rests on."""
 import os
+from typing import Any, Dict, Sequence
 
 from ground import origin
 from ground.recordings import findings
@@ -22,8 +23,16 @@ NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 
 def diagnosis(
-    path, report, found, conclusion, described, held=(), inputs=(), force=False, thorough=False
-):
+    path: str,
+    report: Dict[str, Any],
+    found: Any,
+    conclusion: Any,
+    described: Sequence[Any],
+    held: Sequence[Any] = (),
+    inputs: Sequence[str] = (),
+    force: bool = False,
+    thorough: bool = False,
+) -> None:
     """Writes the page of a diagnosis.
 
     report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
@@ -88,7 +97,14 @@ def diagnosis(
     sheet.write(path, COLORS[report["verdict"]], force)
 
 
-def comparison(path, result, inspected, described, inputs=(), force=False):
+def comparison(
+    path: str,
+    result: Dict[str, Any],
+    inspected: Sequence[Any],
+    described: Sequence[Any],
+    inputs: Sequence[str] = (),
+    force: bool = False,
+) -> None:
     """Writes the page of a comparison.
 
     result: what compare.json holds; inspected: of every run, what ground.reports.inspection found of

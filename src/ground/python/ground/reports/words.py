@@ -1,6 +1,7 @@
 """What a comparison or a diagnosis found, in sentences."""
 
 import math
+from typing import Any, Dict, Iterator
 
 from ground.analysis import failure
 from ground.recordings.windows import WINDOW
@@ -124,7 +125,7 @@ def off_after_a_second(numbers):
     return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])
 
 
-def comparison(result):
+def comparison(result: Dict[str, Any]) -> str:
     """One sentence that says which of the models compared predicts best, and how well."""
     errors = {}
     for label, groups in result["pooled"].items():
@@ -155,7 +156,7 @@ def steps(report):
     return found
 
 
-def verdict(report):
+def verdict(report: Dict[str, Any]) -> str:
     """One sentence that says what a diagnosis came to."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
@@ -388,7 +389,7 @@ def extent(report):
         )
 
 
-def diagnosis(report):
+def diagnosis(report: Dict[str, Any]) -> Iterator[str]:
     """What the terminal says of a diagnosis."""
     yield verdict(report)
     yield budget(report)

@@ -3,13 +3,16 @@
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
 Everything runs in process, without ROS, and depends on nothing but its arguments.
 """
+import os
 from dataclasses import dataclass, field
+from typing import Any, Dict, Optional, Sequence, Union
 
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings.recording import Recording
+from ground.recordings.settings import AXES
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # recorded at rest, before the lift is on [s]
@@ -17,7 +20,7 @@ TAIL = 0.5  # recorded after the thrusters are off [s]
 LONGEST = 3600.0  # that an input may last [s]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
     """A recording and what only a simulator knows of it; all times on the recording's clock."""
 
@@ -34,6 +37,41 @@ class SimulatedRun(Recording):
     stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
     stopped: str = ""  # why the controller stopped before its end
     made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
+    axes: str = AXES  # world_ned x, y, z in the axes of the mocap
+    heading_offset: float = 0.0  # of the rigid body against the craft [rad]
+    sequence: str = ""  # how a file of bits was played
+    disturbance: Any = None  # _core.Disturbance that acted
+
+    @property
+    def frames_not_delivered(self) -> int:
+        """Mocap frames that were lost or late."""
+        return len(self.truth_times) - len(self.pose_times)
+
+    @property
+    def bursts(self) -> int:
+        """Bursts of an excitation in a room."""
+        return sum(burst for _, _, burst, _ in self.marks)
+
+    @property
+    def length(self) -> float:
+        """From the first frame to the last one, delivered or not [s]."""
+        return float(self.truth_times[-1] - self.truth_times[0])
+
+    @property
+    def tracking_error(self) -> Optional[float]:
+        """Root mean square of the true distance from the reference [m]; None without one."""
+        if not len(self.references):
+            return None
+        at = np.searchsorted(self.truth_times, self.references[:, 0])
+        off = self.truth_eta[at, :2] - self.references[:, 1:3]
+        return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+    def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
+        """Writes a bag like those that launch/record.launch records. Gives the number of messages by
+        topic. GroundError when it cannot be written, or exists and `force` is not set."""
+        from ground.recordings import bags
+
+        return bags.write(self, os.fspath(path), self.axes, self.heading_offset, force)
 
 
 @dataclass
@@ -44,19 +82,19 @@ class Schedule:
     end: float
 
 
-def design(kind, duration, **options):
+def design(kind: str, duration: float, **options: Any) -> Any:
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
-    options: members of _core.DesignParams. Raises ValueError on bad ones, IdentifyError when a file
+    options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
     cannot be read.
     """
     try:
         return _core.make_design(design_params(kind, **options), duration)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
-def design_params(kind, **options):
+def design_params(kind: str, **options: Any) -> Any:
     """The _core.DesignParams of a design and its options."""
     params = _core.DesignParams()
     params.kind = kind
@@ -65,19 +103,21 @@ def design_params(kind, **options):
     return params
 
 
-def rows(kind, duration, **options):
+def rows(kind: str, duration: float, **options: Any) -> np.ndarray:
     """Rows time [s], left, right of a design; arguments are those of `design`."""
     return design(kind, duration, **options).rows[:, :3]
 
 
-def with_lift(rows, duration, lift=1.0, lift_time=1.0):
+def with_lift(
+    rows: np.ndarray, duration: float, lift: float = 1.0, lift_time: float = 1.0
+) -> Schedule:
     """The schedule of an open-loop run from rows of time, left, right: rest, lift alone for
     `lift_time` [s], the rows for `duration` [s], then everything off."""
     lifted = np.column_stack([rows[:, 0] + lift_time, rows[:, 1:3], np.full(len(rows), lift)])
     return as_given(np.vstack([(0.0, 0, 0, lift), lifted]), lift_time + duration)
 
 
-def as_given(rows, duration):
+def as_given(rows: np.ndarray, duration: float) -> Schedule:
     """The schedule of rows of time, left, right, lift that end after `duration` [s]: rest before
     them, everything off after them."""
     end = LEAD + duration
@@ -86,7 +126,9 @@ def as_given(rows, duration):
     return Schedule(np.vstack([off[:1], rows[rows[:, 0] < end], off[1:]]), end + TAIL)
 
 
-def disturbance_in_shares(model, share=0.0, time=0.0, trim=0.0):
+def disturbance_in_shares(
+    model: Any, share: float = 0.0, time: float = 0.0, trim: float = 0.0
+) -> Any:
     """A _core.Disturbance in shares of what the craft's thrusters can do.
 
     The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
@@ -102,16 +144,16 @@ def disturbance_in_shares(model, share=0.0, time=0.0, trim=0.0):
 
 
 def simulate(
-    model,
-    drive,
-    name="simulated",
-    pose=(0, 0, 0),
-    velocity=(0, 0, 0),
-    mocap=None,
-    seed=1,
-    believed=None,
-    disturbance=None,
-):
+    model: Any,
+    drive: Any,
+    name: str = "simulated",
+    pose: Sequence[float] = (0, 0, 0),
+    velocity: Sequence[float] = (0, 0, 0),
+    mocap: Any = None,
+    seed: int = 1,
+    believed: Any = None,
+    disturbance: Any = None,
+) -> SimulatedRun:
     """Runs an experiment and gives its SimulatedRun.
 
     drive: a Schedule; or _core.TrackingParams for a tracking controller in the loop, or
@@ -119,7 +161,7 @@ def simulate(
     default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
-    of the model does not act by itself. Raises ValueError on bad parameters, IdentifyError when
+    of the model does not act by itself. Raises ValueError on bad parameters, GroundError when
     nothing can be recorded or the motion is not finite.
     """
     mocap = _core.MocapParams() if mocap is None else mocap
@@ -134,10 +176,10 @@ def simulate(
         else:
             log = _core.track_reference(model, believed or model, drive, *where)
     except RuntimeError as error:
-        raise IdentifyError("%s: %s" % (name, error))
+        raise GroundError("%s: %s" % (name, error))
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     if len(frames) < 2:
-        raise IdentifyError(
+        raise GroundError(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
             % (name, len(frames), len(truth))
         )

@@ -2,29 +2,30 @@
 rosparam load and dynparam load read them, too."""
 import math
 import os
+from typing import Any, Dict, Optional
 
 import yaml
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
 
 
-def get(choice):
+def get(choice: Any) -> Dict[str, Any]:
     """Name to value of the parameters of a _core.ControllerChoice."""
     return choice.values
 
 
-def put(choice, values):
-    """Sets parameters by their names; IdentifyError on unknown ones."""
+def put(choice: Any, values: Dict[str, Any]) -> None:
+    """Sets parameters by their names; GroundError on unknown ones."""
     try:
         choice.values = values
     except ValueError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
 
 
-def choice(kind, path=None):
+def choice(kind: str, path: Optional[str] = None) -> Any:
     """The _core.ControllerChoice of a kind with the gains in a file, or its own."""
     made = _core.ControllerChoice()
     made.kind = kind
@@ -33,21 +34,21 @@ def choice(kind, path=None):
     return made
 
 
-def read(path):
-    """Name to number; IdentifyError that says what is wrong with the file."""
+def read(path: str) -> Dict[str, float]:
+    """Name to number; GroundError that says what is wrong with the file."""
     try:
         with open(path) as file:
             values = yaml.safe_load(file)
     except OSError as error:
-        raise IdentifyError("%s: cannot be read (%s)" % (path, error))
+        raise GroundError("%s: cannot be read (%s)" % (path, error))
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise IdentifyError("%s: is no YAML (%s)" % (path, error))
+        raise GroundError("%s: is no YAML (%s)" % (path, error))
     if not isinstance(values, dict):
-        raise IdentifyError("%s: it has to be lines of NAME: NUMBER" % path)
+        raise GroundError("%s: it has to be lines of NAME: NUMBER" % path)
     for name, value in values.items():
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not math.isfinite(value):
-            raise IdentifyError("%s: %s is %r, not a finite number" % (path, name, value))
+            raise GroundError("%s: %s is %r, not a finite number" % (path, name, value))
     return {str(name): float(value) for name, value in values.items()}
 
 

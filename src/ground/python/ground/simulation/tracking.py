@@ -1,11 +1,12 @@
 """A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
 
 from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.recordings import tracking_error
 from ground.simulation import gains
 from ground.workers import Workers
@@ -13,6 +14,7 @@ from ground.workers import Workers
 # What follows a reference; the open-loop PRBS, to compare with, does not look at it.
 CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
 KINDS = {info.name: info for info in _core.reference_table()}
+PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # what sets parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
 # Numbers of a run that ended before its errors count
@@ -30,12 +32,12 @@ REFERENCES = {
 class Task:
     """A reference and the window in which errors count, [s] since the reference began."""
 
-    reference: object  # _core.ReferenceParams
+    reference: Any  # _core.ReferenceParams
     settled: float
     until: float
 
     @property
-    def ends(self):
+    def ends(self) -> bool:
         """Whether the reference comes to a stop."""
         return KINDS[self.reference.kind].ends
 
@@ -61,7 +63,7 @@ class Tracked:
     numbers: dict = field(default_factory=dict)
 
     @property
-    def errors(self):
+    def errors(self) -> np.ndarray:
         return np.hypot(*(self.eta[:, :2] - self.reference).T)
 
     @property
@@ -80,11 +82,11 @@ class Tracked:
         return self.decisions[:, [0, 3]]
 
 
-def reference(kind, **settings):
+def reference(kind: str, **settings: Any) -> Any:
     """The _core.ReferenceParams of a kind with these parameters (_core.reference_parameters);
-    IdentifyError when there is no such kind or it does not take one of them."""
+    GroundError when there is no such kind or it does not take one of them."""
     if kind not in KINDS:
-        raise IdentifyError(
+        raise GroundError(
             "the reference must be one of %s, or a .csv file, not '%s'"
             % (", ".join(name for name in KINDS if name != "file"), kind)
         )
@@ -92,7 +94,7 @@ def reference(kind, **settings):
     params.kind = kind
     for name, value in settings.items():
         if name not in KINDS[kind].takes:
-            raise IdentifyError(
+            raise GroundError(
                 "reference %s does not take '%s'; it takes %s"
                 % (kind, name, ", ".join(KINDS[kind].takes))
             )
@@ -100,9 +102,11 @@ def reference(kind, **settings):
     return params
 
 
-def task(kind, settled=None, until=None, **settings):
+def task(
+    kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any
+) -> Task:
     """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
-    are given. IdentifyError as from `reference`."""
+    are given. GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
         kind, settings = "file", dict(settings, file=kind)
     defaults, window = REFERENCES.get(kind, ({}, None))
@@ -116,25 +120,25 @@ def task(kind, settled=None, until=None, **settings):
     )
 
 
-def starts(count, seed, spread=SPREAD):
+def starts(count: int, seed: int, spread: float = SPREAD) -> List[Tuple[np.ndarray, np.ndarray]]:
     """(pose, velocity) of `count` starts, normally spread about rest at the origin."""
     random = np.random.default_rng(seed)
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def anywhere(count, seed, reach):
+def anywhere(count: int, seed: int, reach: float) -> List[Tuple[np.ndarray, np.ndarray]]:
     """(pose, velocity) of `count` starts at rest, within +-reach [m], any heading."""
     random = np.random.default_rng(seed)
     places = random.uniform(-1, 1, (count, 3)) * [reach, reach, np.pi]
     return [(place, np.zeros(3)) for place in places]
 
 
-def effect_use(kind, model):
+def effect_use(kind: str, model: Any) -> Dict[str, Any]:
     """What a kind of controller does with the effects of the model that it believes in: `used` and
-    `unused` ones, a `remark` for people. IdentifyError when it must not drive by the model."""
+    `unused` ones, a `remark` for people. GroundError when it must not drive by the model."""
     use = _core.effect_use(kind, model)
     if use["refusal"]:
-        raise IdentifyError(use["refusal"])
+        raise GroundError(use["refusal"])
     return use
 
 
@@ -153,7 +157,7 @@ def run(
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
     error beyond which the controller stops itself [m], 0: as the reference's size asks, inf: never.
-    Raises IdentifyError when the motion is not finite, ValueError on bad parameters. A controller
+    Raises GroundError when the motion is not finite, ValueError on bad parameters. A controller
     that stopped itself has endless errors.
     """
     conditions = conditions or Conditions()
@@ -173,9 +177,9 @@ def run(
     try:
         log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
     except RuntimeError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     if not len(log["references"]):
-        raise IdentifyError("the controller stopped before it drove: %s" % log["stopped"])
+        raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
     found = _tracked(log, task, believed.input_max)
     if log["stopped"]:
         at = log["stopped_at"] - log["references"][0, 0]
@@ -221,8 +225,16 @@ def _numbers(found, task):
 
 
 def many(
-    truth, believed, controller, task, starts, conditions=None, seed=1, rate=50.0, max_error=0.0
-):
+    truth: Any,
+    believed: Any,
+    controller: Any,
+    task: Task,
+    starts: Sequence[Tuple[np.ndarray, np.ndarray]],
+    conditions: Optional[Conditions] = None,
+    seed: int = 1,
+    rate: float = 50.0,
+    max_error: float = 0.0,
+) -> List[Tracked]:
     """The Tracked of every start, each with a seed of its own."""
 
     def one(i):
@@ -233,7 +245,7 @@ def many(
         return list(team.map(one, range(len(starts))))
 
 
-def perturbed(model, factors):
+def perturbed(model: Any, factors: Dict[str, float]) -> Any:
     """The model with parameters multiplied by factors, {name: factor}."""
     moved = model.copy()
     for name, factor in factors.items():
@@ -241,7 +253,7 @@ def perturbed(model, factors):
     return moved
 
 
-def pooled(runs):
+def pooled(runs: Sequence[Tracked]) -> Dict[str, Any]:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
     result = {

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ground.errors import IdentifyError
+from ground.errors import GroundError
 from ground.simulation import gains, tracking
 
 # kind of controller -> name -> sign and powers of ten of what is searched; others stay as they are
@@ -156,7 +156,7 @@ def search(
 ):
     """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
 
-    progress(count, best) is called after every generation. Raises IdentifyError when the optimiser
+    progress(count, best) is called after every generation. Raises GroundError when the optimiser
     is not installed.
     """
     CMA = _optimizer()
@@ -255,7 +255,7 @@ def _optimizer():
     try:
         from cmaes import CMA
     except ImportError:
-        raise IdentifyError(
+        raise GroundError(
             "the optimiser is missing: install python3-cmaes (Debian) or cmaes from PyPI"
         )
     return CMA

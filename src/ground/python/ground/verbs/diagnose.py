@@ -1,16 +1,8 @@
 """identify diagnose: which physical effect a model lacks."""
-import math
 import os
-import shlex
 
-import numpy as np
-
-from ground import files, origin
 from ground.analysis import candidates
-from ground.analysis.unfinished import Unfinished
-from ground.errors import IdentifyError
-from ground.recordings import quality
-from ground.reports import report, words
+from ground.api.recordings import Part
 from ground.verbs import common
 
 NAME = "diagnose"
@@ -63,131 +55,35 @@ def configure(parser):
 
 
 def run(arguments):
-    paths = {
-        name: os.path.join(arguments.output, name)
-        for name in (
-            "diagnosis.json",
-            "report.html",
-            "improved.yaml",
-            "proposal.yaml",
-            "next_experiment.csv",
-        )
-    }
-    model = common.load(arguments.model)
-    tried = _candidates(arguments, model)
-    given_room = common.load_room(arguments.room) if arguments.room else None
-    common.progress(arguments, "reading the recordings")
-    prepared, runs = common.prepare(arguments, model)
-    prepared_held, held = common.held_out(arguments, model, prepared)
-    try:
-        os.makedirs(arguments.output, exist_ok=True)
-    except OSError as error:
-        raise IdentifyError("%s: cannot be made a folder (%s)" % (arguments.output, error))
-    for path in paths.values():
-        files.refuse_existing(path, arguments.force)
-
     # slow to load, for the other verbs as well
-    from ground.analysis import diagnosis, diagnosis_report
+    from ground.api import diagnosing
+    from ground.reports import diagnosis_files
 
-    flown_in = next((r.recording for r in prepared if "room" in r.recording.files), None)
-    room = given_room or (flown_in and common.room_of(flown_in))
-    own_files = [e for e in arguments.effects if e not in candidates.on_request()]
-    kept = _kept(arguments, runs, model, tried)
-    found = diagnosis.Diagnosis(
-        runs,
-        model,
-        tried,
-        arguments.budget,
-        progress=lambda text: common.progress(arguments, text),
-        kept=kept,
-        **({"most": math.inf} if arguments.thorough else {}),
+    say, folder = common.teller(arguments), diagnosis_files.Folder(
+        arguments.output, arguments.force
     )
-    found.grow()
-    if kept.taken:
-        common.progress(arguments, "%d results of an interrupted diagnosis taken over" % kept.taken)
-    conclusion = found.conclude(held)
-    common.progress(arguments, "verdict: %s" % conclusion.verdict)
-    common.progress(arguments, "errors of the best effects, and the next experiment")
-    result = diagnosis_report.of(found, conclusion, arguments.model, held, arguments.thorough, room)
-    arguments.output = paths["improved.yaml"]
-    common.write_model(
-        arguments,
-        conclusion.improved,
-        result["nominal"]["error"],
-        result["improved"]["error"],
-        {p["name"]: p for p in conclusion.parameters},
+    problem = diagnosing.read_problem(
+        arguments.model,
+        common.reading(arguments, arguments.bags),
+        common.reading(arguments, arguments.holdout),
+        chosen=(arguments.only, arguments.exclude, arguments.effects),
+        budget=arguments.budget,
+        thorough=arguments.thorough,
+        room=arguments.room,
+        part=Part(arguments.start, arguments.end, arguments.all),
+        progress=say,
     )
-    proposed = result["next_experiment"]
-    if proposed:
-        if room:
-            file = arguments.room or flown_in.files["room"].place()
-            proposed["launch"] += " room:=%s" % shlex.quote(os.path.abspath(file))
-        rows = proposed.pop("rows")
-        files.write_csv(paths["next_experiment.csv"], "time,left,right", rows, arguments.force)
-    else:
-        del paths["next_experiment.csv"]
-    files.write_json(paths["diagnosis.json"], result, arguments.force)
-    proposal = result["unexplained"]["proposal"]
-    if proposal:
-        entry = diagnosis_report.effect_entry(proposal)
-        files.write_yaml(paths["proposal.yaml"], entry, arguments.force)
-    else:
-        del paths["proposal.yaml"]
-    for line in words.diagnosis(result):
+    folder.prepare()
+    kept = problem.unfinished(os.path.join(arguments.output, ".unfinished"))
+    found = diagnosing.solve(problem, kept, say)
+    folder.write_numbers(found)
+    for line in found.sentences:
         common.say(arguments, line)
-    common.progress(arguments, "drawing")
-    with common.page(paths["report.html"], paths["diagnosis.json"]):
-        report.diagnosis(
-            paths["report.html"],
-            result,
-            found,
-            conclusion,
-            quality.describe(prepared + prepared_held),
-            held,
-            arguments.bags + arguments.holdout + [arguments.model] + own_files,
-            arguments.force,
-            arguments.thorough,
-        )
+    say("drawing")
+    with common.page(folder.page, folder.numbers):
+        folder.write_page(found)
     kept.done()
     common.say(arguments, "")
-    for path in paths.values():
+    for path in folder.written:
         common.say(arguments, "written to %s" % path)
-    return result
-
-
-def _kept(arguments, runs, model, tried):
-    """What an interrupted diagnosis of the same has left in the folder."""
-    neutral = [(c.name, c.add(model).format()) for c in tried]
-    measured = [
-        (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
-        for r in runs
-    ]
-    options = arguments.budget, arguments.thorough
-    identity = (measured, model.format(), neutral, options, origin.versions())
-    return Unfinished(os.path.join(arguments.output, ".unfinished"), identity)
-
-
-def _candidates(arguments, model):
-    """Effects to try, of the library and of --effects, by --only and --exclude. Those of --effects
-    are tried beside the library's of --only, unless --only names one of them, and in place of those
-    of the library that have their names."""
-    own = [candidates.named(effect) for effect in arguments.effects]
-    names = [c.name for c in own]
-    library = [c for c in candidates.library(model, arguments.only or ()) if c.name not in names]
-    by_default = [c.name for c in library] + names + list(model.effects)
-    known = by_default + [name for name in candidates.on_request() if name not in by_default]
-    for name in (arguments.only or []) + arguments.exclude:
-        if name not in known:
-            raise IdentifyError("there is no effect %s; there are %s" % (name, ", ".join(known)))
-    for path, name in zip(arguments.effects, names):
-        if names.count(name) > 1:
-            raise IdentifyError("%s: --effects has another effect %s" % (path, name))
-    only = set(arguments.only or by_default)
-    if not only & set(names):
-        only |= set(names)
-    chosen = [c for c in library + own if c.name in only and c.name not in arguments.exclude]
-    if not chosen:
-        raise IdentifyError("no effect is left to try")
-    for candidate in chosen:
-        candidate.add(model)  # says what does not fit the model before long work starts
-    return chosen
+    return found.to_dict()

@@ -11,7 +11,7 @@ def configure(parser):
 
 
 def run(arguments):
-    described = quality.describe([quality.Run(r) for r in common.read(arguments)])
+    described = quality.describe([r.repaired for r in common.read(arguments)])
     for d in described:
         common.say(arguments, d["name"])
         for name, value in findings.facts(d):

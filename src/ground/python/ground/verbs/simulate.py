@@ -6,18 +6,15 @@ import sys
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
-from ground.recordings import bags, run_parameters
+from ground.api import simulating
+from ground.api.models import Model
+from ground.api.simulating import DESIGNS, DURATION, GAINS, KINDS, REFERENCE
 from ground.recordings.settings import AXES
-from ground.simulation import experiments, gains, tracking as loop
+from ground.simulation import tracking as loop
 from ground.verbs import common, listing
 
 NAME = "simulate"
 SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
-DESIGNS = {info.name: info for info in _core.design_table()}
-KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
-DURATION = 20.0  # [s]
-WITH_RETURNS = 4  # times the length of timed rows: what bursts and returns may take together
 
 DETAILS = (
     "\ninputs:\n"
@@ -39,50 +36,32 @@ A disturbance in the model file acts only with --disturbance; without it, a line
 """
 )
 
-# option, its place in _core's parameters, metavar, help
+# parameter of the mocap, metavar, help
 MOCAP = [
-    ("--rate", "rate", "HZ", "frames per second"),
-    ("--position-noise", "position_noise", "M", "noise of x and y, 1 sigma"),
-    ("--heading-noise", "heading_noise", "RAD", "noise of the heading, 1 sigma"),
-    ("--latency", "latency", "S", "from capture to delivery"),
-    ("--loss", "loss", "SHARE", "share of single frames lost, 0..1"),
-    ("--gap-rate", "gap_rate", "1/S", "losses of tracking per second"),
-    ("--gap-length", "gap_length", "S", "mean duration of a loss of tracking"),
+    ("rate", "HZ", "frames per second"),
+    ("position_noise", "M", "noise of x and y, 1 sigma"),
+    ("heading_noise", "RAD", "noise of the heading, 1 sigma"),
+    ("latency", "S", "from capture to delivery"),
+    ("loss", "SHARE", "share of single frames lost, 0..1"),
+    ("gap_rate", "1/S", "losses of tracking per second"),
+    ("gap_length", "S", "mean duration of a loss of tracking"),
 ]
-# parameters of references and controllers that are options here
-REFERENCE = [
-    p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")
-]
-GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters
-
-
-def _dest(option):
-    return option.strip("-").replace("-", "_")
-
-
-CONTROL = [("--control-rate", "rate", "HZ", "control rate")]
-LIFT = ["lift", "lift_time"]
-PATTERN = ["clock", "order", "levels", "hold", "rows_per_bit"]
-BURSTS = ["room", "burst"]
-TRACKING = ["controller", "reference", "origin", "end", "sharp", "controller_model", "max_error"] + [
-    _dest(option) for option, _, _, _ in CONTROL
-]
-TRACKING += [parameter.name for parameter in REFERENCE + GAINS]
-
-
-def _takes(kind):
-    """Which of these options an input takes; timed and lifted: a CSV file with a column time, and one
-    with a column lift as well."""
-    if kind == "tracking":
-        return TRACKING + LIFT + ["room"]
-    if kind in ("timed", "lifted"):
-        return BURSTS + (LIFT if kind == "timed" else [])
-    return [name for name in DESIGNS[kind].takes if name in PATTERN] + LIFT + BURSTS
+OPTIONS = (
+    simulating.PATTERN + simulating.BURSTS + simulating.TRACKING + simulating.LIFT
+)  # that go with some inputs only
 
 
 def configure(parser):
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
+    _add_run_arguments(parser)
+    _add_input_arguments(parser.add_argument_group("input"))
+    _add_disturbance_arguments(parser.add_argument_group("disturbance"))
+    _add_mocap_arguments(parser.add_argument_group("motion capture"))
+    _add_tracking_arguments(parser.add_argument_group("tracking"))
+
+
+def _add_run_arguments(parser):
     parser.add_argument("--model", metavar="M.yaml", required=True, help="moves the craft")
     parser.add_argument(
         "--input",
@@ -102,15 +81,18 @@ def configure(parser):
     )
     parser.add_argument(
         "--duration",
-        type=_between(0.1, experiments.LONGEST),
+        type=_between("duration"),
         metavar="S",
         help="of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
     )
     parser.add_argument(
-        "--lift", type=_between(0, 1), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
+        "--lift", type=_between("lift"), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
     )
     parser.add_argument(
-        "--lift-time", type=_between(0, 30), metavar="S", help="lift alone before thrust [s] (1)"
+        "--lift-time",
+        type=_between("lift_time"),
+        metavar="S",
+        help="lift alone before thrust [s] (1)",
     )
     parser.add_argument(
         "--start-pose",
@@ -128,44 +110,52 @@ def configure(parser):
         default=[0.0, 0.0, 0.0],
         help="body, as the recording starts [m/s, m/s, rad/s] (0 0 0)",
     )
-    pattern = parser.add_argument_group("input")
-    pattern.add_argument(
-        "--clock", type=_between(0.1, 500), metavar="HZ", help="bits per second (15)"
+
+
+def _add_input_arguments(group):
+    group.add_argument("--clock", type=_between("clock"), metavar="HZ", help="bits per second (15)")
+    group.add_argument(
+        "--order",
+        type=int,
+        choices=range(2, 21),
+        metavar="2..20",
+        help="of a sequence of 2^N - 1 bits (9)",
     )
-    pattern.add_argument(
-        "--order", type=int, choices=range(2, 21), metavar="2..20", help="of a sequence of 2^N - 1 bits (9)"
-    )
-    pattern.add_argument(
+    group.add_argument(
         "--rows-per-bit",
         type=common.count,
         metavar="N",
         help="bits: lines that make one bit (found in the file)",
     )
-    pattern.add_argument(
+    group.add_argument(
         "--levels",
-        type=_between(0, 1),
+        type=_between("levels"),
         nargs="+",
         metavar="LEVEL",
         help="inputs, 0..1: low and high; any number for steps, single-thruster and "
         "multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
     )
-    pattern.add_argument(
+    group.add_argument(
         "--hold",
-        type=_between(0.02, 100),
+        type=_between("hold"),
         metavar="S",
         help="how long a level is held [s] (1)",
     )
-    pattern.add_argument(
-        "--room", metavar="ROOM.yaml", help="bursts of the input between returns home, inside a room"
+    group.add_argument(
+        "--room",
+        metavar="ROOM.yaml",
+        help="bursts of the input between returns home, inside a room",
     )
-    pattern.add_argument(
+    group.add_argument(
         "--burst",
-        type=_between(0.1, experiments.LONGEST),
+        type=_between("burst"),
         metavar="S",
         help="with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
     )
-    disturbance = parser.add_argument_group("disturbance")
-    disturbance.add_argument(
+
+
+def _add_disturbance_arguments(group):
+    group.add_argument(
         "--disturbance",
         type=_number,
         nargs="*",
@@ -174,196 +164,124 @@ def configure(parser):
         "Y) and of the moment of one thruster (N), its correlation time [s]; without numbers the "
         "disturbance of the model file",
     )
-    disturbance.add_argument(
+    group.add_argument(
         "--trim",
-        type=_between(0, 0.3),
+        type=_between("trim"),
         metavar="SHARE",
         help="what differs from run to run, 1 sigma: a constant wrench, in the same shares, and the "
         "factor on the thrust",
     )
-    mocap = parser.add_argument_group("motion capture")
-    _add_numbers(mocap, MOCAP, _core.MocapParams())
-    mocap.add_argument(
+
+
+def _add_mocap_arguments(group):
+    defaults = _core.MocapParams()
+    for name, metavar, text in MOCAP:
+        _add_number(group, name, metavar, text, getattr(defaults, name))
+    group.add_argument(
         "--axes", default=AXES, help="world_ned x, y, z in the mocap's axes (%(default)s)"
     )
-    mocap.add_argument(
+    group.add_argument(
         "--heading-offset",
         type=_number,
         default=0.0,
         metavar="RAD",
         help="of the rigid body against the craft; recorded with the run, like the axes (0)",
     )
-    defaults = _core.TrackingParams()
-    tracking = parser.add_argument_group("tracking")
-    tracking.add_argument("--controller", choices=loop.CONTROLLERS, help="(TrajectoryTracking)")
+
+
+def _add_tracking_arguments(group):
+    group.add_argument("--controller", choices=loop.CONTROLLERS, help="(TrajectoryTracking)")
     kinds = [name for name in loop.KINDS if name != "file"]
-    tracking.add_argument("--reference", choices=kinds, help="(circle)")
-    tracking.add_argument(
+    group.add_argument("--reference", choices=kinds, help="(circle)")
+    group.add_argument(
         "--origin", type=_number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
     )
-    tracking.add_argument(
+    group.add_argument(
         "--end", type=_number, nargs=2, metavar=("X", "Y"), help="of a line [m] (2.5 2.5)"
     )
-    tracking.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
+    group.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
     for parameter in REFERENCE + GAINS:
         option = "--" + parameter.name.replace("_", "-")
         described = listing.option(parameter, parameter.default)
-        tracking.add_argument(option, type=_number, **described)
-    _add_numbers(tracking, CONTROL, defaults.life)
-    tracking.add_argument(
+        group.add_argument(option, type=_number, **described)
+    _add_number(group, "control_rate", "HZ", "control rate", _core.TrackingParams().life.rate)
+    group.add_argument(
         "--max-error",
         type=_number,
         metavar="M",
         help="error at which the controller stops when it lasts for 1 s, 0: a quarter of the "
         "reference's half-width [m] (never)",
     )
-    tracking.add_argument(
+    group.add_argument(
         "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
     )
 
 
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
-    model = common.load(arguments.model)
-    believed = common.load(arguments.controller_model) if arguments.controller_model else None
-    name = os.path.splitext(os.path.basename(arguments.output))[0]
-    drive, sequence = _drive(arguments)
-    mocap = _filled(_core.MocapParams(), MOCAP, arguments)
-    start = arguments.start_pose, arguments.start_velocity
-    disturbance = _disturbance(arguments, model)
-    try:
-        _core.AxisMapping(arguments.axes, arguments.heading_offset)
-        run = experiments.simulate(
-            model, drive, name, *start, mocap, arguments.seed, believed, disturbance
-        )
-    except ValueError as error:
-        arguments.refuse(str(error))
-    run.made_with = run_parameters.document(_parameters(arguments, drive))
-    counts = bags.write(
-        run, arguments.output, arguments.axes, arguments.heading_offset, arguments.force
+    model = Model.load(arguments.model)
+    run = simulating.simulate(
+        model,
+        arguments.input,
+        duration=arguments.duration,
+        seed=arguments.seed,
+        name=os.path.splitext(os.path.basename(arguments.output))[0],
+        start_pose=arguments.start_pose,
+        start_velocity=arguments.start_velocity,
+        mocap=_given(arguments, simulating.MOCAP),
+        disturbance=_disturbance(arguments.disturbance),
+        trim=arguments.trim,
+        axes=arguments.axes,
+        heading_offset=arguments.heading_offset,
+        **_given(arguments, OPTIONS),
     )
-    result = {
-        "bag": arguments.output,
-        "input": arguments.input,
-        "sequence": sequence or None,
-        "seed": arguments.seed,
-        "disturbance": _described(disturbance),
-        "duration": float(run.truth_times[-1] - run.truth_times[0]),
-        "messages": counts,
-        "frames_not_delivered": len(run.truth_times) - len(run.pose_times),
-        "bursts": sum(burst for _, _, burst, _ in run.marks),
-        "stopped": run.stopped or None,
-        "tracking_error": _tracking_error(run),
-    }
-    common.say(
-        arguments,
-        "%s: %.2f s, %d poses (%d frames not delivered), %d commands"
-        % (
-            arguments.output,
-            result["duration"],
-            len(run.pose_times),
-            result["frames_not_delivered"],
-            len(run.control_times),
-        ),
-    )
-    if sequence:
-        common.say(arguments, "%s: %s" % (arguments.input, sequence))
-    if run.marks:
-        common.say(arguments, _bursts(run))
-    if disturbance is None and not model.disturbance.empty():
-        common.say(
-            arguments,
-            "%s has a disturbance, which did not act: --disturbance applies it" % arguments.model,
-        )
-    if result["tracking_error"] is not None:
-        common.say(arguments, "tracking error: %.3f m rms" % result["tracking_error"])
+    counts = run.save(arguments.output, arguments.force)
+    for line in _lines(arguments, model, run):
+        common.say(arguments, line)
     if run.stopped:
         print("identify simulate: the controller stopped: %s" % run.stopped, file=sys.stderr)
-    return result
+    return {
+        "bag": arguments.output,
+        "input": arguments.input,
+        "sequence": run.sequence or None,
+        "seed": arguments.seed,
+        "disturbance": _described(run.disturbance),
+        "duration": run.length,
+        "messages": counts,
+        "frames_not_delivered": run.frames_not_delivered,
+        "bursts": run.bursts,
+        "stopped": run.stopped or None,
+        "tracking_error": run.tracking_error,
+    }
 
 
-def _parameters(arguments, drive):
-    """What the run was made with, by the nodes that would have made it."""
-    controller = {"design": arguments.input if arguments.input in KINDS else "file"}
-    if isinstance(drive, _core.ExcitationParams):
-        controller.update(kind="Excitation")
-    elif isinstance(drive, _core.TrackingParams):
-        controller = {"kind": drive.controller.kind, "reference": drive.reference.kind}
-    if arguments.input not in KINDS:
-        controller["file"] = arguments.input
-    if isinstance(drive, _core.DriveParams):
-        controller["model"] = arguments.controller_model or arguments.model
-    if arguments.room:
-        controller["room"] = arguments.room
-    return {"controller": controller, "simulator": {"model": arguments.model}}
+def _given(arguments, names):
+    """The options that were given, by name."""
+    values = {name: getattr(arguments, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def _drive(arguments):
-    """What drives the craft, and one line on how a file of bits is played (else empty); ends with bad
-    usage when an option does not go with the input."""
-    kind = arguments.input
-    room = common.load_room(arguments.room) if arguments.room else None
-    if kind == "tracking":
-        _refuse_unused(arguments, kind)
-        return _tracking(arguments, room), ""
-    options = {"seed": arguments.seed}
-    if kind not in KINDS:
-        kind, options = "file", {"file": arguments.input}
-    options.update(_given(arguments, PATTERN))
-    try:
-        signal = experiments.design(kind, arguments.duration or DURATION, **options)
-    except ValueError as error:
-        arguments.refuse(str(error))
-    timed = kind == "file" and not signal.description  # rows under a header, not bits
-    _refuse_unused(arguments, "lifted" if signal.has_lift else "timed" if timed else kind)
-    duration = arguments.duration or signal.end * (WITH_RETURNS if timed and room else 1)
-    if room is None:
-        if arguments.burst is not None:
-            arguments.refuse("--burst needs --room")
-        if signal.has_lift:
-            return experiments.as_given(signal.rows, duration), ""
-        lift = _given(arguments, LIFT)
-        return experiments.with_lift(signal.rows[:, :3], duration, **lift), signal.description
-    params = _core.ExcitationParams()
-    params.design = experiments.design_params(kind, **options)
-    if arguments.burst is not None:
-        params.returns.burst = arguments.burst
-    return _with_life(params, arguments, duration, room), signal.description
+def _disturbance(given):
+    """What the API takes: whether that of the model acts, or a share and a time."""
+    return given is not None if not given else given
 
 
-def _with_life(params, arguments, duration, room):
-    """The DriveParams with what all controllers take."""
-    params.start, params.tail = experiments.LEAD, experiments.TAIL
-    params.duration, params.room = duration, room
-    for name, value in _given(arguments, LIFT).items():
-        setattr(params.life, name, value)
-    _filled(params.life, CONTROL, arguments)
-    return params
-
-
-def _disturbance(arguments, model):
-    """The _core.Disturbance by --disturbance and --trim; None without either."""
-    given, trim = arguments.disturbance, arguments.trim
-    if given is None and trim is None:
-        return None
-    if given == []:
-        found = model.copy().disturbance
-        if found.empty():
-            arguments.refuse("--disturbance: %s has none; give SHARE and TIME" % arguments.model)
-        if trim is None:
-            return found
-    elif given is None:
-        found = _core.Disturbance()
-    elif len(given) == 2 and 0 <= given[0] <= 1 and given[1] > 0:
-        found = experiments.disturbance_in_shares(model, *given)
-    else:
-        arguments.refuse(
-            "--disturbance takes a SHARE between 0 and 1 and a positive TIME, or nothing, not %s"
-            % " ".join("%g" % value for value in given)
-        )
-    own = experiments.disturbance_in_shares(model, trim=trim or 0.0)
-    found.trim, found.trim_thrust = own.trim, own.trim_thrust
-    return found
+def _lines(arguments, model, run):
+    yield "%s: %.2f s, %d poses (%d frames not delivered), %d commands" % (
+        arguments.output,
+        run.length,
+        len(run.pose_times),
+        run.frames_not_delivered,
+        len(run.control_times),
+    )
+    if run.sequence:
+        yield "%s: %s" % (arguments.input, run.sequence)
+    if run.marks:
+        yield _bursts(run)
+    if run.disturbance is None and not model.core.disturbance.empty():
+        yield "%s has a disturbance, which did not act: --disturbance applies it" % arguments.model
+    if run.tracking_error is not None:
+        yield "tracking error: %.3f m rms" % run.tracking_error
 
 
 def _described(disturbance):
@@ -372,30 +290,6 @@ def _described(disturbance):
         return None
     found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}
     return dict(found, trim_thrust=disturbance.trim_thrust)
-
-
-def _tracking(arguments, room):
-    params = _core.TrackingParams()
-    _with_life(params, arguments, arguments.duration or DURATION, room)
-    params.max_error = np.inf if arguments.max_error is None else arguments.max_error
-    params.controller.kind = arguments.controller or params.controller.kind
-    values = _given(arguments, [parameter.name for parameter in GAINS])
-    settings = _given(arguments, [parameter.name for parameter in REFERENCE])
-    for option, names in {"origin": ("x", "y"), "end": ("end_x", "end_y")}.items():
-        settings.update(zip(names, getattr(arguments, option) or ()))
-    if arguments.sharp:
-        settings["smooth"] = False
-    try:
-        gains.put(params.controller, values)
-        reference = loop.reference(arguments.reference or "circle", **settings)
-    except IdentifyError as error:
-        arguments.refuse(str(error))
-    params.reference = reference
-    if room is not None:
-        leaves = _core.leaves_room(reference, room)
-        if leaves:
-            arguments.refuse("the reference does not fit into %s: %s" % (arguments.room, leaves))
-    return params
 
 
 def _bursts(run):
@@ -409,41 +303,10 @@ def _bursts(run):
     )
 
 
-def _tracking_error(run):
-    """Root mean square of the true distance from the reference [m]; None without one."""
-    if not len(run.references):
-        return None
-    at = np.searchsorted(run.truth_times, run.references[:, 0])
-    off = run.truth_eta[at, :2] - run.references[:, 1:3]
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
-
-
-def _add_numbers(group, options, defaults):
-    for option, name, metavar, text in options:
-        text = "%s (%g)" % (text, getattr(defaults, name))
-        group.add_argument(option, type=_number, metavar=metavar, help=text)
-
-
-def _filled(params, options, arguments):
-    for option, name, _, _ in options:
-        value = getattr(arguments, _dest(option))
-        if value is not None:
-            setattr(params, name, value)
-    return params
-
-
-def _given(arguments, names):
-    values = {name: getattr(arguments, name) for name in names}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def _refuse_unused(arguments, kind):
-    for name in PATTERN + BURSTS + TRACKING + LIFT:
-        value = getattr(arguments, name)
-        if name not in _takes(kind) and value is not None and value is not False:
-            arguments.refuse(
-                "--%s does not go with --input %s" % (name.replace("_", "-"), arguments.input)
-            )
+def _add_number(group, name, metavar, text, default):
+    option = "--" + name.replace("_", "-")
+    text = "%s (%g)" % (text, default)
+    group.add_argument(option, type=_number, metavar=metavar, help=text)
 
 
 def _kind(text):
@@ -461,7 +324,9 @@ def _number(text):
     return value
 
 
-def _between(low, high):
+def _between(name):
+    low, high = simulating.RANGES[name]
+
     def parse(text):
         value = float(text)
         if not low <= value <= high:

@@ -1,9 +1,12 @@
 """identify thrust: thrust from forces that were measured on a bench."""
 
+import os
+
 import numpy as np
 
 from ground import files
 from ground.analysis import candidates, thrust_bench
+from ground.api.models import Model, with_provenance
 from ground.verbs import common
 
 NAME = "thrust"
@@ -43,27 +46,25 @@ def run(arguments):
     off, full = arguments.inputs
     if not (np.isfinite([off, full]).all() and full != off):
         arguments.refuse("--inputs needs two different numbers")
-    model = common.load(arguments.model)
+    model = Model.load(arguments.model).core
     bench = thrust_bench.read(arguments.table, off, full, NEWTONS[arguments.unit])
     found = thrust_bench.fit(bench)
     fitted, names = _put_into(model, found)
     # a model's k is of an input of 1, that of a bench of the largest input
     units = {n: 1 / model.input_max if n == "k" else 1.0 for n in found.values}
-    described = {
-        names[n]: {"ci95": [units[n] * x for x in found.intervals[n]], "identified": True}
-        for n in found.values
+    intervals = {
+        names[n]: tuple(units[n] * x for x in found.intervals[n]) for n in found.values
     }
-    arguments.bags = [arguments.table]
-    error = {"bench": found.residual}
     full_thrust = model.value("k") * model.input_max
     before = thrust_bench.Thrust({"k": full_thrust}, {}, {}, 0.0, 0.0).force(bench)
-    common.write_model(
-        arguments,
+    with_provenance(
         fitted,
+        [os.path.basename(arguments.table)],
         {"bench": float(np.sqrt(np.mean((before - bench.forces) ** 2)))},
-        error,
-        described,
-    )
+        {"bench": found.residual},
+        intervals,
+        [],
+    ).save(arguments.output, arguments.force)
     reach = float(bench.inputs.max())
     for line in _lines(arguments, model, found, reach):
         common.say(arguments, line)

@@ -4,9 +4,11 @@ import argparse
 import numpy as np
 
 from ground import _core, files
-from ground.errors import IdentifyError
+from ground.api import tracking as api
+from ground.errors import GroundError
 from ground.reports import tracking_plots
-from ground.simulation import gains, tracking
+from ground.simulation import tracking
+from ground.simulation.tracking import PLACES
 from ground.verbs import common, listing
 
 NAME = "track"
@@ -25,8 +27,7 @@ times, and medians are given. As on the floor, a controller stops when the error
 
 MOST_STOPS = 5  # that are printed
 
-# options, and the parameters of references that they set
-PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}
+# options that set a parameter of the reference
 NUMBERS = {
     "size": common.positive,
     "rate_of_turn": float,
@@ -98,87 +99,58 @@ def _takes_loop(parser):
     parser.add_argument("--seed", type=common.seed, help="of noise and start (start: the origin)")
 
 
-def _loop(arguments):
-    """(truth, believed, controller, conditions) of the arguments of _takes_loop."""
-    believed = common.load(arguments.model)
-    truth = common.load(arguments.truth) if arguments.truth else believed
-    try:
-        truth = tracking.perturbed(truth, dict(arguments.perturb))
-    except ValueError as error:
-        raise IdentifyError("--perturb: %s" % error)
-    controller = gains.choice(arguments.controller, arguments.gains)
-    conditions = tracking.Conditions(arguments.noise, arguments.delay, arguments.loss)
-    return truth, believed, controller, conditions
-
-
 def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
-    truth, believed, controller, conditions = _loop(arguments)
-    use = tracking.effect_use(arguments.controller, believed)
-    if use["remark"]:
-        common.say(arguments, "model      %s" % use["remark"])
-    task = _task(arguments)
-    caution = task.reference.infeasibility(believed)
-    if caution:
-        common.say(arguments, "note: %s" % caution)
-    seed = 1 if arguments.seed is None else arguments.seed
-    if arguments.anywhere:
-        starts = tracking.anywhere(arguments.starts, seed, arguments.anywhere)
-    elif arguments.starts > 1 or arguments.seed is not None:
-        starts = tracking.starts(arguments.starts, seed, arguments.spread)
-    else:
-        starts = [(np.zeros(3), np.zeros(3))]
-    try:
-        runs = tracking.many(
-            truth,
-            believed,
-            controller,
-            task,
-            starts,
-            conditions,
-            seed,
-            arguments.rate,
-            arguments.max_error,
-        )
-    except ValueError as error:
-        raise IdentifyError(str(error))
+    loop = api.prepare(
+        arguments.model,
+        arguments.reference,
+        arguments.controller,
+        arguments.gains,
+        arguments.truth,
+        dict(arguments.perturb),
+        arguments.settled,
+        arguments.end_time,
+        **_settings(arguments),
+    )
+    if loop.remark:
+        common.say(arguments, "model      %s" % loop.remark)
+    if loop.caution:
+        common.say(arguments, "note: %s" % loop.caution)
+    found = loop.run(
+        api.starts_of(arguments.starts, arguments.seed, arguments.spread, arguments.anywhere),
+        tracking.Conditions(arguments.noise, arguments.delay, arguments.loss),
+        arguments.seed,
+        arguments.rate,
+        arguments.max_error,
+    )
     result = {
         "controller": arguments.controller,
         "model": arguments.model,
         "truth": arguments.truth or arguments.model,
         "reference": arguments.reference,
-        "seed": arguments.seed,
-        "starts": len(runs),
-        "window": [task.settled, task.until],
-        "max_error": arguments.max_error or task.reference.default_max_error(),
-        "caution": caution or None,
-        "effects": {name: use[name] for name in ("used", "unused")},
-        "gains": gains.get(controller),
+        **found.to_dict(),
     }
-    result.update(tracking.pooled(runs))
     if arguments.picture:
-        name = "%s, %s" % (result["controller"], result["reference"])
-        title = tracking_plots.title(name, runs[0].numbers)
-        counts = task.settled, task.until
-        tracking_plots.driven(arguments.picture, runs[0], title, counts, force=arguments.force)
+        name = "%s, %s" % (found.controller, found.reference)
+        title = tracking_plots.title(name, found.runs[0].numbers)
+        driven = arguments.picture, found.runs[0], title, found.window
+        tracking_plots.driven(*driven, force=arguments.force)
         result["picture"] = arguments.picture
     _say(arguments, result)
-    if result["stopped"] == len(runs):
-        raise IdentifyError("the controller stopped: %s" % _stop(result["stops"][0]))
+    if found.stopped:
+        raise GroundError("the controller stopped: %s" % _stop(found.stops[0]))
     return result
 
 
-def _task(arguments):
+def _settings(arguments):
+    """Parameters of the reference that were given."""
     settings = {n: getattr(arguments, n) for n in NUMBERS if getattr(arguments, n) is not None}
     for name, places in PLACES.items():
         settings.update(zip(places, getattr(arguments, name) or ()))
     if arguments.smooth:
         settings["smooth"] = True
-    try:
-        return tracking.task(arguments.reference, arguments.settled, arguments.end_time, **settings)
-    except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
+    return settings
 
 
 def _say(arguments, result):

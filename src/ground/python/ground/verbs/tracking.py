@@ -1,6 +1,7 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
 from ground import files
+from ground.api.models import Room
 from ground.recordings import tracks
 from ground.reports import tracking_plots
 from ground.verbs import common
@@ -33,7 +34,7 @@ def configure(parser):
 def run(arguments):
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
-    room = common.load_room(arguments.room) if arguments.room else None
+    room = Room.load(arguments.room) if arguments.room else None
     runs, longest = [], None
     for path, recording in zip(arguments.bags, common.read(arguments)):
         drives = []
@@ -53,8 +54,9 @@ def run(arguments):
         title = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
         title = tracking_plots.title(title, numbers)
         counts = arguments.settled, track.times[-1]
-        room = room or common.room_of(recording)
-        tracking_plots.driven(arguments.picture, track, title, counts, room, arguments.force)
+        room = room or Room.of_recording(recording)
+        walls = room and room.core
+        tracking_plots.driven(arguments.picture, track, title, counts, walls, arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result

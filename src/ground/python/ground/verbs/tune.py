@@ -3,7 +3,8 @@ import argparse
 import sys
 
 from ground import files, workers
-from ground.errors import IdentifyError
+from ground.api.models import Model
+from ground.errors import GroundError
 from ground.reports import tracking_plots
 from ground.simulation import gains, tracking, tuning
 from ground.verbs import common, listing
@@ -82,7 +83,7 @@ def run(arguments):
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
-    model = common.load(arguments.model)
+    model = Model.load(arguments.model).core
     use = tracking.effect_use(arguments.controller, model)
     if use["remark"]:
         common.say(arguments, "model: %s" % use["remark"])
@@ -91,7 +92,7 @@ def run(arguments):
         seen = tuning.cells({k: _task(k) for k in arguments.references}, model)
         unseen = tuning.cells({k: _task(k) for k in arguments.holdout}, model)
     except (ValueError, RuntimeError) as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     before = _starting(arguments)
     with workers.Workers(arguments.scheduler) as team:
         tuned, tried, compared = _search(arguments, team, model, before, seen, unseen, weights)
@@ -169,7 +170,7 @@ def _search(arguments, team, model, before, seen, unseen, weights):
             )
         )
     except ValueError as error:
-        raise IdentifyError(str(error))
+        raise GroundError(str(error))
     return tuned, tried, compared
 
 
@@ -182,11 +183,11 @@ def _task(text):
         try:
             settings[name] = float(value)
         except ValueError:
-            raise IdentifyError("%s: '%s' is not a number" % (text, value))
+            raise GroundError("%s: '%s' is not a number" % (text, value))
     try:
         return tracking.task(kind, **settings)
-    except IdentifyError as error:
-        raise IdentifyError("%s: %s" % (text, error))
+    except GroundError as error:
+        raise GroundError("%s: %s" % (text, error))
 
 
 def _starting(arguments):

@@ -1,0 +1,1 @@
+"""What `import ground` gives: one module for each verb, beside the models, rooms and recordings."""

@@ -1,0 +1,187 @@
+"""add: a physical effect into a model, refitted, with the error before and after."""
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from ground.analysis import candidates, study
+from ground.api.models import (
+    Model,
+    ModelLike,
+    Parameter,
+    Path,
+    fitted_model,
+    parameter_frame,
+    parameters_by_name,
+)
+from ground.api.recordings import Measured, Part, Recordings, held_out, measured
+from ground.api.values import Array, Document, Progress, Row, Shown, silent
+from ground.recordings import windows
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True)
+class ChannelErrors:
+    """Mean |e|/s of u, v, r, and their sum."""
+
+    u: float
+    v: float
+    r: float
+    error: float
+
+    @classmethod
+    def of(cls, channels: Array) -> "ChannelErrors":
+        """Of mean |e|/s (3,)."""
+        u, v, r = map(float, channels)
+        return cls(u, v, r, float(np.sum(channels)))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Errors without an effect and with it."""
+
+    before: ChannelErrors
+    after: ChannelErrors
+
+    @property
+    def change(self) -> float:
+        """Relative change of the error: -0.1 is 10% less."""
+        return self.after.error / self.before.error - 1
+
+
+@dataclass(frozen=True, repr=False)
+class Addition(Shown):
+    """A model with an effect more, both refitted."""
+
+    effect: str
+    model: Model  #: with the effect
+    parameters: Dict[str, Parameter]  #: of the model with it, by name
+    parameters_before: Dict[str, Parameter]  #: of the model without it
+    error: Dict[str, Pair]  #: by kind of runs: fit, heldout, and holdout where some were given
+    noise_floor: ChannelErrors  #: that the noise of the poses alone would leave
+    folds: str  #: what was held out
+
+    def to_dict(self) -> Document:
+        """Plain values, as `identify add --json` prints them."""
+        return {
+            "effect": self.effect,
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            "error": {name: asdict(pair) for name, pair in self.error.items()},
+            "noise_floor": asdict(self.noise_floor),
+        }
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Parameters, indexed by name: before (NaN without the effect), start, value, low, high
+        (95%), identified, unit."""
+        before = [
+            self.parameters_before[name].value if name in self.parameters_before else np.nan
+            for name in self.parameters
+        ]
+        frame = parameter_frame(self.parameters)
+        frame.insert(0, "before", before)
+        return frame
+
+    def save(self, path: Path, force: bool = False) -> Model:
+        """Writes the model with the effect; see Model.save."""
+        return self.model.save(path, force)
+
+    def _table(self) -> Tuple[str, Row, List[Row]]:
+        title = "%s with %s; noise of the poses alone: error %.3f" % (
+            self.model.name,
+            self.effect,
+            self.noise_floor.error,
+        )
+        rows = [
+            [kind, "%.3f" % p.before.error, "%.3f" % p.after.error, "%+.0f%%" % (100 * p.change)]
+            for kind, p in self.error.items()
+        ]
+        return title, ["error", "without", "with", "change"], list(rows)
+
+
+def add(
+    model: ModelLike,
+    effect: Path,
+    recordings: Recordings,
+    *,
+    holdout: Recordings = (),
+    start: float = 0.0,
+    end: Optional[float] = None,
+    everything: bool = False,
+    progress: Progress = None,
+) -> Addition:
+    """A model with an effect more: both are fitted to the recordings, and to all but a part of
+    them.
+
+    effect: a name of the library, or a YAML file with one effect as model files have it.
+    recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
+    run, on the run's clock [s]; everything: also what is not usable. progress: is told in a
+    sentence what is done. GroundError when there is no such effect, or the recordings are too
+    short.
+
+    >>> found = ground.add(model_file, "yaw_bias", bag)  # of a craft that turns by itself
+    >>> low, high = found.parameters["yaw_bias.n0"].ci95
+    >>> low < 2e-5 < high  # [N m], what was hidden
+    True
+    >>> found.error["heldout"].change < -0.5
+    True
+    """
+    say = progress or silent
+    given, part = Model.of(model), Part(start, end, everything)
+    candidate = candidates.named(os.fspath(effect))
+    extended = candidate.add(given.core)
+    say("reading the recordings")
+    seen = measured(recordings, given, part)
+    held = held_out(holdout, given, part, seen)
+    say("fitting %s without %s, and with it" % (given.name, candidate.name))
+    before, after = _fits(given.core, extended, seen.data)
+    errors = {
+        "fit": _pair(before.error, after.error),
+        "heldout": _pair(before.heldout, after.heldout),
+    }
+    if held.data:
+        errors["holdout"] = _tested(held.data, before, after)
+    return _result(candidate.name, seen, before, after, errors)
+
+
+def _fits(model: Any, extended: Any, runs: List[Any]) -> Tuple[study.Fit, study.Fit]:
+    """study.Fits of a _core.Model without the effect and with it."""
+    on_runs = study.Study(runs)
+    before = on_runs.fit(model, study.free_parameters(model))
+    refitted = candidates.carried_over(before.model, extended)
+    after = on_runs.fit(refitted, study.free_parameters(extended), also=[extended])
+    return before, after
+
+
+def _pair(before: Array, after: Array) -> Pair:
+    return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
+
+
+def _tested(runs: List[Any], before: study.Fit, after: study.Fit) -> Pair:
+    cut = windows.cut(runs)
+    return _pair(*(study.channel_errors(runs, cut, fit.model) for fit in (before, after)))
+
+
+def _result(
+    effect: str, seen: Measured, before: study.Fit, after: study.Fit, errors: Dict[str, Pair]
+) -> Addition:
+    parameters = parameters_by_name(after.parameters.values())
+    model = fitted_model(
+        after.model,
+        seen.recordings,
+        {name: pair.before.error for name, pair in errors.items()},
+        {name: pair.after.error for name, pair in errors.items()},
+        parameters,
+    )
+    several = len(seen.data) > 1
+    return Addition(
+        effect=effect,
+        model=model,
+        parameters=parameters,
+        parameters_before=parameters_by_name(before.parameters.values()),
+        error=errors,
+        noise_floor=ChannelErrors.of(study.noise_floor(seen.data, after.model)),
+        folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
+    )

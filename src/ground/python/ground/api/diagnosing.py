@@ -1,0 +1,330 @@
+"""diagnose: which physical effect a model lacks."""
+import math
+import os
+import shlex
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import origin
+from ground.analysis import candidates, diagnosis, diagnosis_report, study
+from ground.analysis.unfinished import Unfinished
+from ground.api.models import (
+    Model,
+    ModelLike,
+    Parameter,
+    Path,
+    Room,
+    RoomLike,
+    fitted_model,
+    parameter_rows,
+    parameters_by_name,
+)
+from ground.api.recordings import Measured, Part, Recordings, held_out, measured
+from ground.api.values import Array, Document, Progress, Row, Shown, number, silent
+from ground.errors import GroundError
+from ground.recordings.recording import Recording
+from ground.reports import words
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """Which effects a model lacks, by how much they improve it, and the model with them."""
+
+    verdict: str  #: complete, missing, varies, memory or unexplained
+    effects: Tuple[str, ...]  #: that were added, in the order in which the error falls
+    improved: Model  #: the model with them, refitted
+    parameters: Dict[str, Parameter]  #: of that, by name
+    error: Tuple[
+        float, ...
+    ]  #: on what was held out: of the model as it was, then after each effect
+    noise_floor: float  #: error there that the noise of the poses alone would leave
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: what would tell the rest apart
+    report: Document  #: all of it, as diagnosis.json has it
+    problem: "Problem"  #: what was diagnosed
+    found: diagnosis.Diagnosis  #: how it was found, for the page
+    conclusion: diagnosis.Conclusion
+
+    @property
+    def sentences(self) -> List[str]:
+        """What `identify diagnose` prints."""
+        return list(words.diagnosis(self.report))
+
+    def to_dict(self) -> Document:
+        """Plain values, as diagnosis.json has them."""
+        return self.report
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """The effects tried, best first, indexed by name: p_value, delta_bic, inclusion, error_fit,
+        error_heldout, selected, seen."""
+        import pandas
+
+        rows = self.report["candidates"]
+        columns = ["p_value", "delta_bic", "inclusion", "selected", "seen"]
+        index = pandas.Index([row["effect"] for row in rows], name="effect")
+        frame = pandas.DataFrame([[row[c] for c in columns] for row in rows], index, columns)
+        for place, kind in enumerate(("fit", "heldout"), 3):
+            errors = [row["error"][kind] for row in rows]
+            frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
+        return frame
+
+    def save(self, folder: Path, force: bool = False) -> List[str]:
+        """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
+        proposal.yaml and next_experiment.csv. Gives their paths. GroundError when a file cannot be
+        written, or exists and `force` is not set."""
+        from ground.reports import diagnosis_files
+
+        kept = diagnosis_files.Folder(os.fspath(folder), force)
+        kept.prepare()
+        kept.write_numbers(self)
+        kept.write_page(self)
+        return kept.written
+
+    def _table(self) -> Tuple[str, Row, List[Row]]:
+        title = "%s (error on held-out runs %s, noise of the poses alone %s)" % (
+            words.verdict(self.report),
+            " -> ".join(map(number, self.error)),
+            number(self.noise_floor),
+        )
+        head = ["parameter", "improved", "95% interval", "unit"]
+        return title, head, parameter_rows(self.parameters)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is diagnosed."""
+
+    model: Model
+    tried: List[candidates.Candidate]
+    seen: Measured  #: what is fitted to
+    held: Measured  #: what is tested on; empty: parts of what is fitted to
+    own: List[str]  #: files of effects
+    budget: Optional[int]
+    thorough: bool
+    given_room: Optional[Room]
+
+    @property
+    def runs(self) -> List[Any]:
+        """_core.RunData fitted to."""
+        return self.seen.data
+
+    @property
+    def inputs(self) -> List[str]:
+        """Paths of all that was read."""
+        bags = [r.path for r in self.seen.recordings + self.held.recordings]
+        return [path for path in [*bags, self.model.path, *self.own] if path]
+
+    def flown_in(self) -> Optional[Recording]:
+        """The first run that a room was kept with."""
+        return next((r for r in self.seen.recordings if "room" in r.files), None)
+
+    def room(self) -> Optional[Room]:
+        """Where the next experiment has to stay; None where it is not said."""
+        flown = self.flown_in()
+        return self.given_room or (Room.of_recording(flown) if flown else None)
+
+    def room_file(self) -> str:
+        """A file of that room; empty without one."""
+        flown = self.flown_in()
+        if self.given_room:
+            return self.given_room.path
+        return str(flown.files["room"].place()) if flown else ""
+
+    def unfinished(self, folder: str) -> Unfinished:
+        """What an interrupted diagnosis of the same has left in a folder."""
+        neutral = [(c.name, c.add(self.model.core).format()) for c in self.tried]
+        measured_in = [
+            (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
+            for r in self.runs
+        ]
+        options = self.budget, self.thorough
+        identity = (measured_in, self.model.format(), neutral, options, origin.versions())
+        return Unfinished(folder, identity)
+
+
+def diagnose(
+    model: ModelLike,
+    recordings: Recordings,
+    *,
+    holdout: Recordings = (),
+    only: Optional[Sequence[str]] = None,
+    exclude: Sequence[str] = (),
+    effects: Sequence[Path] = (),
+    budget: Optional[int] = None,
+    thorough: bool = False,
+    room: Optional[RoomLike] = None,
+    start: float = 0.0,
+    end: Optional[float] = None,
+    everything: bool = False,
+    resume: Optional[Path] = None,
+    progress: Progress = None,
+) -> Diagnosis:
+    """Which physical effects a model lacks, with evidence, and the model with them.
+
+    recordings, holdout: recordings or bags to fit to and to test on; without the latter, parts of
+    the former are held out. only, exclude: names of effects to try and not to try (all of the
+    library but those that it tries on request). effects: to try as well, YAML files with one effect
+    each or names. budget: refit only so many effects in each step, best by a score test first.
+    thorough: look at all of much data. room: for the next experiment. start, end: the part of every
+    run, on the run's clock [s]; everything: also what is not usable. resume: a folder that keeps
+    what is finished, so that the same diagnosis goes on where it was interrupted. progress: is told
+    in a sentence what is done. GroundError when a file cannot be read, there is no such effect or
+    the recordings are too short.
+
+    >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
+    >>> found.verdict, found.effects  # of a craft that turns by itself
+    ('missing', ('yaw_bias',))
+    >>> low, high = found.parameters["yaw_bias.n0"].ci95
+    >>> low < 2e-5 < high  # [N m], what was hidden
+    True
+    >>> found.to_frame().loc["yaw_bias", "selected"]
+    True
+    """
+    problem = read_problem(
+        model,
+        recordings,
+        holdout,
+        chosen=(only, exclude, effects),
+        budget=budget,
+        thorough=thorough,
+        room=room,
+        part=Part(start, end, everything),
+        progress=progress,
+    )
+    kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
+    found = solve(problem, kept, progress)
+    kept.done()
+    return found
+
+
+def read_problem(
+    model: ModelLike,
+    recordings: Recordings,
+    holdout: Recordings,
+    chosen: Tuple[Optional[Sequence[str]], Sequence[str], Sequence[Path]],
+    budget: Optional[int],
+    thorough: bool,
+    room: Optional[RoomLike],
+    part: Part,
+    progress: Progress = None,
+) -> Problem:
+    """Reads all that a diagnosis needs; chosen: only, exclude and effects of `diagnose`."""
+    given = Model.of(model)
+    only, exclude, effects = chosen
+    own = [os.fspath(effect) for effect in effects]
+    tried = effects_to_try(given, only, exclude, own)
+    given_room = None if room is None else Room.of(room)
+    (progress or silent)("reading the recordings")
+    seen = measured(recordings, given, part)
+    held = held_out(holdout, given, part, seen)
+    files = [effect for effect in own if effect not in candidates.on_request()]
+    return Problem(given, tried, seen, held, files, budget, thorough, given_room)
+
+
+def effects_to_try(
+    model: Model,
+    only: Optional[Sequence[str]] = None,
+    exclude: Sequence[str] = (),
+    effects: Sequence[str] = (),
+) -> List[candidates.Candidate]:
+    """Effects of the library and of `effects`, by `only` and `exclude`. Those of `effects` are
+    tried beside the library's of `only`, unless `only` names one of them, and in place of those of
+    the library that have their names. GroundError when one does not exist or does not fit the
+    model."""
+    own = [candidates.named(effect) for effect in effects]
+    names = [c.name for c in own]
+    library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
+    by_default = [c.name for c in library] + names + list(model.effects)
+    _check_known([*(only or ()), *exclude], by_default)
+    for path, name in zip(effects, names):
+        if names.count(name) > 1:
+            raise GroundError("%s: --effects has another effect %s" % (path, name))
+    wanted = set(only or by_default)
+    if not wanted & set(names):
+        wanted |= set(names)
+    chosen = [c for c in library + own if c.name in wanted and c.name not in exclude]
+    if not chosen:
+        raise GroundError("no effect is left to try")
+    for candidate in chosen:
+        candidate.add(model.core)  # says what does not fit the model before long work starts
+    return chosen
+
+
+def _check_known(named: Iterable[str], by_default: List[str]) -> None:
+    known = by_default + [name for name in candidates.on_request() if name not in by_default]
+    for name in named:
+        if name not in known:
+            raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+
+
+def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diagnosis:
+    """Diagnoses; kept: what an interrupted diagnosis of the same has finished."""
+    say = progress or silent
+    room = problem.room()
+    found = _grown(problem, kept, say)
+    if kept.taken:
+        say("%d results of an interrupted diagnosis taken over" % kept.taken)
+    held = problem.held.data
+    conclusion = found.conclude(held)
+    say("verdict: %s" % conclusion.verdict)
+    say("errors of the best effects, and the next experiment")
+    name, walls = problem.model.path or problem.model.name, room and room.core
+    report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
+    return _result(problem, found, conclusion, report)
+
+
+def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> diagnosis.Diagnosis:
+    """The model with the effects that it lacks."""
+    found = diagnosis.Diagnosis(
+        problem.runs,
+        problem.model.core,
+        problem.tried,
+        problem.budget,
+        progress=say,
+        kept=kept,
+        most=math.inf if problem.thorough else study.MAX_WINDOWS,
+    )
+    found.grow()
+    return found
+
+
+def _result(
+    problem: Problem,
+    found: diagnosis.Diagnosis,
+    conclusion: diagnosis.Conclusion,
+    report: Document,
+) -> Diagnosis:
+    parameters = parameters_by_name(conclusion.parameters)
+    return Diagnosis(
+        verdict=conclusion.verdict,
+        effects=tuple(report["improved"]["effects"]),
+        improved=fitted_model(
+            conclusion.improved,
+            problem.seen.recordings,
+            report["nominal"]["error"],
+            report["improved"]["error"],
+            parameters,
+        ),
+        parameters=parameters,
+        error=tuple(conclusion.heldout),
+        noise_floor=conclusion.heldout_floor,
+        next_inputs=_next_inputs(problem, report["next_experiment"]),
+        report=report,
+        problem=problem,
+        found=found,
+        conclusion=conclusion,
+    )
+
+
+def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
+    """Takes the inputs out of the proposal, whose line that flies it then names the room."""
+    if not proposed:
+        return None
+    file = problem.room_file()
+    if file:
+        proposed["launch"] += " room:=%s" % shlex.quote(os.path.abspath(file))
+    return np.array(proposed.pop("rows"), float)

@@ -1,0 +1,293 @@
+"""Models of crafts, and rooms."""
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from ground import _core, errors, files, origin
+from ground.api.values import Array, Row, Shown
+from ground.errors import GroundError
+
+if TYPE_CHECKING:
+    import pandas
+
+    from ground.recordings.recording import Recording
+
+Path = Union[str, "os.PathLike[str]"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An estimated parameter."""
+
+    name: str  #: "k", or "EFFECT.PARAMETER"
+    unit: str
+    start: float  #: where the fit began
+    value: float
+    ci95: Tuple[float, float]  #: 95% interval
+    deviation: float  #: standard deviation
+    at_bound: bool  #: the data would have it beyond
+    identified: bool  #: whether the data determine it
+
+    @property
+    def interval(self) -> str:
+        """The interval in words."""
+        return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
+
+
+def parameters_by_name(found: Any) -> Dict[str, Parameter]:
+    """Parameters by name of the dictionaries that a fit of the core gives."""
+    return {p["name"]: Parameter(**p) for p in found}
+
+
+def parameter_rows(parameters: Mapping[str, Parameter]) -> List[Row]:
+    """Rows of a table: name, value, interval, unit."""
+    return [[p.name, "%.4g" % p.value, p.interval, p.unit] for p in parameters.values()]
+
+
+def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
+    """Parameters as a table, indexed by name: start, value, low, high (95%), identified, unit."""
+    import pandas
+
+    rows = [[p.start, p.value, *p.ci95, p.identified, p.unit] for p in parameters.values()]
+    index = pandas.Index(list(parameters), name="parameter")
+    columns = ["start", "value", "low", "high", "identified", "unit"]
+    return pandas.DataFrame(rows, index=index, columns=columns)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Shown):
+    """A craft: a rigid body and the effects that act on it. It never changes: what changes one
+    gives another.
+
+    >>> craft = Model.load(model_file)
+    >>> craft["m"], craft.unit("m"), craft.effects
+    (0.0583, 'kg', ())
+    >>> stronger = craft.with_values({"k": 0.07}).with_effect("yaw_bias", n0=1e-4)
+    >>> stronger["k"], stronger["yaw_bias.n0"], craft["k"]
+    (0.07, 0.0001, 0.062)
+    """
+
+    core: Any  #: _core.Model; must not be changed
+    path: str = ""  #: of the file that it was read from
+
+    @classmethod
+    def load(cls, path: Path) -> "Model":
+        """The model in a file. GroundError names file, line and key of what is wrong; a value that
+        is hardly meant as it stands is a GroundWarning."""
+        try:
+            core, doubts = _core.load_model_with_warnings(os.fspath(path))
+        except RuntimeError as error:
+            raise GroundError(str(error)) from error
+        for doubt in doubts:
+            errors.warn(doubt)
+        return cls(core, os.fspath(path))
+
+    @classmethod
+    def parse(cls, text: str, source: str = "a text") -> "Model":
+        """The model in the text of a model file; `source` is named in errors (GroundError)."""
+        try:
+            return cls(_core.parse_model(text, source))
+        except RuntimeError as error:
+            raise GroundError(str(error)) from error
+
+    @classmethod
+    def of(cls, model: "ModelLike") -> "Model":
+        """The model, loaded if it is a path."""
+        return model if isinstance(model, Model) else cls.load(model)
+
+    @property
+    def name(self) -> str:
+        """Its title."""
+        return str(self.core.name)
+
+    @property
+    def effects(self) -> Tuple[str, ...]:
+        """Names of its effects, in the order in which they act."""
+        return tuple(self.core.effects)
+
+    @property
+    def label(self) -> str:
+        """Its file's name without the extension, or its title."""
+        return os.path.splitext(os.path.basename(self.path))[0] or self.name
+
+    @property
+    def values(self) -> Dict[str, float]:
+        """Values of all parameters by name, in their units."""
+        return {p["name"]: self.core.value(p["name"]) for p in self.core.parameters()}
+
+    def __getitem__(self, parameter: str) -> float:
+        return self.values[parameter]
+
+    def unit(self, parameter: str) -> str:
+        """Unit of a parameter."""
+        return str({p["name"]: p["unit"] for p in self.core.parameters()}[parameter])
+
+    def with_values(self, values: Mapping[str, float]) -> "Model":
+        """A copy with other values of parameters, {name: value}. GroundError on unknown names."""
+        core = self.core.copy()
+        try:
+            for name, value in values.items():
+                core.set_value(name, value)
+        except ValueError as error:
+            raise GroundError(str(error)) from error
+        return Model(core)
+
+    def with_effect(self, effect: Path, **values: float) -> "Model":
+        """A copy with an effect: a name of the library, or a YAML file with one effect; values: of
+        its parameters. GroundError when there is no such effect, or the model has it already."""
+        from ground.analysis import candidates
+
+        candidate = candidates.named(os.fspath(effect))
+        extended = Model(candidate.add(self.core))
+        return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
+
+    def without_effect(self, name: str) -> "Model":
+        """A copy without an effect. GroundError when the model has none of that name."""
+        if name not in self.effects:
+            raise GroundError("%s has no effect %s" % (self.name, name))
+        core = self.core.copy()
+        core.remove_effect(name)
+        return Model(core)
+
+    def format(self) -> str:
+        """The text of its file."""
+        return str(self.core.format())
+
+    def save(self, path: Path, force: bool = False) -> "Model":
+        """Writes its file; force: also over another one. Gives the model of that file. GroundError
+        when it cannot be written."""
+        with files.new_file(os.fspath(path), force) as temporary:
+            with open(temporary, "w") as file:
+                file.write(self.format())
+        return Model(self.core, os.fspath(path))
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Parameters as a table, indexed by name: value, unit, what they are."""
+        import pandas
+
+        described = self.core.parameters()
+        rows = [[self.core.value(p["name"]), p["unit"], p["doc"]] for p in described]
+        index = pandas.Index([p["name"] for p in described], name="parameter")
+        return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
+
+    def _table(self) -> Tuple[str, Row, List[Row]]:
+        title = "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
+        described = self.core.parameters()
+        rows = [[p["name"], "%.4g" % self.core.value(p["name"]), p["unit"]] for p in described]
+        return title, ["parameter", "value", "unit"], list(rows)
+
+
+ModelLike = Union[Model, Path]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Room:
+    """The floor that a craft may be on, world_ned.
+
+    >>> room = Room.load(room_file)
+    >>> room.corners.shape, room.home.shape
+    ((4, 2), (2,))
+    >>> room.clearance((0, 0)) > 0
+    True
+    """
+
+    core: Any  #: _core.RoomPlan; must not be changed
+    path: str = ""  #: of the file that it was read from
+
+    @classmethod
+    def load(cls, path: Path) -> "Room":
+        """The room in a file. GroundError names file, line and key of what is wrong."""
+        try:
+            return cls(_core.load_room(os.fspath(path)), os.fspath(path))
+        except RuntimeError as error:
+            raise GroundError(str(error)) from error
+
+    @classmethod
+    def of(cls, room: "RoomLike") -> "Room":
+        """The room, loaded if it is a path."""
+        return room if isinstance(room, Room) else cls.load(room)
+
+    @classmethod
+    def of_recording(cls, recording: "Recording") -> "Optional[Room]":
+        """The room that was kept with a run; None without one. GroundError says what is wrong with
+        it."""
+        file = recording.files.get("room")
+        if file is None:
+            return None
+        try:
+            return cls(_core.parse_room(file.text, "%s of %s" % (file.name, recording.name)))
+        except RuntimeError as error:
+            raise GroundError(str(error)) from error
+
+    @property
+    def name(self) -> str:
+        """Its title."""
+        return str(self.core.name)
+
+    @property
+    def corners(self) -> Array:
+        """(n, 2) x, y [m] of its corners."""
+        return np.array(self.core.corners, float)
+
+    @property
+    def home(self) -> Array:
+        """(2,) x, y [m] where bursts begin."""
+        return np.array(self.core.home, float)
+
+    @property
+    def margin(self) -> float:
+        """Distance that the craft keeps from the walls [m]."""
+        return float(self.core.margin)
+
+    def clearance(self, point: Tuple[float, float]) -> float:
+        """Distance of x, y [m] from the nearest wall [m], negative outside."""
+        return float(self.core.clearance(np.array(point, float)))
+
+    def __repr__(self) -> str:
+        return "<Room %s: %d corners, margin %.2f m>" % (self.name, len(self.corners), self.margin)
+
+
+RoomLike = Union[Room, Path]
+
+
+def with_provenance(
+    core: Any,
+    bags: Sequence[str],
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    intervals: Mapping[str, Tuple[float, float]],
+    not_identified: Sequence[str],
+) -> Model:
+    """A fitted model that says where its numbers come from.
+
+    bags: names of the files fitted to; before, after: errors by kind of runs; intervals: 95%
+    intervals by parameter.
+    """
+    core = core.copy()
+    provenance = core.provenance
+    provenance.date, provenance.command = origin.now(), origin.command()
+    provenance.bags = list(bags)
+    provenance.error_before, provenance.error_after = dict(before), dict(after)
+    provenance.confidence_95 = dict(intervals)
+    provenance.not_identified = list(not_identified)
+    return Model(core)
+
+
+def fitted_model(
+    core: Any,
+    recordings: "Sequence[Recording]",
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    parameters: Mapping[str, Parameter],
+) -> Model:
+    """The same of a model fitted to recordings."""
+    return with_provenance(
+        core,
+        [recording.bag for recording in recordings],
+        before,
+        after,
+        {name: p.ci95 for name, p in parameters.items()},
+        [name for name, p in parameters.items() if not p.identified],
+    )

@@ -1,0 +1,160 @@
+"""Recordings: reading them, and the part of them that models are held against."""
+import os
+from dataclasses import dataclass, replace
+from typing import Any, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+
+from ground.api.models import Model, Path
+from ground.errors import GroundError, GroundNote, RecordingWarning, warn
+from ground.recordings import bags as bag_files
+from ground.recordings import findings, quality, settings
+from ground.recordings import recording as recordings
+from ground.recordings.recording import Recording
+
+Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
+
+
+def read(
+    bags: Union[Path, Iterable[Path]],
+    *,
+    axes: Optional[str] = None,
+    heading_offset: Optional[float] = None,
+) -> Tuple[Recording, ...]:
+    """The recordings in bags.
+
+    bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
+    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of
+    what was recorded with the run. GroundError when a bag cannot be read or is given twice; what is
+    odd about a bag is a GroundWarning.
+
+    >>> run, = ground.read(bag)
+    >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
+    ('run', 3, 3)
+    >>> list(run.to_frame().columns)
+    ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
+    """
+    paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
+    listed = bag_files.listed([os.fspath(path) for path in paths])
+    return tuple(reading(listed, axes, heading_offset))
+
+
+def reading(
+    bags: Sequence[str], axes: Optional[str] = None, heading_offset: Optional[float] = None
+) -> Iterator[Recording]:
+    """The recordings in bags, which are read when the first one is asked for."""
+    found = []
+    for path in bags:
+        found.append(recordings.read_bag(path, axes, heading_offset))
+        for warning in found[-1].warnings:
+            warn("%s: %s" % (path, warning), RecordingWarning)
+    names = [r.name for r in found]
+    for i, path in enumerate(bags):
+        if names.count(names[i]) > 1:
+            name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
+            found[i] = replace(found[i], name=name)
+    if len({r.name for r in found}) < len(found):
+        raise GroundError("the same bag is given twice")
+    yield from found
+
+
+def taken(given: Recordings) -> List[Recording]:
+    """The recordings that were given, or are in the bags that were."""
+    if isinstance(given, Recording):
+        return [given]
+    if isinstance(given, (str, os.PathLike)):
+        return list(read(given))
+    every = list(given)
+    paths = [item for item in every if not isinstance(item, Recording)]
+    from_bags = iter(read(paths)) if paths else iter(())
+    found: List[Recording] = []
+    for item in every:
+        if isinstance(item, Recording):
+            found.append(item)
+        elif os.path.isdir(item):
+            inside = bag_files.listed([os.fspath(item)])
+            found += [next(from_bags) for _ in inside]
+        else:
+            found.append(next(from_bags))
+    if len({r.name for r in found}) < len(found):
+        raise GroundError("two recordings have the same name")
+    return found
+
+
+def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
+    """Notes that runs, of these and of `others`, were recorded with different settings."""
+    different = settings.differences([*others, *found])
+    if different and different != settings.differences(others):
+        warn(different, GroundNote)
+
+
+def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
+    """Notes what a model's heading_offset means for runs whose heading is corrected already."""
+    if "heading_offset" not in model.effects:
+        return
+
+    def offsets(recording: Recording) -> Tuple[float, ...]:
+        return recording.settings.values("heading_offset") or ()
+
+    corrected = [r for r in found if any(offsets(r))]
+    if corrected:
+        warn(
+            "heading_offset %s is taken off the headings of %s before the model sees them; the "
+            "model's effect heading_offset is what is left of it"
+            % (
+                " then ".join("%g" % v for v in offsets(corrected[0])),
+                ", ".join(r.name for r in corrected),
+            ),
+            GroundNote,
+        )
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part of a run that is looked at, on the run's clock."""
+
+    start: float = 0.0  #: [s]
+    end: Optional[float] = None  #: [s]; None: of the run
+    everything: bool = False  #: also what is not usable by ground.recordings.quality
+
+    def of(self, run: quality.Run, model: Model) -> Any:
+        """_core.RunData of that part of a run. GroundError when nothing is left of it."""
+        return run.data(model.core, self.start, self.end, self.everything)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Recordings as fits see them."""
+
+    recordings: List[Recording]
+    data: List[Any]  #: _core.RunData
+
+    @property
+    def runs(self) -> List[quality.Run]:
+        """The recordings with their motion repaired."""
+        return [recording.repaired for recording in self.recordings]
+
+
+def measured(
+    given: Recordings, model: Model, part: Part, others: Sequence[Recording] = ()
+) -> Measured:
+    """What a model is fitted to or tested on. Warns of what the repair of a recording may have got
+    wrong, and of different settings, also of `others`. GroundError when a recording cannot be used.
+    """
+    if not model.core.input_max > 0:
+        raise GroundError("the model's input_max is not positive")
+    found = taken(given)
+    note_differences(found, others)
+    runs = [recording.repaired for recording in found]
+    for run in runs:
+        for finding in findings.grave(run.describe()):
+            warn("%s: %s" % (run.recording.name, finding))
+    note_heading_offset(model, found)
+    return Measured(found, [part.of(run, model) for run in runs])
+
+
+def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:
+    """The same of recordings to test on. GroundError when one of them is fitted to as well."""
+    found = measured(given, model, part, fitted.recordings)
+    names = {recording.name for recording in fitted.recordings}
+    if names & {recording.name for recording in found.recordings}:
+        raise GroundError("a run is given both to fit to and to hold out")
+    return found

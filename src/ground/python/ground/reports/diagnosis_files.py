@@ -1,0 +1,77 @@
+"""The folder of a diagnosis: its numbers, the improved model, what to do next, and the page."""
+import os
+from typing import TYPE_CHECKING
+
+from ground import files
+from ground.analysis import diagnosis_report
+from ground.errors import GroundError
+from ground.recordings import quality
+from ground.reports import report
+
+if TYPE_CHECKING:
+    from ground.api.diagnosing import Diagnosis
+
+
+class Folder:
+    """Where the results of one diagnosis go; `prepare` comes before it. force: overwrite."""
+
+    def __init__(self, path: str, force: bool) -> None:
+        def inside(name: str) -> str:
+            return os.path.join(path, name)
+
+        self.path = path
+        self.force = force
+        self.numbers = inside("diagnosis.json")
+        self.page = inside("report.html")
+        self.improved = inside("improved.yaml")
+        self.proposal = inside("proposal.yaml")
+        self.next_experiment = inside("next_experiment.csv")
+        # what a user is told of, in this order; without what there is none of
+        self.written = [
+            self.numbers,
+            self.page,
+            self.improved,
+            self.proposal,
+            self.next_experiment,
+        ]
+
+    def prepare(self) -> None:
+        """Makes the folder. GroundError when it cannot, or when a file exists and is not to be
+        overwritten."""
+        try:
+            os.makedirs(self.path, exist_ok=True)
+        except OSError as error:
+            raise GroundError("%s: cannot be made a folder (%s)" % (self.path, error))
+        for path in self.written:
+            files.refuse_existing(path, self.force)
+
+    def write_numbers(self, found: "Diagnosis") -> None:
+        """Writes all but the page."""
+        found.improved.save(self.improved, self.force)
+        if found.next_inputs is not None:
+            rows = found.next_inputs
+            files.write_csv(self.next_experiment, "time,left,right", rows, self.force)
+        else:
+            self.written.remove(self.next_experiment)
+        files.write_json(self.numbers, found.report, self.force)
+        proposal = found.report["unexplained"]["proposal"]
+        if proposal:
+            entry = diagnosis_report.effect_entry(proposal)
+            files.write_yaml(self.proposal, entry, self.force)
+        else:
+            self.written.remove(self.proposal)
+
+    def write_page(self, found: "Diagnosis") -> None:
+        """Writes the page."""
+        problem = found.problem
+        report.diagnosis(
+            self.page,
+            found.report,
+            found.found,
+            found.conclusion,
+            quality.describe(problem.seen.runs + problem.held.runs),
+            problem.held.data,
+            problem.inputs,
+            self.force,
+            problem.thorough,
+        )

@@ -1,0 +1,199 @@
+"""The Python API: its examples, its types, and what importing it loads."""
+
+import ast
+import doctest
+import importlib
+import json
+import pathlib
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, identify, write_bag
+
+import ground
+
+GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
+ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
+API = ROOT / "src" / "ground" / "python" / "ground" / "api"
+MODULES = sorted(path.stem for path in API.glob("[a-z]*.py"))
+HIDDEN = 2e-5  # yaw moment of the craft that flies [N m]
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A bag of a craft that turns by itself."""
+    bag = tmp_path_factory.mktemp("api") / "run.bag"
+    truth = ground.Model.load(MODEL).with_effect("yaw_bias", n0=HIDDEN)
+    ground.simulate(truth, "prbs", seed=5).save(bag)
+    return bag
+
+
+def test_there_are_modules():
+    assert {"fitting", "comparing", "diagnosing", "adding", "simulating", "tracking"} <= set(
+        MODULES
+    )
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_hold(name, flown):
+    module = importlib.import_module("ground.api." + name)
+    files = {
+        "ground": ground,
+        "bag": str(flown),
+        "model_file": str(MODEL),
+        "room_file": str(ROOM),
+        "gains_file": str(GAINS),
+    }
+    found = doctest.testmod(module, extraglobs=files)
+    assert found.failed == 0
+    public = [n for n in ground.__all__ if ground._HOMES[n] == "ground.api." + name]
+    verbs = [n for n in public if n.islower()]
+    assert found.attempted >= 2 * len(verbs), "a public function has no example"
+
+
+def test_every_public_name_is_described_and_has_a_home():
+    assert sorted(ground._HOMES) == sorted(ground.__all__)
+    for name in ground.__all__:
+        assert getattr(ground, name).__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
+        ground.fitt
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, ground; dir(ground); print(*sys.modules)"
+    loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()
+    assert "ground" in loaded
+    heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.api"}
+    assert heavy & set(loaded) == set()
+
+
+def test_results_are_frozen_and_show_themselves(flown):
+    found = ground.fit(MODEL, flown, free=["k"])
+    with pytest.raises(AttributeError):
+        found.objective = 0.0
+    assert "k" in repr(found) and "[N]" not in repr(found)
+    page = found._repr_html_()
+    assert page.startswith("<table>") and "95% interval" in page
+    frame = found.to_frame()
+    assert frame.loc["k", "low"] < frame.loc["k", "value"] < frame.loc["k", "high"]
+    assert ground.Model.load(MODEL).to_frame().loc["m", "unit"] == "kg"
+
+
+def test_a_verb_prints_what_the_function_gives(flown, tmp_path):
+    result = identify("fit", flown, "--model", MODEL, "-o", tmp_path / "m.yaml", "--json")
+    assert result.returncode == 0, result.stderr
+    printed = json.loads(result.stdout)
+    found = ground.fit(MODEL, flown)
+    given = json.loads(json.dumps(found.to_dict()))
+    assert printed["parameters"].keys() == given["parameters"].keys()
+    for name, p in given["parameters"].items():
+        assert printed["parameters"][name]["value"] == pytest.approx(p["value"], rel=1e-6)
+    assert printed["error"]["after"] == pytest.approx(given["error"]["after"], rel=1e-6)
+    saved = ground.Model.load(tmp_path / "m.yaml")
+    assert saved["k"] == pytest.approx(found.model["k"], rel=1e-6)
+    assert saved.core.provenance.bags == ["run.bag"]
+
+
+def test_a_run_need_not_be_written_to_be_fitted_to(flown):
+    truth = ground.Model.load(MODEL).with_effect("yaw_bias", n0=HIDDEN)
+    run = ground.simulate(truth, "prbs", seed=5)
+    read = ground.read(flown)[0]
+    assert np.allclose(run.eta, read.eta, atol=1e-6)
+    assert np.array_equal(run.controls, read.controls)
+    found = ground.fit(MODEL, [run], free=["k"]).parameters["k"]
+    again = ground.fit(MODEL, read, free=["k"]).parameters["k"]
+    assert found.value == pytest.approx(again.value, rel=1e-3)
+
+
+def test_a_model_never_changes():
+    craft = ground.Model.load(MODEL)
+    text = craft.format()
+    changed = craft.with_values({"k": 0.1}).with_effect("motor_lag", tau=0.05)
+    assert changed["motor_lag.tau"] == 0.05 and changed.without_effect("motor_lag")["k"] == 0.1
+    assert craft.format() == text and changed.path == ""
+    for wrong in (
+        lambda: craft.with_values({"nope": 1.0}),
+        lambda: craft.with_effect("nope"),
+        lambda: craft.without_effect("motor_lag"),
+        lambda: ground.Model.load("nothing.yaml"),
+        lambda: ground.Model.parse("nonsense: 1"),
+    ):
+        with pytest.raises(ground.GroundError):
+            wrong()
+
+
+def test_errors_name_arguments_as_python_has_them(flown):
+    cases = {
+        "burst needs room": dict(burst=3.0),
+        "clock does not go with input tracking": dict(input="tracking", clock=3.0),
+        "there is no option colour": dict(colour="red"),
+        "lift: 2 is not between 0 and 1": dict(lift=2.0),
+        "'sing' is neither one of": dict(input="sing"),
+        "mocap has no colour": dict(mocap={"colour": 1.0}),
+        "disturbance takes a SHARE": dict(disturbance=(3.0, 1.0)),
+    }
+    for message, options in cases.items():
+        with pytest.raises(ground.OptionError) as error:
+            ground.simulate(MODEL, **options)
+        assert str(error.value).startswith(message)
+    with pytest.raises(ground.OptionError, match="objective must be one of"):
+        ground.fit(MODEL, flown, objective="beauty")
+    with pytest.raises(ground.GroundError, match="the same bag is given twice"):
+        ground.read([flown, flown])
+    with pytest.raises(ground.GroundError, match="both to fit to and to hold out"):
+        ground.fit(MODEL, flown, holdout=[flown])
+
+
+def test_what_is_odd_is_a_warning_at_the_callers_line(tmp_path):
+    bag = write_bag(tmp_path / "short.bag", duration=4)
+    odd = tmp_path / "odd.yaml"
+    odd.write_text(MODEL.read_text().replace("m: 0.0583", "m: 583"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ground.fit(odd, bag, free=["k"])
+    mine = [w for w in caught if issubclass(w.category, ground.GroundWarning)]
+    assert mine and all(w.filename == __file__ for w in mine)
+    assert any("m" in str(w.message) for w in mine)
+
+
+def test_results_write_what_the_verbs_write(flown, tmp_path):
+    craft = ground.Model.load(MODEL)
+    compared = ground.compare([craft], flown)
+    path = compared.save(tmp_path / "compared", pictures=False)
+    assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
+    with pytest.raises(ground.GroundError, match="exists"):
+        compared.save(tmp_path / "compared", pictures=False)
+    diagnosed = ground.diagnose(craft, flown, only=["yaw_bias"])
+    written = diagnosed.save(tmp_path / "diagnosed")
+    assert all(pathlib.Path(p).is_file() for p in written)
+    improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")
+    assert improved.effects == ("yaw_bias",)
+    assert diagnosed.sentences and "yaw_bias" in diagnosed._repr_html_()
+
+
+def test_the_notebook_runs_and_tells_its_story(monkeypatch):
+    notebook = ROOT / "docs" / "notebooks" / "demo.ipynb"
+    monkeypatch.chdir(notebook.parent)
+    names = {}
+    for cell in json.loads(notebook.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [], "clear the outputs before a commit"
+            show(cell["source"], names)
+    assert names["diagnosis"].effects == ("thrust_asymmetry",)
+    low, high = names["added"].parameters["thrust_asymmetry.a"].ci95
+    assert low < 0.1 < high
+    assert names["verdict"].best == "Tiny Whoover with thrust_asymmetry"
+    before, after = names["_"]
+    assert after < 0.1 * before
+
+
+def show(source, names):
+    """Runs a cell, and shows the value of its last line as a notebook does."""
+    *lines, last = ast.parse("".join(source)).body
+    exec(compile(ast.Module(lines, []), "a cell", "exec"), names)
+    value = names["_"] = eval(compile(ast.Expression(last.value), "its last line", "eval"), names)
+    if hasattr(value, "_repr_html_"):
+        assert value._repr_html_().count("<tr>") >= 2
