@@ -112,13 +112,15 @@ class Folder:
 
 
 def _draw(studies: List[Dict[str, Any]], named: Dict[str, Any], force: bool) -> None:
-    from ground.reports import plots
+    from ground.reports import figures, picture
 
-    plots.comparison(named["comparison"], studies, force)
-    plots.where(named["where"], studies, force)
-    plots.residuals(named["residuals"], studies, force)
-    for study in studies:
-        plots.wrench(named["models"][study["label"]]["wrench_picture"], study, force)
+    picture.write(named["comparison"], [figures.motion(studies)], force)
+    picture.write(named["where"], [figures.where(studies)], force)
+    picture.write(named["residuals"], [figures.residual_correlation(studies)], force)
+    winner = studies[-1]["label"]
+    for place, study in enumerate(studies):
+        drawn = [figures.wrench_over_time([study], place), figures.wrench([study], winner, place)]
+        picture.write(named["models"][study["label"]]["wrench_picture"], drawn, force)
 
 
 def _write_wrench(path: str, study: Dict[str, Any], force: bool) -> None:

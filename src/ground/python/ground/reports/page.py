@@ -127,14 +127,13 @@ class Page:
     def points(self, lines):
         self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
 
-    def figure(self, figure, caption=""):
-        """A plotly figure; its caption below."""
+    def figure(self, figure, hint=""):
+        """A plotly figure; below it its caption, which layout.meta holds, and a hint."""
         name = "figure%d" % len(self._figures)
         self._figures[name] = figure
         height = figure["layout"]["height"]
         self.add('<div class="figure" id="%s" style="height:%dpx"></div>' % (name, height))
-        if caption:
-            self.paragraph(caption, "caption")
+        self.paragraph(" ".join(filter(None, (figure["layout"]["meta"], hint))), "caption")
 
     def table(self, head, rows, chosen=()):
         """Texts. A heading that begins with # is that of numbers, with = of texts that no line may break.

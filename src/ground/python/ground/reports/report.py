@@ -14,10 +14,7 @@ COLORS = {
     "memory": "#e08e0b",
     "unexplained": "#e08e0b",
 }
-ERROR = (
-    "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
-    "initial velocities of its own; σ are the run's standard deviations."
-)
+ZOOM = "Zoom in time, and the path shows that stretch only; a double click goes back."
 DRAWN = 8  # runs at most: to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
@@ -60,7 +57,7 @@ def diagnosis(
     if bands:
         sheet.paragraph(bands)
     fall = figures.fall(words.steps(report), report["noise_floor"], "held-out runs")
-    sheet.figure(fall, ERROR)
+    sheet.figure(fall)
     winner = " + ".join(report["improved"]["effects"])
     if most < len(runs):
         sheet.paragraph(
@@ -121,7 +118,7 @@ def comparison(
     )
     sheet.paragraph(words.comparison(result), "verdict")
     errors = {label: groups["all"]["error"] for label, groups in result["pooled"].items()}
-    sheet.figure(figures.fall(list(errors.items()), result["noise_floor"], "all runs"), ERROR)
+    sheet.figure(figures.fall(list(errors.items()), result["noise_floor"], "all runs"))
     _numbers(sheet, result["pooled"])
     _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
@@ -131,18 +128,13 @@ def comparison(
 
 def _numbers(sheet, pooled):
     sheet.subheading("All runs together")
-    head = ["model", "runs", "#error", "#prediction error", "#(3.4), 4 s"]
-    head += ["#fit %s [%%]" % c for c in "uvr"] + ["#off after 1 s"]
-    rows = []
-    for label, groups in pooled.items():
-        for role in ("fit", "held_out"):
-            n = groups[role]
-            if not n:
-                continue
-            cells = [label, role.replace("_", " "), number(n["error"])]
-            cells += [number(n["prediction_error"]), number(n["thesis_objective"])]
-            cells += ["%.0f" % n["fit_percent"][c] for c in "uvr"]
-            rows.append(cells + [words.off_after_a_second(n)])
+    head = ["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)]
+    rows = [
+        appearance.numbers_row(label, role, groups[role])
+        for label, groups in pooled.items()
+        for role in ("fit", "held_out")
+        if groups[role]
+    ]
     sheet.table(head, rows)
     sheet.paragraph(
         "Runs a model was fitted to, and held-out ones, by its provenance. Prediction error: initial "
@@ -159,12 +151,7 @@ def _measured_against(sheet, inspected, described, winner, banded=None):
     labels = [s["label"] for s in inspected[0]]
     sheet.heading("Where it fails")
     by_model = [(label, [studies[i] for studies in inspected]) for i, label in enumerate(labels)]
-    sheet.figure(
-        figures.shares(by_model),
-        "Share of the variance [%%] of the error and of the missing wrench that each variable explains "
-        "beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge force, side "
-        "force, yaw moment; all in the body frame." % (len(inspected), "s" * (len(inspected) > 1)),
-    )
+    sheet.figure(figures.shares(by_model))
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
         sheet.paragraph("Open a run to see it; what is open is printed.", "caption screen")
@@ -176,42 +163,16 @@ def _measured_against(sheet, inspected, described, winner, banded=None):
         )
         sheet.fold(run.name, "%s; error: %s" % (findings.when(about), errors), count == 0)
         bands = (banded or {}).get(id(run))
-        sheet.figure(figures.motion(studies, bands), figures.motion_caption(run, bands))
+        sheet.figure(figures.motion(studies, bands), ZOOM)
         sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
-        sheet.subheading("Error against what was measured")
-        sheet.figure(
-            figures.where(studies),
-            "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-            "beyond chance, for the model with the least error." % run.name,
-        )
-        sheet.subheading("Missing wrench against what was measured")
-        caption = (
-            "Run %s, body frame, by a Kalman smoother; bars: two standard errors; percentage: as "
-            "above, for %s."
-            % (
-                run.name,
-                labels[0],
-            )
-        )
-        if "accounted" in studies[0]["missing"].numbers["channels"]["X"]:
-            accounted = ", ".join(
-                "%s %.0f%%" % (c, max(0.0, 100 * entry["accounted"]["share"]))
-                for c, entry in studies[0]["missing"].numbers["channels"].items()
-            )
-            caption += (
-                " Dotted: what %s predicts of it; it accounts for (of the mean square) %s."
-                % (
-                    winner,
-                    accounted,
-                )
-            )
-        sheet.figure(figures.wrench(studies, winner), caption)
-        sheet.subheading("Missing wrench over time")
-        sheet.figure(
-            figures.wrench_over_time(studies),
-            "Run %s, body frame; shaded: two standard deviations of the estimate. Grey: left out, for "
-            "no input explains the motion (contact, hand, wrong poses)." % run.name,
-        )
+        for heading, figure in (
+            ("Error against what was measured", figures.where(studies)),
+            ("Missing wrench against what was measured", figures.wrench(studies, winner)),
+            ("Missing wrench over time", figures.wrench_over_time(studies)),
+            ("Residuals", figures.residual_correlation(studies)),
+        ):
+            sheet.subheading(heading)
+            sheet.figure(figure)
         sheet.end_fold()
 
 

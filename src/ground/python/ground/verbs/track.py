@@ -6,7 +6,6 @@ import numpy as np
 from ground import _core, files
 from ground.api import tracking as api
 from ground.errors import GroundError
-from ground.reports import tracking_plots
 from ground.simulation import tracking
 from ground.simulation.tracking import PLACES
 from ground.verbs import common, listing
@@ -132,10 +131,12 @@ def run(arguments):
         **found.to_dict(),
     }
     if arguments.picture:
+        from ground.reports import picture, tracking_figures
+
         name = "%s, %s" % (found.controller, found.reference)
-        title = tracking_plots.title(name, found.runs[0].numbers)
-        driven = arguments.picture, found.runs[0], title, found.window
-        tracking_plots.driven(*driven, force=arguments.force)
+        caption = tracking_figures.caption(name, found.runs[0].numbers)
+        shown = tracking_figures.driven(found.runs[0], caption, found.window)
+        picture.write(arguments.picture, [shown], arguments.force)
         result["picture"] = arguments.picture
     _say(arguments, result)
     if found.stopped:

@@ -3,7 +3,6 @@
 from ground import files
 from ground.api.models import Room
 from ground.recordings import tracks
-from ground.reports import tracking_plots
 from ground.verbs import common
 from ground.verbs.track import effort_lines, metres
 
@@ -50,13 +49,15 @@ def run(arguments):
             common.say(arguments, line)
     result = {"settled": arguments.settled, "runs": runs}
     if arguments.picture:
+        from ground.reports import picture, tracking_figures
+
         track, numbers, recording = longest
-        title = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
-        title = tracking_plots.title(title, numbers)
+        name = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
+        caption = tracking_figures.caption(name, numbers)
         counts = arguments.settled, track.times[-1]
         room = room or Room.of_recording(recording)
-        walls = room and room.core
-        tracking_plots.driven(arguments.picture, track, title, counts, walls, arguments.force)
+        shown = tracking_figures.driven(track, caption, counts, room and room.core)
+        picture.write(arguments.picture, [shown], arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result

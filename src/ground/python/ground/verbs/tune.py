@@ -5,7 +5,6 @@ import sys
 from ground import files, workers
 from ground.api.models import Model
 from ground.errors import GroundError
-from ground.reports import tracking_plots
 from ground.simulation import gains, tracking, tuning
 from ground.verbs import common, listing
 from ground.verbs.track import metres
@@ -113,7 +112,10 @@ def run(arguments):
     ]
     gains.write(arguments.output, tuned, comments, arguments.force)
     if arguments.picture:
-        tracking_plots.tuned(arguments.picture, compared, tried, result, arguments.force)
+        from ground.reports import picture, tracking_figures
+
+        shown = tracking_figures.tuned(compared, tried, result)
+        picture.write(arguments.picture, [shown], arguments.force)
     _say(arguments, result)
     return result
 

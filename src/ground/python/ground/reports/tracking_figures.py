@@ -1,0 +1,176 @@
+"""Figures of controllers in closed loop, and of the search for their gains (plotly figures, as in
+ground.reports.figures)."""
+from typing import Any, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, Document, transparent
+from ground.reports.figures import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
+from ground.simulation import tuning
+
+LEAST_ERROR = 1e-7  # that is drawn [m]
+HEADINGS = 24  # arrows along a path
+COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: what was tuned
+
+
+def driven(run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
+    """Path, error, inputs and computing times of a simulated tracking.Tracked or a recorded tracks.Track.
+
+    text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan that
+    it was in, whose walls are drawn.
+    """
+    figure = make_subplots(
+        rows=3,
+        cols=2,
+        specs=[[{"rowspan": 3}, {}], [None, {}], [None, {}]],
+        column_widths=[0.42, 0.58],
+        row_heights=[1, 1, 0.6],
+        horizontal_spacing=0.08,
+        vertical_spacing=0.04,
+    )
+    _add_path(figure, run, room)
+    line = {"color": MEASURED, "width": 1}
+    errors = np.maximum(run.errors, LEAST_ERROR)
+    figure.add_trace(curve(run.times, errors, "craft", line, False), 1, 2)
+    figure.add_vrect(
+        *counts, fillcolor=transparent(MODELS[2], 0.12), line_width=0, layer="below", row=1, col=2
+    )
+    note(figure, 1, 2, "shaded: counts", MODELS[2], 0.98)
+    figure.update_yaxes(title_text="error [m]", type="log", row=1, col=2)
+    _add_inputs(figure, run)
+    if len(run.computing):
+        times, spent = run.computing[:, 0], 1e3 * run.computing[:, 1]
+        point = {"size": 2, "color": MEASURED}
+        trace = go.Scatter(x=times, y=spent, mode="markers", marker=point, showlegend=False)
+        figure.add_trace(trace, 3, 2)
+    else:
+        note(figure, 3, 2, "not recorded", MEASURED, 0.5)
+    figure.update_yaxes(title_text="computing [ms]", rangemode="tozero", row=3, col=2)
+    figure.update_xaxes(matches="x4", col=2)
+    figure.update_xaxes(showticklabels=False, row=1, col=2)
+    figure.update_xaxes(showticklabels=False, row=2, col=2)
+    figure.update_xaxes(title_text="time since the reference began [s]", row=3, col=2)
+    return finish(figure, 600, text)
+
+
+def caption(name: str, numbers: Mapping[str, Any]) -> str:
+    """What the numbers of a run say in a line."""
+    saturated = 100 * (numbers["saturated_fraction"] or 0)
+    error = 1e3 * numbers["rms"]
+    return "%s: error %.3g mm rms, saturated %.0f%% of the time" % (name, error, saturated)
+
+
+def _add_path(figure: go.Figure, run: Any, room: Optional[Any]) -> None:
+    if room is not None:
+        walls = np.array(list(room.corners) + [room.corners[0]])
+        line = {"color": "#555555", "width": 2}
+        figure.add_trace(curve(walls[:, 1], walls[:, 0], "walls", line, True), 1, 1)
+    for path, name, shade, width, opacity in (
+        (run.reference, "reference", MODELS[2], 4, 0.4),
+        (run.eta, "craft", MEASURED, 1, 1.0),
+    ):
+        line = {"color": shade, "width": width}
+        figure.add_trace(curve(path[:, 1], path[:, 0], name, line, True, opacity), 1, 1)
+    x, y, heading = run.eta[:: max(1, len(run.eta) // HEADINGS)].T
+    length = 0.05 * max(np.ptp(run.eta[:, 0]), np.ptp(run.eta[:, 1]), 0.1)
+    along = length * np.sin(heading), length * np.cos(heading)
+    line = {"color": MODELS[0], "width": 1.5}
+    figure.add_trace(arrows(y, x, *along, "heading", line, legend=True), 1, 1)
+    figure.update_xaxes(title_text=Y_AXIS, row=1, col=1)
+    figure.update_yaxes(title_text=X_AXIS, scaleanchor="x", row=1, col=1)
+
+
+def _add_inputs(figure: go.Figure, run: Any) -> None:
+    """The inputs, and behind them what was wanted before they were limited."""
+    for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
+        for column, name, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
+            line = {"color": shade, "width": 1, "shape": "hv"}
+            trace = curve(rows[:, 0], rows[:, column], prefix + name, line, True, opacity)
+            if len(rows):
+                figure.add_trace(trace, 2, 2)
+    if len(run.wanted):
+        least, most = run.wanted[:, 1:].min(), run.wanted[:, 1:].max()
+        limits = [np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05]
+        figure.update_yaxes(range=limits, row=2, col=2)
+    figure.update_yaxes(title_text="input [-]", row=2, col=2)
+
+
+def tuned(
+    compared: Mapping[str, tuning.Candidate], tried: Sequence[tuning.Candidate], result: Document
+) -> Document:
+    """What tune tried: error against saturation and effort; and errors before and after.
+
+    compared: by name, what was tuned last; result: as the verb prints it.
+    """
+    figure = make_subplots(rows=1, cols=2, column_widths=[0.36, 0.64], horizontal_spacing=0.36)
+    _add_candidates(figure, tried, result["trade_off"])
+    _add_errors(figure, list(compared), result["table"])
+    text = (
+        "Left: every candidate, and what was traded for what. Right: errors from fresh starts, median and "
+        "5 to 95%; *: not seen by the search."
+    )
+    return finish(figure, 130 + 26 * max(12, len(result["table"])), text)
+
+
+def _add_candidates(
+    figure: go.Figure, tried: Sequence[tuning.Candidate], best: Sequence[Document]
+) -> None:
+    marker = {
+        "size": 4,
+        "color": [c.effort for c in tried],
+        "colorscale": "Viridis",
+        "colorbar": {
+            "x": 0.25,
+            "y": 0.5,
+            "len": 1,
+            "thickness": 12,
+            "title": {"text": "effort (mean square of the inputs) [-]", "side": "right"},
+        },
+    }
+    errors = short([10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried])
+    saturated = [100 * c.saturated for c in tried]
+    points = {"mode": "markers", "row": 1, "col": 1}
+    figure.add_scatter(
+        x=errors, y=saturated, marker=marker, opacity=0.6, showlegend=False, **points
+    )
+    figure.add_scatter(
+        x=short([one["error"] for one in best]),
+        y=[100 * one["saturated"] for one in best],
+        name="none better in error, saturation and effort",
+        marker={"size": 4, "color": MODELS[0]},
+        **points,
+    )
+    figure.update_xaxes(title_text="error [m], mean of all", type="log", row=1, col=1)
+    figure.update_yaxes(title_text="saturated [% of the time]", row=1, col=1)
+
+
+def _add_errors(figure: go.Figure, names: Sequence[str], rows: Sequence[Document]) -> None:
+    places = np.arange(len(rows))[::-1]
+    for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
+        low, middle, high = (
+            np.array([row["rms"][name][quantile] for row in rows])
+            for quantile in ("p05", "median", "p95")
+        )
+        figure.add_scatter(
+            x=short(middle),
+            y=short(places + 0.18 * ((len(names) - 1) / 2 - count)),
+            name=name,
+            mode="markers",
+            marker={"size": 6, "color": shade},
+            error_x={
+                "array": short(high - middle),
+                "arrayminus": short(middle - low),
+                "color": shade,
+                "thickness": 1.5,
+                "width": 0,
+            },
+            row=1,
+            col=2,
+        )
+    labels = ["%s%s, %s" % (r["reference"], " *" * r["held_out"], r["condition"]) for r in rows]
+    figure.update_yaxes(
+        tickvals=places, ticktext=labels, range=[-0.6, len(rows) - 0.4], row=1, col=2
+    )
+    figure.update_xaxes(title_text="error rms [m]", type="log", row=1, col=2)
