@@ -13,7 +13,7 @@ from ground.analysis import diagnosis_report
 from ground.errors import GroundError
 from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
-from ground.reports import report, tracking_plots
+from ground.reports import report, tracking_figures
 from ground.api.models import Room
 
 TURNED = "y, -x, z"  # a mocap whose z is down
@@ -267,7 +267,9 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
 def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
     bag = flown(verb, lab, tmp_path / "run.bag")
     drawn = []
-    monkeypatch.setattr(tracking_plots, "driven", lambda *given: drawn.append(given[4]))
+    driven = tracking_figures.driven
+    keep = lambda *given: drawn.append(given[3]) or driven(*given)  # noqa: E731
+    monkeypatch.setattr(tracking_figures, "driven", keep)
     verb("tracking", bag, "--picture", tmp_path / "run.png")
     assert drawn[-1].margin == 0.2
     wide = lab / "wide.yaml"

@@ -83,7 +83,7 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
-    heights = [155, 155, 155, 88, 30, TABLE_HEAD + TABLE_ROW * len(studies)]
+    heights = [155, 155, 155, 88, 30, TABLE_HEAD + TABLE_ROW * len(studies) + 2]
     figure = make_subplots(
         rows=6,
         cols=2,
@@ -260,7 +260,7 @@ def where(studies: Sequence[Document]) -> Document:
         "chance, bold where that is worth naming. Right: mean |error|/σ of %s, place by place."
         % (studies[0]["run"].name, studies[-1]["label"])
     )
-    return finish(figure, 540, caption, margin={"r": 105})
+    return finish(figure, 540, caption, margin={"r": 115})
 
 
 def _add_map(figure: go.Figure, row: int, column: int, entry: Document, channel: str) -> None:
@@ -268,14 +268,15 @@ def _add_map(figure: go.Figure, row: int, column: int, entry: Document, channel:
     x, y = np.array(entry["centres"]).T
     at = {"row": row + 1, "col": column + 1}
     bottom, top = figure.get_subplot(**at).yaxis.domain
-    bar = {"x": 1.05, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
+    title = {"text": "mean |error|/σ [-]", "side": "right", "font": {"size": 10}}
+    bar = {"x": 1.045, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
     marker = {
         "symbol": "square",
         "size": 12,
         "color": short(entry["error"][channel]),
         "colorscale": "Viridis",
         "cmin": 0,
-        "colorbar": dict(bar, tickfont={"size": 9}),
+        "colorbar": dict(bar, title=title, tickfont={"size": 9}),
     }
     figure.add_scatter(
         x=short(y),
@@ -328,7 +329,9 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
             values = [np.abs(e["value"]).max() for e in entries if e is not None]
             reach = 1.15 * max(values + [0.15])
             figure.update_yaxes(range=[-reach, 1.2 * reach], row=row + 1, col=column + 1)
-        figure.update_yaxes(title_text="residual %s<br>correlation [-]" % channel, row=row + 1, col=1)
+        figure.update_yaxes(
+            title_text="residual %s<br>correlation [-]" % channel, row=row + 1, col=1
+        )
     figure.update_yaxes(**_zero_line())
     figure.update_xaxes(**_zero_line())
     caption = (
@@ -463,7 +466,9 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
                 figure.add_trace(shaded, row + 1, 1)
             line = {"color": shade, "width": 1.4}
             figure.add_trace(curve(at, values, study["label"], line, row == 0), row + 1, 1)
-        figure.update_yaxes(title_text="%s<br>[%s]" % (label, unit), **_zero_line(), row=row + 1, col=1)
+        figure.update_yaxes(
+            title_text="%s<br>[%s]" % (label, unit), **_zero_line(), row=row + 1, col=1
+        )
         text = "rms %s %s; full thrust gives %.3g" % (
             ", ".join("%.3g" % (factor * entry["rms"]) for entry in numbers),
             unit,
@@ -496,7 +501,7 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
 
 def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> None:
     """Body axes seen from above, with the force per unit of command by each model and as measured."""
-    figure.update_xaxes(visible=False, range=[-1.55, 1.55], row=1, col=2)
+    figure.update_xaxes(visible=False, range=[-1.35, 1.35], row=1, col=2)
     figure.update_yaxes(visible=False, range=[-2.3, 1.5], scaleanchor="x2", row=1, col=2)
     thrusts = [(s["label"], s["missing"].numbers["thrust"]) for s in studies]
     if thrusts[0][1] is None:
@@ -532,7 +537,7 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
         line = {"color": shade, "width": width}
         figure.add_trace(arrows([0], [0], x, y, label, line, opacity=0.8), 1, 2)
         lines.append(
-            ("%s:<br>%.3g N per unit at %.0f deg" % (label, size, force["angle_deg"]), shade)
+            ("%s:<br>%.3g N per unit at %.0f deg" % (label, size, round(force["angle_deg"]) + 0.0), shade)
         )
     lines += [
         ("<b>BODY AXES DIFFER<br>by %.0f deg: %s</b>" % (thrust["off_deg"], label), WARNING)
@@ -649,6 +654,8 @@ def finish(
     margin: Mapping[str, int] = {},
     legend_y: float = 1.02,
 ) -> Document:
+    figure.update_xaxes(title_font_size=11)
+    figure.update_yaxes(title_font_size=11)
     figure.update_layout(
         template="plotly_white",
         height=height,
@@ -747,8 +754,8 @@ def _small_multiples(rows: int, columns: int) -> go.Figure:
     figure = make_subplots(
         rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
     )
-    figure.update_xaxes(tickfont={"size": 9}, title_font={"size": 11}, nticks=4)
-    figure.update_yaxes(tickfont={"size": 9}, title_font={"size": 11})
+    figure.update_xaxes(tickfont={"size": 9}, nticks=4)
+    figure.update_yaxes(tickfont={"size": 9})
     return figure
 
 

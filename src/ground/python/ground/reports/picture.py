@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 
 from ground import files
 from ground.errors import GroundError
@@ -58,17 +58,19 @@ KNOWN = {
     "shape": "type x0 x1 y0 y1 xref yref line fillcolor opacity layer",
     "annotation": "text x y xref yref xanchor yanchor yshift showarrow font bgcolor",
 }
-# Of these attributes the only values that are drawn.
+# Of these parts the only values that are drawn.
 VALUES = {
-    "mode": ("lines", "markers", "lines+markers"),
-    "fill": ("toself",),
-    "shape": (None, "hv"),
-    "textposition": ("outside",),
-    "orientation": ("h",),
-    "showscale": (False,),
-    "showarrow": (False,),
-    "autorange": ("reversed",),
-    "rangemode": ("tozero",),
+    "scatter.mode": ("lines", "markers", "lines+markers"),
+    "scatter.fill": ("toself",),
+    "line.shape": ("hv",),
+    "bar.orientation": ("h",),
+    "bar.textposition": ("outside",),
+    "heatmap.showscale": (False,),
+    "axis.autorange": ("reversed",),
+    "axis.rangemode": ("tozero",),
+    "legend.orientation": ("h",),
+    "legend.yanchor": ("bottom",),
+    "annotation.showarrow": (False,),
 }
 
 
@@ -127,6 +129,9 @@ class _Drawing:
             self._dress(name)
         self._place()
         self._grow_margins()
+        for name in self.axes:
+            if "scaleanchor" in self._described(name):
+                self._widen_range(self.axes[name])
         for shape in self.layout.get("shapes", ()):
             self._draw_shape(shape)
         for note in self.layout.get("annotations", ()):
@@ -193,6 +198,14 @@ class _Drawing:
                 needed = getattr(axes.get_window_extent(renderer), edge) - getattr(labels, edge)
                 self.margin[side] = max(self.margin[side], needed * 72 / self.whole.dpi + 8)
         self._place()
+
+    def _widen_range(self, axes: Any) -> None:
+        """Makes a metre as long along one axis as along the other."""
+        wide, tall = axes.get_window_extent().size
+        x, y = axes.get_xlim(), axes.get_ylim()
+        scale = max((x[1] - x[0]) / wide, (y[1] - y[0]) / tall)
+        axes.set_xlim(np.mean(x) + scale * wide * np.array([-0.5, 0.5]))
+        axes.set_ylim(np.mean(y) + scale * tall * np.array([-0.5, 0.5]))
 
     # Traces.
 
@@ -328,11 +341,16 @@ class _Drawing:
         described, axes = self._described(name), self.axes[name]
         axis = axes.xaxis if name[0] == "x" else axes.yaxis
         set_limits = axes.set_xlim if name[0] == "x" else axes.set_ylim
-        if described.get("type") == "log":
+        log = described.get("type") == "log"
+        if log:
             (axes.set_xscale if name[0] == "x" else axes.set_yscale)("log")
+            low, high = axis.get_view_interval()
+            if high < 100 * low:
+                axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         if "range" in described:
             ends = np.array(described["range"], float)
-            set_limits(10.0 ** ends if described.get("type") == "log" else ends)
+            set_limits(np.power(10, ends) if log else ends)
         elif "rangemode" in described:
             set_limits(0, None)
         if "autorange" in described:
@@ -357,8 +375,6 @@ class _Drawing:
                 "zorder": 1,
             }
             (axes.axvline if name[0] == "x" else axes.axhline)(0, **style)
-        if "scaleanchor" in described:
-            axes.set_aspect("equal", adjustable="datalim")
         if name not in self.categories:
             axis.grid(True, color="#e3e3e3", linewidth=0.7)
         axes.set_axisbelow(True)
@@ -376,7 +392,7 @@ class _Drawing:
     def _draw_shape(self, shape: Document) -> None:
         _check("shape", shape)
         style: Document = {"transform": self._transform(shape["xref"], shape["yref"])}
-        style["zorder"] = 0.5 if shape.get("layer") == "below" else 2.5
+        style.update(zorder=0.5 if shape.get("layer") == "below" else 2.5, gid="shape")
         axes = self.axes[shape["xref"].split()[0]]
         line = _part("line", shape)
         x, y = (shape["x0"], shape["x1"]), (shape["y0"], shape["y1"])
@@ -408,6 +424,7 @@ class _Drawing:
             color=_color(font.get("color", "#222222")),
             fontweight=weight,
             bbox=box if "bgcolor" in note else None,
+            gid="annotation",
         )
 
     def _value(self, value: Any, ref: str) -> Any:
@@ -432,7 +449,7 @@ class _Drawing:
 
     def _draw_legend(self) -> None:
         """In rows above the plotting area, as many entries in each as fit."""
-        if len(self.legend) < 2:  # plotly shows none of a single one
+        if not self.legend:
             return
         described = _part("legend", self.layout)
         artists, names = zip(*self.legend.values())
@@ -450,10 +467,11 @@ class _Drawing:
 def _check(kind: str, given: Document) -> None:
     """GroundError when a part has an attribute or a value that no picture shows."""
     for key, value in given.items():
+        name = "%s.%s" % (kind, key)
         if key not in KNOWN[kind].split():
-            raise _refusal("%s.%s" % (kind, key))
-        if key in VALUES and kind != "legend" and value not in VALUES[key] and value is not None:
-            raise _refusal("%s.%s %r" % (kind, key, value))
+            raise _refusal(name)
+        if name in VALUES and value not in VALUES[name]:
+            raise _refusal("%s %r" % (name, value))
 
 
 def _part(kind: str, given: Document) -> Document:

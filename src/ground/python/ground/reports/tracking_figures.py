@@ -1,5 +1,6 @@
 """Figures of controllers in closed loop, and of the search for their gains (plotly figures, as in
 ground.reports.figures)."""
+
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,7 +16,9 @@ HEADINGS = 24  # arrows along a path
 COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: what was tuned
 
 
-def driven(run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
+def driven(
+    run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None
+) -> Document:
     """Path, error, inputs and computing times of a simulated tracking.Tracked or a recorded tracks.Track.
 
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan that
@@ -37,7 +40,7 @@ def driven(run: Any, text: str, counts: Tuple[float, float], room: Optional[Any]
     figure.add_vrect(
         *counts, fillcolor=transparent(MODELS[2], 0.12), line_width=0, layer="below", row=1, col=2
     )
-    note(figure, 1, 2, "shaded: counts", MODELS[2], 0.98)
+    note(figure, 1, 2, "shaded: errors count", MODELS[2], 0.98)
     figure.update_yaxes(title_text="error [m]", type="log", row=1, col=2)
     _add_inputs(figure, run)
     if len(run.computing):
@@ -104,7 +107,7 @@ def tuned(
 
     compared: by name, what was tuned last; result: as the verb prints it.
     """
-    figure = make_subplots(rows=1, cols=2, column_widths=[0.36, 0.64], horizontal_spacing=0.36)
+    figure = make_subplots(rows=1, cols=2, column_widths=[0.38, 0.62], horizontal_spacing=0.4)
     _add_candidates(figure, tried, result["trade_off"])
     _add_errors(figure, list(compared), result["table"])
     text = (
@@ -122,7 +125,7 @@ def _add_candidates(
         "color": [c.effort for c in tried],
         "colorscale": "Viridis",
         "colorbar": {
-            "x": 0.25,
+            "x": 0.235,
             "y": 0.5,
             "len": 1,
             "thickness": 12,
