@@ -12,6 +12,7 @@ from plotly.subplots import make_subplots
 from test_diagnose import with_effect
 
 from ground import _core
+from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import quality, recording
 from ground.reports import appearance, figures, inspection, picture, tracking_figures
@@ -79,7 +80,7 @@ def test_every_figure_is_tried():
         for module in (figures, tracking_figures)
         for name, function in inspect.getmembers(module, inspect.isfunction)
         if function.__module__ == module.__name__
-        and inspect.signature(function).return_annotation == appearance.Document
+        and inspect.signature(function).return_annotation == Document
         and not name.startswith("_")
     }
     assert described - {"finish"} == set(DESCRIBED)

@@ -124,7 +124,7 @@ def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
 
 def test_the_page_of_a_diagnosis(diagnosed, browser):
     names = open_page(browser, diagnosed / "report.html")
-    assert len(names) == 2 + 4 * 2  # fall, shares; four for each of two runs
+    assert len(names) == 2 + 5 * 2  # fall, shares; five for each of two runs
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
     assert "motor_lag is missing" in text
@@ -158,9 +158,9 @@ def test_what_the_winner_predicts_is_drawn_into_what_is_missing(diagnosed, brows
         "return [pick('nominal'), pick('what motor_lag adds')]"
     )
     missing, predicted = told
-    assert len(missing) == len(predicted) == 3 * 9
-    # of the yaw moment against the difference of the thrusters (row 3, column 3)
-    at = 2 * 9 + 2
+    assert len(missing) == len(predicted) == 3 * 10
+    # of the yaw moment against the difference of the thrusters (row 3, column 4)
+    at = 2 * 10 + 3
     assert max(missing[at]) > 0.2  # mN m
     assert predicted[at] == pytest.approx(missing[at], abs=0.15 * max(map(abs, missing[at])))
 
@@ -207,7 +207,7 @@ def test_the_page_of_a_comparison(folder, bags, diagnosed, browser):
     assert result.returncode == 0, result.stderr
     assert "improved predicts best" in result.stdout
     names = open_page(browser, out / "report.html")
-    assert len(names) == 6
+    assert len(names) == 7
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
     assert "improved predicts best" in text and "prediction error" in text

@@ -1,11 +1,10 @@
 """What pictures and pages have in common: colours, and what channels and variables are called."""
 
-from typing import Any, Dict, List, Tuple
+from typing import List, Tuple
 
 from ground.analysis import comparison, failure
+from ground.annotations import Document
 from ground.reports import words
-
-Document = Dict[str, Any]  # of named values, as JSON has them
 
 MEASURED = "#222222"
 MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]

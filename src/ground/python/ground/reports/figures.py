@@ -1,8 +1,8 @@
 """Figures of measurement and model: each plot is described here once, as a plotly figure.
 
-The page (ground.reports.page) shows them, ground.reports.picture draws them into files. Each function
-takes what ground.reports.inspection has found out about one run by one or more models, and gives what
-plotly's `to_plotly_json` gives, with the caption in layout.meta.
+The page (ground.reports.page) shows them, ground.reports.picture draws them into files. Each takes
+what ground.reports.inspection found out about one run by one or more models, and
+gives what plotly's `to_plotly_json` gives, with the caption in layout.meta.
 """
 
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 
 from ground.analysis import bands as bands_of
 from ground.analysis import failure, residuals
+from ground.annotations import Array, ArrayLike, Document
 from ground.recordings import repair, windows
 from ground.reports.appearance import (
     CHANNELS,
@@ -26,7 +27,6 @@ from ground.reports.appearance import (
     WARNING,
     WRENCH,
     WRENCH_AGAINST,
-    Document,
     model_color,
     numbers_row,
     scaled,
@@ -99,15 +99,13 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     if bands is not None:
         _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
     shown = _with_gaps(times[every], nu[every], eta[every])
-    _add_motion(figure, *shown, "measured", {"color": MEASURED, "width": 4}, 0.45)
+    _add_motion(figure, shown, "measured", {"color": MEASURED, "width": 4}, 0.45)
     for count, study in enumerate(studies):
         pieces = [_thinned(p, every.step) for p in study["evaluation"].pieces]
-        ended = [
-            [np.append(p[0], np.nan)] + [np.vstack([a, [np.nan] * 3]) for a in p[1:]]
-            for p in pieces
-        ]
+        ended = [[np.concatenate([a, np.full_like(a[:1], np.nan)]) for a in p] for p in pieces]
         line = {"color": model_color(count), "width": 1.6}
-        _add_motion(figure, *map(np.concatenate, zip(*ended)), study["label"], line)
+        together = [np.concatenate(parts) for parts in zip(*ended)]
+        _add_motion(figure, together, study["label"], line)
     start = {"size": 7, "color": MEASURED}
     figure.add_scatter(
         x=short(eta[:1, 1]),
@@ -136,14 +134,10 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
 
 
 def _add_motion(
-    figure: go.Figure,
-    times: np.ndarray,
-    nu: np.ndarray,
-    eta: np.ndarray,
-    name: str,
-    line: Document,
-    opacity: float = 1.0,
+    figure: go.Figure, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
 ) -> None:
+    """Velocities over time and the path of times, velocities and poses."""
+    times, nu, eta = series
     for row, (_, label, unit) in enumerate(CHANNELS):
         trace = curve(times, nu[:, row], name, line, row == 0, opacity)
         figure.add_trace(trace, row + 1, 1)
@@ -213,8 +207,8 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
         }
         for horizon in sorted(set(traces))
     ]
-    menu = {"type": "buttons", "direction": "right", "buttons": buttons, "font": {"size": 11}}
-    menu.update(active=bands_of.HORIZONS.index(windows.WINDOW))
+    menu: Document = {"type": "buttons", "direction": "right", "buttons": buttons}
+    menu.update(font={"size": 11}, active=bands_of.HORIZONS.index(windows.WINDOW))
     menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
         figure.update_layout(updatemenus=[menu])
@@ -222,8 +216,8 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
     caption = (
-        "Run %s: velocities in the body frame, path in world_ned seen from above; models start anew "
-        "every 1.5 s." % run.name
+        "Run %s: velocities in the body frame, path in world_ned seen from above; models start "
+        "anew every 1.5 s." % run.name
     )
     if step > 1:
         caption += " One sample in %d is drawn." % step
@@ -256,8 +250,8 @@ def where(studies: Sequence[Document]) -> Document:
         figure.update_yaxes(title_text="%s<br>mean |error|/σ [-]" % label, row=row + 1, col=1)
         _add_map(figure, row, len(against), studies[-1]["where"]["position"], channel)
     caption = (
-        "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains beyond "
-        "chance, bold where that is worth naming. Right: mean |error|/σ of %s, place by place."
+        "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
+        "beyond chance, bold where that is worth naming. Right: mean |error|/σ of %s, place by place."
         % (studies[0]["run"].name, studies[-1]["label"])
     )
     return finish(figure, 540, caption, margin={"r": 115})
@@ -293,7 +287,7 @@ def _add_map(figure: go.Figure, row: int, column: int, entry: Document, channel:
         figure.update_xaxes(title_text="y [m]<br>(world_ned)", **at)
 
 
-def _around(values: np.ndarray) -> List[float]:
+def _around(values: Array) -> List[float]:
     """Limits with room for the marks of the outermost values."""
     room = max(0.13 * float(np.ptp(values)), 0.1)
     return [float(values.min()) - room, float(values.max()) + room]
@@ -335,8 +329,9 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
     figure.update_yaxes(**_zero_line())
     figure.update_xaxes(**_zero_line())
     caption = (
-        "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: %.0f%% band, "
-        "where those of a true model stay." % (studies[0]["run"].name, 100 * residuals.BAND)
+        "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
+        "%.0f%% band, where those of a true model stay."
+        % (studies[0]["run"].name, 100 * residuals.BAND)
     )
     return finish(figure, 560, caption, legend_y=1.06, margin={"t": 65})
 
@@ -344,7 +339,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
 def _add_correlation(
     figure: go.Figure, row: int, column: int, entry: Optional[Document], label: str, count: int
 ) -> None:
-    """Correlation at each lag, its band, and how many lags are outside; None: no such correlation."""
+    """Correlation at each lag, its band, and how many lags are outside; None: it has no such one."""
     shade = model_color(count)
     if entry is None:
         text = "the command never changes"
@@ -358,9 +353,8 @@ def _add_correlation(
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
-    """The wrench that every model lacks, against what was measured, with two standard errors; what the
-    winner accounts for of the first one's drawn in it. first: place of the first among the models.
-    """
+    """The wrench that is missing in every model, against what was measured, with two standard errors,
+    and what the winner accounts for of the first. first: place of the first among the models."""
     against = WRENCH_AGAINST
     figure = _small_multiples(3, len(against))
     for row, (channel, label) in enumerate(WRENCH):
@@ -393,9 +387,9 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
 
 def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
     caption = (
-        "Run %s: missing wrench in the body frame, by a Kalman smoother, against what was measured; bars: "
-        "two standard errors; percentage and shade: share of its variance that the variable explains "
-        "beyond chance, bold where that is worth naming." % studies[0]["run"].name
+        "Run %s: missing wrench in the body frame, by a Kalman smoother, against what was measured; "
+        "bars: two standard errors; percentage and shade: share of its variance that the variable "
+        "explains beyond chance, bold where that is worth naming." % studies[0]["run"].name
     )
     channels = studies[0]["missing"].numbers["channels"]
     if "accounted" not in channels["X"]:
@@ -433,8 +427,8 @@ def _shade(figure: go.Figure, row: int, column: int, named: Iterable[Mapping[str
 
 
 def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
-    """The wrench that every model lacks over time, with two standard deviations of the first's, the
-    commands, the force that they bring about, and the mean missing force place by place.
+    """The wrench that is missing in every model over time, with two standard deviations of the first,
+    the commands, the force that they bring about, and the mean missing force place by place.
 
     first: place of the first among the models.
     """
@@ -491,16 +485,16 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
     _add_thrust(figure, studies, first)
     _add_force_map(figure, studies, first)
     caption = (
-        "Run %s: missing wrench in the body frame; shaded: two standard deviations of the estimate. "
-        "Grey: left out, for no input explains the motion (contact, hand, wrong poses). Middle: force "
-        "that a lasting thrust command brings about, seen from above. Right: mean missing force in the "
-        "axes of world_ned, place by place." % run.name
+        "Run %s: missing wrench in the body frame; shaded: two standard deviations of the "
+        "estimate. Grey: left out, for no input explains the motion (contact, hand, wrong poses). "
+        "Middle: force that a lasting thrust command brings about, seen from above. Right: mean "
+        "missing force in the axes of world_ned, place by place." % run.name
     )
     return finish(figure, 480, caption)
 
 
 def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> None:
-    """Body axes seen from above, with the force per unit of command by each model and as measured."""
+    """Body axes from above, with the force per unit of command by each model and as measured."""
     figure.update_xaxes(visible=False, range=[-1.35, 1.35], row=1, col=2)
     figure.update_yaxes(visible=False, range=[-2.3, 1.5], scaleanchor="x2", row=1, col=2)
     thrusts = [(s["label"], s["missing"].numbers["thrust"]) for s in studies]
@@ -533,11 +527,15 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
     for label, force, shade, width in forces:
         angle, size = np.radians(force["angle_deg"]), force["force_per_unit_input"]
         along = size / largest
-        x, y = [along * np.sin(angle)], [along * np.cos(angle)]
+        tip = [along * np.sin(angle)], [along * np.cos(angle)]
         line = {"color": shade, "width": width}
-        figure.add_trace(arrows([0], [0], x, y, label, line, opacity=0.8), 1, 2)
+        figure.add_trace(arrows([0], [0], *tip, label, line, opacity=0.8), 1, 2)
         lines.append(
-            ("%s:<br>%.3g N per unit at %.0f deg" % (label, size, round(force["angle_deg"]) + 0.0), shade)
+            (
+                "%s:<br>%.3g N per unit at %.0f deg"
+                % (label, size, round(force["angle_deg"]) + 0.0),
+                shade,
+            )
         )
     lines += [
         ("<b>BODY AXES DIFFER<br>by %.0f deg: %s</b>" % (thrust["off_deg"], label), WARNING)
@@ -549,7 +547,7 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
 
 
 def _add_force_map(figure: go.Figure, studies: Sequence[Document], first: int) -> None:
-    """Mean missing force in the world's axes, cell by cell; the longest arrow has its size beside it."""
+    """Mean missing force in the world's axes, cell by cell, and the size of the longest arrow."""
     forces = [_mean_force(study["missing"]) for study in studies]
     largest = max(np.hypot(*force.T).max() for _, force in forces)
     position = studies[0]["missing"].position
@@ -568,7 +566,7 @@ def _add_force_map(figure: go.Figure, studies: Sequence[Document], first: int) -
     note(figure, 1, 3, "longest arrow: %.2g N" % largest, MEASURED, 0.98)
 
 
-def _mean_force(missing: Any) -> Tuple[np.ndarray, np.ndarray]:
+def _mean_force(missing: Any) -> Tuple[Array, Array]:
     """Cells (n, 2) x, y [m] of the map, and the mean missing force in each (n, 2) [N], world_ned."""
     centres = np.array(missing.numbers["channels"]["X"]["against"]["position"]["centres"])
     c, s = np.cos(missing.heading), np.sin(missing.heading)
@@ -630,9 +628,9 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
     figure.update_xaxes(tickangle=-45)
     runs = len(by_model[0][1])
     caption = (
-        "Share of the variance [%%] of the error and of the missing wrench that each variable explains "
-        "beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge force, side "
-        "force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
+        "Share of the variance [%%] of the error and of the missing wrench that each variable "
+        "explains beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge "
+        "force, side force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
     )
     return finish(figure, 330, caption, margin={"t": 40, "b": 70, "l": 20})
 
@@ -688,11 +686,10 @@ def curve(
     )
 
 
-def _shaded(
-    x: np.ndarray, low: np.ndarray, high: np.ndarray, shade: str, opacity: float
-) -> go.Scatter:
+def _shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> go.Scatter:
     """What is between two curves."""
-    trace = curve(*_band(x, low, high), "", {"width": 0, "color": shade}, False)
+    outline = _band(x, low, high)
+    trace = curve(outline[0], outline[1], "", {"width": 0, "color": shade}, False)
     trace.update(fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
     return trace.update(hovertemplate=None)
 
@@ -714,7 +711,7 @@ def arrows(
     tip, gap = tail + along, np.full_like(tail, np.nan)
     left, right = (tip - head * (along + side * 0.4 * across) for side in (-1, 1))
     strokes = np.stack([tail, tip, left, gap, tip, right, gap], axis=-1).reshape(2, -1)
-    return curve(*strokes, name, line, legend, opacity)
+    return curve(strokes[0], strokes[1], name, line, legend, opacity)
 
 
 def _timed(trace: go.Scatter, times: Any) -> go.Scatter:
@@ -730,7 +727,7 @@ def _bins(
     name: str,
     shade: str,
     legend: bool,
-    errors: Optional[np.ndarray] = None,
+    errors: Optional[Array] = None,
 ) -> go.Scatter:
     return go.Scatter(
         x=short(entry["centres"]),
@@ -810,40 +807,42 @@ def note(
     )
 
 
-def _every(times: np.ndarray) -> slice:
+def _every(times: Array) -> slice:
     return slice(None, None, max(1, int(np.ceil(len(times) / MOST))))
 
 
-def _thinned(piece: Document, step: int) -> List[np.ndarray]:
+def _thinned(piece: Document, step: int) -> List[Array]:
     """Times, velocities and poses of a window; its last sample always."""
     return _fewer((piece["times"], piece["nu"], piece["eta"]), step)
 
 
-def _fewer(series: Sequence[np.ndarray], step: int) -> List[np.ndarray]:
+def _fewer(series: Sequence[Array], step: int) -> List[Array]:
     """One row in `step` of arrays of the same length, and the last."""
     count = len(series[0])
     index = np.unique(np.append(np.arange(0, count, step), count - 1))
     return [values[index] for values in series]
 
 
-def _with_gaps(times: np.ndarray, *series: np.ndarray) -> List[np.ndarray]:
+def _with_gaps(times: Array, *series: Array) -> List[Array]:
     """The same with NaN inside gaps, where no line shall be."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
 
 
-def _band(times: np.ndarray, low: np.ndarray, high: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def _band(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
     """Outline of what is between two curves, NaN between stretches."""
-    x, y = [], []
+    x: List[Array] = []
+    y: List[Array] = []
+    gap = np.array([np.nan])
     whole = np.flatnonzero(np.isfinite(times))
     for part in np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1):
-        x += [times[part], times[part][::-1], [np.nan]]
-        y += [high[part], low[part][::-1], [np.nan]]
+        x += [times[part], times[part][::-1], gap]
+        y += [high[part], low[part][::-1], gap]
     return np.concatenate(x), np.concatenate(y)
 
 
-def _commands(run: Any, column: int, scale: float) -> Tuple[np.ndarray, np.ndarray]:
+def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
     """When a command changes, and to what; 0..1."""
     inputs = np.array(run.inputs)
     start, end = run.times[0], run.times[-1]

@@ -18,8 +18,8 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 
 from ground import files
+from ground.annotations import Array, Document
 from ground.errors import GroundError
-from ground.reports.appearance import Document
 
 WIDTH = 1040  # of a figure, as on the page [points]
 RESOLUTION = 100  # of a PNG [dots per inch]
@@ -34,11 +34,12 @@ _TRACE += " hovertemplate hoverinfo customdata meta cliponaxis"
 _CELLS = "values height font fill line"
 KNOWN = {
     "figure": "data layout",
-    "layout": "template height width font margin legend meta annotations shapes hovermode updatemenus",
+    "layout": "template height font margin legend meta annotations shapes hovermode updatemenus",
     "margin": "l r t b",
     "legend": "orientation x y yanchor",
-    "axis": "anchor domain title range type autorange matches scaleanchor side showticklabels tickfont "
-    "nticks tickangle tickvals ticktext visible automargin rangemode zeroline zerolinecolor zerolinewidth",
+    "axis": "anchor domain title range type autorange matches scaleanchor side showticklabels "
+    "tickfont nticks tickangle tickvals ticktext visible automargin rangemode zeroline "
+    "zerolinecolor zerolinewidth",
     "title": "text font standoff side",
     "font": "size color family",
     "tickfont": "size",
@@ -77,9 +78,9 @@ VALUES = {
 def write(path: str, figures: Sequence[Document], force: bool = False) -> None:
     """Draws figures one below the other, each under its caption, into a file.
 
-    path: ends with .png or .svg; figures: as plotly's `to_plotly_json` gives them, with layout.height
-    and with a caption in layout.meta; force: overwrite. GroundError when a figure has a part that is
-    not in KNOWN, or the file cannot be written.
+    path: ends with .png or .svg; figures: as plotly's `to_plotly_json` gives them, with
+    layout.height, layout.margin, layout.font.size, and a caption in layout.meta; force: overwrite.
+    GroundError when a figure has a part that is not in KNOWN, or the file cannot be written.
     """
     drawn = draw(figures)
     with files.new_file(path, force) as temporary:
@@ -104,7 +105,7 @@ def draw(figures: Sequence[Document]) -> Figure:
 
 
 class _Drawing:
-    """One figure of plotly inside a figure of matplotlib. bottom: of it, above that of the whole [points]."""
+    """One figure of plotly inside a figure of matplotlib, `bottom` points above its lower edge."""
 
     def __init__(self, whole: Figure, figure: Document, bottom: float, gid: str) -> None:
         _check("figure", figure)
@@ -147,7 +148,7 @@ class _Drawing:
 
     def _add_axes(self, x: str) -> None:
         y = self._described(x).get("anchor", "y")
-        share = {}
+        share: Document = {}
         for name in (x, y):
             followed = self._described(name).get("matches", name)
             share["share" + name[0]] = next(
@@ -252,7 +253,7 @@ class _Drawing:
         )
         return artist
 
-    def _draw_fill(self, axes: Any, x: np.ndarray, y: np.ndarray, trace: Document) -> Any:
+    def _draw_fill(self, axes: Any, x: Array, y: Array, trace: Document) -> Any:
         if trace["line"]["width"] > 0:
             raise _refusal("a line around what is filled")
         whole = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -263,9 +264,7 @@ class _Drawing:
         axes.autoscale_view()
         return artist
 
-    def _draw_points(
-        self, axes: Any, x: np.ndarray, y: np.ndarray, marker: Document, opacity: float
-    ) -> Any:
+    def _draw_points(self, axes: Any, x: Array, y: Array, marker: Document, opacity: float) -> Any:
         """Points whose colours are numbers, and their colour bar."""
         values, bar = _numbers(marker["color"]), _part("colorbar", marker)
         artist = axes.scatter(
@@ -303,7 +302,7 @@ class _Drawing:
         values = np.array(trace["z"], float)
         return axes.pcolormesh(*edges, values, cmap=_scale(trace["colorscale"]), **limits)
 
-    def _set_categories(self, axes: Any, trace: Document, name: str) -> np.ndarray:
+    def _set_categories(self, axes: Any, trace: Document, name: str) -> Any:
         """Places of the categories of a trace along one of its axes, which it labels."""
         self.categories[trace.get(name + "axis", name)] = list(trace[name])
         axis = axes.xaxis if name == "x" else axes.yaxis
@@ -485,7 +484,7 @@ def _refusal(what: str) -> GroundError:
     return GroundError("a picture cannot show %s; see ground.reports.picture" % what)
 
 
-def _numbers(values: Any) -> np.ndarray:
+def _numbers(values: Any) -> Array:
     return np.array([np.nan if value is None else value for value in values], float)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, Document, transparent
+from ground.annotations import Document
+from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, transparent
 from ground.reports.figures import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
 from ground.simulation import tuning
 
@@ -19,10 +20,10 @@ COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the 
 def driven(
     run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None
 ) -> Document:
-    """Path, error, inputs and computing times of a simulated tracking.Tracked or a recorded tracks.Track.
+    """Path, error, inputs and computing times of a tracking.Tracked or a recorded tracks.Track.
 
-    text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan that
-    it was in, whose walls are drawn.
+    text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan
+    whose walls are drawn.
     """
     figure = make_subplots(
         rows=3,
@@ -111,8 +112,8 @@ def tuned(
     _add_candidates(figure, tried, result["trade_off"])
     _add_errors(figure, list(compared), result["table"])
     text = (
-        "Left: every candidate, and what was traded for what. Right: errors from fresh starts, median and "
-        "5 to 95%; *: not seen by the search."
+        "Left: every candidate, and what was traded for what. Right: errors from fresh starts, median "
+        "and 5 to 95%; *: not seen by the search."
     )
     return finish(figure, 130 + 26 * max(12, len(result["table"])), text)
 
