@@ -15,7 +15,14 @@ from ground import _core
 from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import quality, recording
-from ground.reports import appearance, figures, inspection, picture, tracking_figures
+from ground.reports import (
+    appearance,
+    figures,
+    inspection,
+    picture,
+    tracking_figures,
+    wrench_figures,
+)
 from ground.simulation import gains, tracking, tuning
 
 QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
@@ -66,8 +73,8 @@ DESCRIBED = {
     "motion": figures.motion,
     "where": figures.where,
     "residual_correlation": figures.residual_correlation,
-    "wrench": lambda studies: figures.wrench(studies, "right"),
-    "wrench_over_time": figures.wrench_over_time,
+    "wrench": lambda studies: wrench_figures.wrench(studies, "right"),
+    "wrench_over_time": wrench_figures.wrench_over_time,
     "shares": lambda studies: figures.shares([(s["label"], [s]) for s in studies]),
     "driven": lambda studies: driven(),
     "tuned": lambda studies: tuned(),
@@ -77,13 +84,13 @@ DESCRIBED = {
 def test_every_figure_is_tried():
     described = {
         name
-        for module in (figures, tracking_figures)
+        for module in (figures, wrench_figures, tracking_figures)
         for name, function in inspect.getmembers(module, inspect.isfunction)
         if function.__module__ == module.__name__
         and inspect.signature(function).return_annotation == Document
         and not name.startswith("_")
     }
-    assert described - {"finish"} == set(DESCRIBED)
+    assert described == set(DESCRIBED)
 
 
 def drawn(figure):
@@ -174,7 +181,10 @@ def test_texts_stay_inside_the_picture_and_off_each_other(studies):
 
 def test_the_same_model_has_the_same_colour_everywhere(studies):
     wanted = {s["label"]: appearance.model_color(i) for i, s in enumerate(studies)}
-    alone = [figures.wrench(studies[1:], first=1), figures.wrench_over_time(studies[1:], first=1)]
+    alone = [
+        wrench_figures.wrench(studies[1:], first=1),
+        wrench_figures.wrench_over_time(studies[1:], first=1),
+    ]
     described = [
         DESCRIBED[n](studies) for n in ("motion", "where", "wrench", "residual_correlation")
     ]

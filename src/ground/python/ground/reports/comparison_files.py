@@ -112,14 +112,15 @@ class Folder:
 
 
 def _draw(studies: List[Dict[str, Any]], named: Dict[str, Any], force: bool) -> None:
-    from ground.reports import figures, picture
+    from ground.reports import figures, picture, wrench_figures
 
     picture.write(named["comparison"], [figures.motion(studies)], force)
     picture.write(named["where"], [figures.where(studies)], force)
     picture.write(named["residuals"], [figures.residual_correlation(studies)], force)
     winner = studies[-1]["label"]
     for place, study in enumerate(studies):
-        drawn = [figures.wrench_over_time([study], place), figures.wrench([study], winner, place)]
+        over_time = wrench_figures.wrench_over_time([study], place)
+        drawn = [over_time, wrench_figures.wrench([study], winner, place)]
         picture.write(named["models"][study["label"]]["wrench_picture"], drawn, force)
 
 

@@ -4,7 +4,7 @@ from typing import Any, Dict, Sequence
 
 from ground import origin
 from ground.recordings import findings
-from ground.reports import appearance, figures, inspection, page, words
+from ground.reports import appearance, figures, inspection, page, words, wrench_figures
 from ground.reports.words import number
 
 COLORS = {
@@ -167,8 +167,8 @@ def _measured_against(sheet, inspected, described, winner, banded=None):
         sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
         for heading, figure in (
             ("Error against what was measured", figures.where(studies)),
-            ("Missing wrench against what was measured", figures.wrench(studies, winner)),
-            ("Missing wrench over time", figures.wrench_over_time(studies)),
+            ("Missing wrench against what was measured", wrench_figures.wrench(studies, winner)),
+            ("Missing wrench over time", wrench_figures.wrench_over_time(studies)),
             ("Residuals", figures.residual_correlation(studies)),
         ):
             sheet.subheading(heading)

@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from ground.annotations import Document
 from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, transparent
-from ground.reports.figures import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
 from ground.simulation import tuning
 
 LEAST_ERROR = 1e-7  # that is drawn [m]

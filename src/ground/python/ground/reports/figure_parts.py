@@ -1,0 +1,234 @@
+"""Parts that the package's figures are made of: curves, arrows, notes, small multiples (plotly)."""
+
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from ground.analysis import failure
+from ground.annotations import Array, Document
+from ground.recordings import repair
+from ground.reports.appearance import LEFT, RIGHT, short_label, transparent
+
+MOST = 1000  # points of a curve; what is left out is said
+ARROW_HEAD = 0.3  # of the length of an arrow
+TIME = "time since the start of the run [s]"
+Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # of what is seen from above
+ZERO_LINE = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
+
+
+def finish(
+    figure: go.Figure,
+    height: int,
+    caption: str,
+    margin: Mapping[str, int] = {},
+    legend_y: float = 1.02,
+) -> Document:
+    """The figure as a document, with its height [pixels], caption, margins and legend."""
+    figure.update_xaxes(title_font_size=11)
+    figure.update_yaxes(title_font_size=11)
+    figure.update_layout(
+        template="plotly_white",
+        height=height,
+        meta=caption,
+        font={"family": "system-ui, sans-serif", "size": 12},
+        margin=dict({"t": 50, "b": 50, "l": 70, "r": 10}, **margin),
+        legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
+    )
+    finished: Document = figure.to_plotly_json()
+    return finished
+
+
+def curve(
+    x: Any, y: Any, name: str, line: Document, legend: bool, opacity: float = 1.0
+) -> go.Scatter:
+    """A line through points; nothing is drawn at and beside NaN."""
+    return go.Scatter(
+        x=short(x),
+        y=short(y),
+        name=name,
+        legendgroup=name,
+        mode="lines",
+        line=line,
+        opacity=opacity,
+        showlegend=legend,
+        hovertemplate="%{y:.4g}",
+    )
+
+
+def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> go.Scatter:
+    """What is between two curves."""
+    edge = outline(x, low, high)
+    trace = curve(edge[0], edge[1], "", {"width": 0, "color": shade}, False)
+    trace.update(fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
+    return trace.update(hovertemplate=None)
+
+
+def arrows(
+    x: Any,
+    y: Any,
+    dx: Any,
+    dy: Any,
+    name: str,
+    line: Document,
+    head: float = ARROW_HEAD,
+    legend: bool = False,
+    opacity: float = 1.0,
+) -> go.Scatter:
+    """Arrows from (x, y) that are (dx, dy) long. head: length of its two lines, as a share."""
+    tail, along = np.array([x, y], float), np.array([dx, dy], float)
+    across = np.array([-along[1], along[0]])
+    tip, gap = tail + along, np.full_like(tail, np.nan)
+    left, right = (tip - head * (along + side * 0.4 * across) for side in (-1, 1))
+    strokes = np.stack([tail, tip, left, gap, tip, right, gap], axis=-1).reshape(2, -1)
+    return curve(strokes[0], strokes[1], name, line, legend, opacity)
+
+
+def bins(
+    entry: Document,
+    values: Any,
+    name: str,
+    shade: str,
+    legend: bool,
+    errors: Optional[Array] = None,
+) -> go.Scatter:
+    """Means in the bins of a variable, with bars of `errors` to both sides."""
+    return go.Scatter(
+        x=short(entry["centres"]),
+        y=short(values),
+        name=name,
+        legendgroup=name,
+        showlegend=legend,
+        mode="lines+markers",
+        marker={"size": 4, "color": shade},
+        line={"width": 1.4, "color": shade},
+        error_y=(
+            None
+            if errors is None
+            else {"array": short(errors), "width": 0, "thickness": 1.2, "color": shade}
+        ),
+        hovertemplate="%{x:.3g}: %{y:.3g}",
+    )
+
+
+def small_multiples(rows: int, columns: int) -> go.Figure:
+    """Many small panels, close together."""
+    figure = make_subplots(
+        rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
+    )
+    figure.update_xaxes(tickfont={"size": 9}, nticks=4)
+    figure.update_yaxes(tickfont={"size": 9})
+    return figure
+
+
+def label_axes(
+    figure: go.Figure, row: int, column: int, entry: Document, limits: Optional[Sequence[float]]
+) -> None:
+    """Name and unit of a variable under the last row; labels of y beside the first column."""
+    last = row == 2
+    figure.update_xaxes(
+        title_text="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
+        showticklabels=last,
+        row=row + 1,
+        col=column + 1,
+    )
+    figure.update_yaxes(range=limits, showticklabels=column == 0, row=row + 1, col=column + 1)
+
+
+def note_share(
+    figure: go.Figure, row: int, column: int, share: Mapping[str, float], shade: str, count: int
+) -> None:
+    """A share of the count-th model, bold when it is worth naming. row, column: from 0."""
+    named = failure.is_named(share)
+    text = "%s%.0f%%%s" % ("<b>" * named, 100 * share["share"], "</b>" * named)
+    note(figure, row + 1, column + 1, text, shade, 0.98, 12 * count)
+
+
+def note(
+    figure: go.Figure,
+    row: int,
+    column: int,
+    text: str,
+    shade: str,
+    x: float,
+    down: float = 0.0,
+    y: float = 0.99,
+    **style: Any,
+) -> None:
+    """A text inside a panel at (x, y), as shares of it, and so many pixels further down."""
+    figure.add_annotation(
+        text=text,
+        xref="x domain",
+        yref="y domain",
+        x=x,
+        y=y,
+        xanchor="center" if x == 0.5 else "left" if x < 0.5 else "right",
+        yanchor="top" if y > 0.5 else "bottom",
+        yshift=-down,
+        showarrow=False,
+        font={"size": 10, "color": shade},
+        row=row,
+        col=column,
+        **style,
+    )
+
+
+def add_commands(figure: go.Figure, study: Document, row: int) -> None:
+    """Commands over time in a row, and the time under the rows above it."""
+    for column, label, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
+        at, values = _commands(study["run"], column, study["model"].input_max)
+        line = {"color": shade, "width": 1.2, "shape": "hv"}
+        figure.add_trace(curve(at, values, "command " + label, line, True), row, 1)
+    figure.update_yaxes(title_text="input [-]", row=row, col=1)
+    for above in range(1, row):
+        figure.update_xaxes(showticklabels=False, row=above, col=1)
+    figure.update_xaxes(title_text=TIME, row=row, col=1)
+
+
+def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
+    """When a command changes, and to what; 0..1."""
+    inputs = np.array(run.inputs)
+    start, end = run.times[0], run.times[-1]
+    values = inputs[:, column] / scale
+    keep = np.append(True, np.diff(values) != 0) & (inputs[:, 0] < end)
+    at, values = inputs[keep, 0], values[keep]
+    first = max(0, np.searchsorted(at, start, side="right") - 1)
+    at, values = np.maximum(at[first:], start), values[first:]
+    return np.append(at, end), np.append(values, values[-1:])
+
+
+def every_so_many(times: Array) -> slice:
+    """What is drawn of so many samples: at most MOST."""
+    return slice(None, None, max(1, int(np.ceil(len(times) / MOST))))
+
+
+def fewer(series: Sequence[Array], step: int) -> List[Array]:
+    """One row in `step` of arrays of the same length, and the last."""
+    count = len(series[0])
+    index = np.unique(np.append(np.arange(0, count, step), count - 1))
+    return [values[index] for values in series]
+
+
+def with_gaps(times: Array, *series: Array) -> List[Array]:
+    """The same with NaN inside gaps, where no line shall be."""
+    usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
+    at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
+    return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
+
+
+def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
+    """Outline of what is between two curves, NaN between stretches."""
+    x: List[Array] = []
+    y: List[Array] = []
+    gap = np.array([np.nan])
+    whole = np.flatnonzero(np.isfinite(times))
+    for part in np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1):
+        x += [times[part], times[part][::-1], gap]
+        y += [high[part], low[part][::-1], gap]
+    return np.concatenate(x), np.concatenate(y)
+
+
+def short(values: Any) -> List[Optional[float]]:
+    """Numbers of five digits, None where there is none: pages stay small."""
+    return [float("%.5g" % v) if np.isfinite(v) else None for v in np.asarray(values, float)]
