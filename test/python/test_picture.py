@@ -93,16 +93,20 @@ def test_every_figure_is_tried():
     assert described == set(DESCRIBED)
 
 
-def drawn(figure):
-    """Artists of each gid, of a figure that stands below another."""
-    whole = picture.draw(
-        [go.Figure(layout={"height": 50, "font": {"size": 9}}).to_plotly_json(), figure]
-    )
-    whole.canvas.draw()
+@pytest.fixture(scope="module")
+def pictures(studies):
+    """By name: a figure, its picture below another figure, and the artists of each gid in it."""
+    above = go.Figure(layout={"height": 50, "font": {"size": 9}}).to_plotly_json()
     found = {}
-    for artist in whole.findobj(lambda artist: artist.get_gid()):
-        found.setdefault(artist.get_gid(), []).append(artist)
-    return whole, found
+    for name, describe in DESCRIBED.items():
+        figure = describe(studies)
+        whole = picture.draw([above, figure])
+        whole.canvas.draw()
+        artists = {}
+        for artist in whole.findobj(lambda artist: artist.get_gid()):
+            artists.setdefault(artist.get_gid(), []).append(artist)
+        found[name] = figure, whole, artists
+    return found
 
 
 def lengths(values):
@@ -110,9 +114,9 @@ def lengths(values):
 
 
 @pytest.mark.parametrize("name", DESCRIBED)
-def test_all_of_a_figure_is_in_its_picture(studies, name):
-    figure = DESCRIBED[name](studies)
-    whole, found = drawn(figure)
+def test_all_of_a_figure_is_in_its_picture(pictures, name):
+    figure, whole, found = pictures[name]
+    found = dict(found)
     layout = figure["layout"]
     for count, trace in enumerate(figure["data"]):
         artists = found.pop("1.%d" % count)
@@ -156,9 +160,8 @@ def test_all_of_a_figure_is_in_its_picture(studies, name):
     assert layout["meta"].split()[0] in whole.texts[0].get_text()
 
 
-def test_texts_stay_inside_the_picture_and_off_each_other(studies):
-    for name, describe in DESCRIBED.items():
-        whole, found = drawn(describe(studies))
+def test_texts_stay_inside_the_picture_and_off_each_other(pictures):
+    for name, (_, whole, _) in pictures.items():
         renderer, scale = whole.canvas.get_renderer(), whole.bbox
         boxes = [
             (label.get_text(), label.get_window_extent(renderer))
@@ -179,15 +182,13 @@ def test_texts_stay_inside_the_picture_and_off_each_other(studies):
                 assert not box.overlaps(beside), (name, text, other)
 
 
-def test_the_same_model_has_the_same_colour_everywhere(studies):
+def test_the_same_model_has_the_same_colour_everywhere(studies, pictures):
     wanted = {s["label"]: appearance.model_color(i) for i, s in enumerate(studies)}
     alone = [
         wrench_figures.wrench(studies[1:], first=1),
         wrench_figures.wrench_over_time(studies[1:], first=1),
     ]
-    described = [
-        DESCRIBED[n](studies) for n in ("motion", "where", "wrench", "residual_correlation")
-    ]
+    described = [pictures[n][0] for n in ("motion", "where", "wrench", "residual_correlation")]
     for figure in described + alone:
         lines = [t for t in figure["data"] if t.get("name") in wanted]
         assert lines and all(t["line"]["color"] == wanted[t["name"]] for t in lines)
