@@ -274,9 +274,9 @@ def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
     assert drawn[-1].margin == 0.2
     wide = lab / "wide.yaml"
     wide.write_text((lab / "room.yaml").read_text().replace("margin: 0.2", "margin: 0.35"))
-    verb("tracking", bag, "--picture", tmp_path / "run.png", "--room", wide)
+    verb("tracking", bag, "--picture", tmp_path / "wide.png", "--room", wide)
     assert drawn[-1].margin == 0.35
-    verb("tracking", bag, "--picture", tmp_path / "run.png", "--room", lab / "no.yaml", status=1)
+    verb("tracking", bag, "--picture", tmp_path / "no.png", "--room", lab / "no.yaml", status=1)
 
 
 def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb, lab, monkeypatch):
