@@ -1,0 +1,34 @@
+"""Types that annotations name: arrays, documents, and functions that are handed over."""
+
+import os
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Optional, Protocol, TypeVar, Union
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Array = npt.NDArray[np.floating[Any]]
+    Flags = npt.NDArray[np.bool_]
+    Indices = npt.NDArray[np.integer[Any]]
+    ArrayLike = npt.ArrayLike
+else:  # NumPy 1.17 of Ubuntu 20.04 has no types
+    Array = Flags = Indices = ArrayLike = np.ndarray
+
+Random = np.random.Generator
+Path = Union[str, "os.PathLike[str]"]
+Document = Dict[str, Any]  # plain values as JSON has them
+Message = Any  # a message of ROS, whose classes have no types
+Time = Any  # genpy.Time
+Say = Callable[[str], None]  # is told in a sentence what is being done
+Progress = Optional[Say]
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+
+class Each(Protocol):
+    """Maps a function over items, side by side if it can, as `map` does one after the other."""
+
+    def __call__(self, __function: Callable[[_T], _R], __items: Iterable[_T]) -> Iterable[_R]:
+        """The results, in the order of the items."""
