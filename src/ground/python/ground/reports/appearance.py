@@ -1,5 +1,9 @@
 """What pictures and pages have in common: colours, and what channels and variables are called."""
+
+from typing import Tuple
+
 from ground.analysis import comparison, failure
+from ground.annotations import Document
 from ground.reports import words
 
 MEASURED = "#222222"
@@ -11,22 +15,22 @@ WRENCH = list(failure.CHANNEL_NAMES.items())
 ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
 
 
-def model_color(index):
+def model_color(index: int) -> str:
     """Of a model, by its place."""
     return MODELS[index % len(MODELS)]
 
 
-def transparent(color, opacity):
+def transparent(color: str, opacity: float) -> str:
     """A color "#rrggbb" of some opacity (0..1)."""
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
 
 
-def scaled(entry):
+def scaled(entry: Document) -> Tuple[float, str]:
     """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
     return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
 
 
-def short_label(entry):
+def short_label(entry: Document) -> str:
     """What a variable is called where there is little room."""
-    return entry["label"].split("thrust ")[-1].split("difference ")[-1]
+    return str(entry["label"].split("thrust ")[-1].split("difference ")[-1])

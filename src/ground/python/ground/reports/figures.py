@@ -2,11 +2,17 @@
 
 Each takes what ground.reports.inspection has found out about the same run by one or more models.
 """
+
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
+
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from ground.analysis import bands as bands_of, failure
+from ground import _core
+from ground.analysis import bands as bands_of
+from ground.analysis import failure
+from ground.annotations import Array, ArrayLike, Document
 from ground.recordings import repair, windows
 from ground.reports.appearance import (
     CHANNELS,
@@ -28,7 +34,7 @@ MOST = 1000  # points of a curve; what is left out is said
 WRENCH_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]
 
 
-def fall(steps, floor, measured_on):
+def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on: str) -> Document:
     """Bars of the error (pairs of label and error, from top), and the noise floor or None."""
     labels, errors = [s[0] for s in steps], [s[1] for s in steps]
     figure = go.Figure(
@@ -56,7 +62,7 @@ def fall(steps, floor, measured_on):
     return _finish(figure, 130 + 34 * len(steps), margin={"t": 40, "b": 50, "l": 20, "r": 20})
 
 
-def motion(studies, bands=None):
+def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
     """Velocities and commands over time, and the path from above, measured and by every model.
 
     bands: bands.Bands of the last model, drawn behind the velocities.
@@ -115,7 +121,7 @@ def motion(studies, bands=None):
     return _finish(figure, 675, margin={"t": 85, "b": 50, "l": 70, "r": 10})
 
 
-def _add_bands(figure, bands, step, shade):
+def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) -> None:
     """Bands in the rows of u, v, r. The horizon of a window is shown first; buttons choose another.
     The bands have to be the figure's first traces."""
     traces = []  # horizon of each
@@ -139,14 +145,19 @@ def _add_bands(figure, bands, step, shade):
         }
         for horizon in sorted(set(traces))
     ]
-    menu = {"type": "buttons", "direction": "right", "buttons": buttons, "font": {"size": 11}}
+    menu: Document = {
+        "type": "buttons",
+        "direction": "right",
+        "buttons": buttons,
+        "font": {"size": 11},
+    }
     menu.update(active=bands_of.HORIZONS.index(windows.WINDOW))
     menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
         figure.update_layout(updatemenus=[menu])
 
 
-def motion_caption(run, bands=None):
+def motion_caption(run: _core.RunData, bands: Optional[bands_of.Bands] = None) -> str:
     step = _every(np.array(run.times)).step
     thinned = " One sample in %d is drawn." % step if step > 1 else ""
     if bands is not None:
@@ -162,7 +173,7 @@ def motion_caption(run, bands=None):
     )
 
 
-def where(studies):
+def where(studies: Sequence[Document]) -> Document:
     """Normalised error of each channel against what was measured, of every model."""
     against = ERROR_AGAINST
     figure = _small_multiples(3, len(against))
@@ -176,14 +187,14 @@ def where(studies):
                     entry, entry["error"][channel], study["label"], model_color(count), legend
                 )
                 figure.add_trace(trace, row + 1, column + 1)
-            best = min(studies, key=lambda s: s["numbers"]["error"])
+            best = min(studies, key=lambda s: float(s["numbers"]["error"]))
             _axes_of(figure, row, column, studies[0]["where"][name], [0, 1.15 * top])
             _percent(figure, row, column, len(against), best["where"][name]["share"][channel])
         figure.update_yaxes(title="%s<br>mean |error|/σ [-]" % label, row=row + 1, col=1)
     return _finish(figure, 520)
 
 
-def wrench(studies, winner=None):
+def wrench(studies: Sequence[Document], winner: Optional[str] = None) -> Document:
     """The wrench that every model lacks, against what was measured, with two standard errors; what the
     winner accounts for of the first one's drawn in it."""
     against = WRENCH_AGAINST
@@ -222,7 +233,7 @@ def wrench(studies, winner=None):
     return _finish(figure, 540)
 
 
-def wrench_over_time(studies):
+def wrench_over_time(studies: Sequence[Document]) -> Document:
     """The wrench that every model lacks over time, with two standard deviations of the first's."""
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.03)
     for row, (channel, label) in enumerate(WRENCH):
@@ -257,7 +268,7 @@ def wrench_over_time(studies):
     return _finish(figure, 430)
 
 
-def shares(by_model):
+def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
     """What the failure depends on: share of the variance of error and missing wrench that each variable
     explains beyond chance, mean over runs. by_model: label and its studies, of all runs."""
     rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
@@ -309,12 +320,12 @@ def shares(by_model):
     return _finish(figure, 330, margin={"t": 40, "b": 70, "l": 20, "r": 10})
 
 
-def _share_of_missing(entry, name):
+def _share_of_missing(entry: Document, name: str) -> float:
     """Of a wrench that is there; none of one that is within its uncertainty."""
-    return 0.0 if failure.is_nothing(entry) else entry["against"][name]["share"]["share"]
+    return float(0.0 if failure.is_nothing(entry) else entry["against"][name]["share"]["share"])
 
 
-def _finish(figure, height, **layout):
+def _finish(figure: go.Figure, height: int, **layout: Any) -> Document:
     layout.setdefault("margin", {"t": 50, "b": 50, "l": 70, "r": 10})
     figure.update_layout(
         template="plotly_white",
@@ -322,10 +333,13 @@ def _finish(figure, height, **layout):
         font={"family": "system-ui, sans-serif", "size": 12},
         **layout,
     )
-    return figure.to_plotly_json()
+    finished: Document = figure.to_plotly_json()
+    return finished
 
 
-def _line(x, y, name, line, legend, opacity=1.0):
+def _line(
+    x: ArrayLike, y: ArrayLike, name: str, line: Document, legend: bool, opacity: float = 1.0
+) -> go.Scatter:
     return go.Scatter(
         x=_short(x),
         y=_short(y),
@@ -339,14 +353,21 @@ def _line(x, y, name, line, legend, opacity=1.0):
     )
 
 
-def _timed(trace, times):
+def _timed(trace: go.Scatter, times: ArrayLike) -> go.Scatter:
     """A path that knows when it was where: the page shows the part that is zoomed into."""
     trace.update(customdata=_short(times), meta="path")
     trace.update(hovertemplate="%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m")
     return trace
 
 
-def _bins(entry, values, name, shade, legend, errors=None):
+def _bins(
+    entry: Document,
+    values: ArrayLike,
+    name: str,
+    shade: str,
+    legend: bool,
+    errors: Optional[ArrayLike] = None,
+) -> go.Scatter:
     return go.Scatter(
         x=_short(entry["centres"]),
         y=_short(values),
@@ -356,14 +377,16 @@ def _bins(entry, values, name, shade, legend, errors=None):
         mode="lines+markers",
         marker={"size": 4, "color": shade},
         line={"width": 1.4, "color": shade},
-        error_y=None
-        if errors is None
-        else {"array": _short(errors), "width": 0, "thickness": 1.2, "color": shade},
+        error_y=(
+            None
+            if errors is None
+            else {"array": _short(errors), "width": 0, "thickness": 1.2, "color": shade}
+        ),
         hovertemplate="%{x:.3g}: %{y:.3g}",
     )
 
 
-def _small_multiples(rows, columns):
+def _small_multiples(rows: int, columns: int) -> go.Figure:
     figure = make_subplots(
         rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
     )
@@ -373,7 +396,9 @@ def _small_multiples(rows, columns):
     return figure
 
 
-def _axes_of(figure, row, column, entry, limits):
+def _axes_of(
+    figure: go.Figure, row: int, column: int, entry: Document, limits: Optional[Sequence[float]]
+) -> None:
     last = row == 2
     figure.update_xaxes(
         title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
@@ -384,7 +409,9 @@ def _axes_of(figure, row, column, entry, limits):
     figure.update_yaxes(range=limits, showticklabels=column == 0, row=row + 1, col=column + 1)
 
 
-def _percent(figure, row, column, columns, share):
+def _percent(
+    figure: go.Figure, row: int, column: int, columns: int, share: Mapping[str, float]
+) -> None:
     named = failure.is_named(share)
     which = row * columns + column + 1
     figure.add_annotation(
@@ -400,32 +427,33 @@ def _percent(figure, row, column, columns, share):
     )
 
 
-def _every(times):
+def _every(times: Array) -> slice:
     return slice(None, None, max(1, int(np.ceil(len(times) / MOST))))
 
 
-def _thinned(piece, step):
+def _thinned(piece: Document, step: int) -> List[Array]:
     """Times, velocities and poses of a window; its last sample always."""
     return _fewer((piece["times"], piece["nu"], piece["eta"]), step)
 
 
-def _fewer(series, step):
+def _fewer(series: Sequence[Array], step: int) -> List[Array]:
     """One row in `step` of arrays of the same length, and the last."""
     count = len(series[0])
     index = np.unique(np.append(np.arange(0, count, step), count - 1))
     return [values[index] for values in series]
 
 
-def _with_gaps(times, *series):
+def _with_gaps(times: Array, *series: Array) -> List[Array]:
     """The same with NaN inside gaps, where no line shall be."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
 
 
-def _band(times, low, high):
+def _band(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
     """Outline of what is between two curves, NaN between stretches."""
-    x, y = [], []
+    x: List[ArrayLike] = []
+    y: List[ArrayLike] = []
     whole = np.flatnonzero(np.isfinite(times))
     for part in np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1):
         x += [times[part], times[part][::-1], [np.nan]]
@@ -433,7 +461,7 @@ def _band(times, low, high):
     return np.concatenate(x), np.concatenate(y)
 
 
-def _commands(run, column, scale):
+def _commands(run: _core.RunData, column: int, scale: float) -> Tuple[Array, Array]:
     """When a command changes, and to what; 0..1."""
     inputs = np.array(run.inputs)
     start, end = run.times[0], run.times[-1]
@@ -445,6 +473,6 @@ def _commands(run, column, scale):
     return np.append(at, end), np.append(values, values[-1:])
 
 
-def _short(values):
+def _short(values: ArrayLike) -> List[Optional[float]]:
     """Numbers of five digits, None where there is none: pages stay small."""
     return [float("%.5g" % v) if np.isfinite(v) else None for v in np.asarray(values, float)]

@@ -1,5 +1,6 @@
 """Pictures of measurement and model, and of where the model fails."""
-from typing import Any, Sequence
+
+from typing import Any, List, Mapping, Optional, Sequence
 
 import matplotlib
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from ground import files
 from ground.analysis import failure
+from ground.analysis.failure import Missing
+from ground.annotations import Array, ArrayLike, Document
 from ground.recordings import repair
 from ground.reports.appearance import (
     CHANNELS,
@@ -27,7 +30,7 @@ LABELS = ["%s [%s]" % (name, unit) for _, name, unit in CHANNELS]
 TIME = "time since the start of the run [s]"
 
 
-def comparison(path: str, studies: Sequence[Any], force: bool = False) -> None:
+def comparison(path: str, studies: Sequence[Document], force: bool = False) -> None:
     """Velocities, commands and path of one run against models."""
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
@@ -80,7 +83,7 @@ def comparison(path: str, studies: Sequence[Any], force: bool = False) -> None:
     save(figure, path, force)
 
 
-def _draw_commands(axis, study):
+def _draw_commands(axis: plt.Axes, study: Document) -> None:
     run = study["run"]
     times, inputs = np.array(run.times), run.inputs
     shown = (inputs[:, 0] >= times[0] - 1) & (inputs[:, 0] <= times[-1])
@@ -97,7 +100,7 @@ def _draw_commands(axis, study):
     axis.grid(alpha=0.3)
 
 
-def _draw_table(axis, studies):
+def _draw_table(axis: plt.Axes, studies: Sequence[Document]) -> None:
     axis.axis("off")
     columns = ["model", "runs", "error", "predic-\ntion", "(3.4)\n4 s", "fit u\n[%]", "v\n[%]"]
     columns.append("r\n[%]")
@@ -142,7 +145,7 @@ def _draw_table(axis, studies):
             table[(row, 0)].set_fontsize(max(5, 9 * 14 / longest))
 
 
-def where(path: str, studies: Sequence[Any], force: bool = False) -> None:
+def where(path: str, studies: Sequence[Document], force: bool = False) -> None:
     """Normalised error of one run, channel by channel, against what was measured."""
     figure, axes = plt.subplots(
         3,
@@ -196,7 +199,7 @@ def where(path: str, studies: Sequence[Any], force: bool = False) -> None:
     save(figure, path, force)
 
 
-def residuals(path: str, studies: Sequence[Any], force: bool = False) -> None:
+def residuals(path: str, studies: Sequence[Document], force: bool = False) -> None:
     """Correlation of one-step residuals with themselves and with the inputs."""
     figure, axes = plt.subplots(3, 3, figsize=(15, 9.5))
     columns = [
@@ -249,14 +252,14 @@ WRENCH_LABELS = {
 }
 
 
-def wrench(path: str, study: Any, force: bool = False) -> None:
+def wrench(path: str, study: Document, force: bool = False) -> None:
     """The wrench that one model lacks in one run: over time, and against what was measured."""
     missing, color = study["missing"], MODELS[0]
     figure = plt.figure(figsize=(19, 12))
     outer = figure.add_gridspec(2, 1, height_ratios=[1, 1.05], hspace=0.2)
     top = outer[0].subgridspec(4, 3, width_ratios=[4.2, 1.3, 1.5], height_ratios=[3, 3, 3, 1])
     bottom = outer[1].subgridspec(3, len(WRENCH_COLUMNS), wspace=0.12, hspace=0.14)
-    first = None
+    first: Any = None  # of the axes that share their time
     for row, (channel, entry) in enumerate(missing.numbers["channels"].items()):
         factor, unit = scaled(entry)
         label = WRENCH_LABELS[channel] % unit
@@ -297,7 +300,7 @@ def wrench(path: str, study: Any, force: bool = False) -> None:
     save(figure, path, force)
 
 
-def _draw_series(axis, missing, column, factor, color):
+def _draw_series(axis: plt.Axes, missing: Missing, column: int, factor: float, color: str) -> None:
     values, sigma = factor * missing.wrench[:, column], factor * missing.sigma[:, column]
     # nothing is known inside gaps: no line across
     breaks = np.flatnonzero(np.diff(missing.times) > repair.MAX_GAP) + 1
@@ -314,7 +317,9 @@ def _draw_series(axis, missing, column, factor, color):
     axis.grid(alpha=0.3)
 
 
-def _draw_dependences(figure, grid, row, entry, factor, label, color):
+def _draw_dependences(
+    figure: plt.Figure, grid: Any, row: int, entry: Document, factor: float, label: str, color: str
+) -> None:
     against = entry["against"]
     means = [factor * np.array(against[name]["mean"]) for name in WRENCH_COLUMNS]
     reach = 1.3 * max(np.quantile(np.abs(m), 0.9) for m in means)
@@ -344,7 +349,7 @@ def _draw_dependences(figure, grid, row, entry, factor, label, color):
             axis.set_ylabel(label)
 
 
-def _draw_thrust(axis, thrust, color):
+def _draw_thrust(axis: plt.Axes, thrust: Optional[Document], color: str) -> None:
     """Body axes seen from above, with the force per unit command by model and as measured."""
     axis.set_title(
         "force that a lasting thrust command\nbrings about, seen from above", fontsize=10
@@ -379,7 +384,7 @@ def _draw_thrust(axis, thrust, color):
         axis.text(0, -2.25, text, color="#c00000", ha="center", fontsize=12, fontweight="bold")
 
 
-def _draw_force_map(axis, missing):
+def _draw_force_map(axis: plt.Axes, missing: Missing) -> None:
     """Mean missing force in the world's axes, cell by cell."""
     against = missing.numbers["channels"]["X"]["against"]["position"]
     centres = np.array(against["centres"])
@@ -402,7 +407,14 @@ def _draw_force_map(axis, missing):
     axis.grid(alpha=0.3)
 
 
-def _draw_bins(axis, entry, values, errors, color, label):
+def _draw_bins(
+    axis: plt.Axes,
+    entry: Document,
+    values: ArrayLike,
+    errors: Optional[Array],
+    color: str,
+    label: Optional[str],
+) -> None:
     centres, values = np.array(entry["centres"]), np.array(values)
     if errors is not None:
         axis.fill_between(
@@ -411,7 +423,9 @@ def _draw_bins(axis, entry, values, errors, color, label):
     axis.plot(centres, values, "o-", color=color, ms=3.5, lw=1.3, label=label)
 
 
-def _draw_map(figure, axis, entry, values, last):
+def _draw_map(
+    figure: plt.Figure, axis: plt.Axes, entry: Document, values: ArrayLike, last: bool
+) -> Any:
     centres = np.array(entry["centres"])
     points = axis.scatter(
         centres[:, 1], centres[:, 0], c=values, marker="s", s=180, cmap="viridis", vmin=0
@@ -430,7 +444,7 @@ def _draw_map(figure, axis, entry, values, last):
     return bar
 
 
-def _small(axis, entry, last, first):
+def _small(axis: plt.Axes, entry: Document, last: bool, first: bool) -> None:
     axis.grid(alpha=0.3)
     axis.tick_params(labelsize=8, labelbottom=last, labelleft=first)
     if last:
@@ -440,25 +454,25 @@ def _small(axis, entry, last, first):
         )
 
 
-def _axes_differ(study):
+def _axes_differ(study: Document) -> bool:
     missing = study.get("missing")
     thrust = missing.numbers["thrust"] if missing else None
     return thrust is not None and thrust["body_axes_differ"]
 
 
-def _percent(share):
+def _percent(share: Mapping[str, float]) -> str:
     return "%.0f%%" % (100 * share["share"])
 
 
-def _legend_above(axis, columns):
+def _legend_above(axis: plt.Axes, columns: int) -> None:
     axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncol=columns, fontsize=9, frameon=False)
 
 
-def _colors(studies):
+def _colors(studies: Sequence[Document]) -> List[str]:
     return [model_color(i) for i in range(len(studies))]
 
 
-def save(figure, path, force):
+def save(figure: plt.Figure, path: str, force: bool) -> None:
     """Writes the picture and lets the figure go."""
     with files.new_file(path, force) as temporary:
         figure.savefig(temporary, dpi=100)

@@ -1,13 +1,28 @@
 """Pictures of controllers in closed loop, and of the search for their gains."""
+
+from typing import Mapping, Optional, Sequence, Tuple, Union
+
+import matplotlib.pyplot as plt
 import numpy as np
 
+from ground import _core
+from ground.annotations import Array, Document
+from ground.recordings.tracks import Track
 from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT
-from ground.reports.plots import plt, save
+from ground.reports.plots import save
 from ground.reports.words import number
 from ground.simulation import tuning
+from ground.simulation.tracking import Tracked
 
 
-def driven(path, run, title, counts, room=None, force=False):
+def driven(
+    path: str,
+    run: Union[Tracked, Track],
+    title: str,
+    counts: Tuple[float, float],
+    room: Optional[_core.RoomPlan] = None,
+    force: bool = False,
+) -> None:
     """Path, error, inputs and computing times of a simulated tracking.Tracked or a recorded
     tracks.Track. counts: the span of time in which errors count [s]; room: the _core.RoomPlan that it
     was in, whose walls are drawn."""
@@ -26,7 +41,7 @@ def driven(path, run, title, counts, room=None, force=False):
     save(figure, path, force)
 
 
-def title(name, numbers):
+def title(name: str, numbers: Document) -> str:
     """Of the picture of a run by its numbers."""
     return "%s: error %s m rms, saturated %.0f%% of the time" % (
         name,
@@ -35,7 +50,7 @@ def title(name, numbers):
     )
 
 
-def _draw_path(axis, run, room):
+def _draw_path(axis: plt.Axes, run: Union[Tracked, Track], room: Optional[_core.RoomPlan]) -> None:
     reference = run.reference
     if room is not None:
         walls = np.array(list(room.corners) + [room.corners[0]])
@@ -62,7 +77,7 @@ def _draw_path(axis, run, room):
     axis.grid(alpha=0.3)
 
 
-def _draw_error(axis, run, counts):
+def _draw_error(axis: plt.Axes, run: Union[Tracked, Track], counts: Tuple[float, float]) -> None:
     axis.semilogy(run.times, np.maximum(run.errors, 1e-7), color=MEASURED, lw=1)
     axis.axvspan(*counts, color=MODELS[2], alpha=0.12, label="counts")
     axis.set_ylabel("error [m]")
@@ -71,7 +86,7 @@ def _draw_error(axis, run, counts):
     axis.grid(alpha=0.3)
 
 
-def _draw_inputs(axis, run):
+def _draw_inputs(axis: plt.Axes, run: Union[Tracked, Track]) -> None:
     """The inputs, and behind them what was wanted before they were limited."""
     if len(run.wanted):
         _draw_rows(axis, run.wanted, "wanted, ", alpha=0.35)
@@ -84,7 +99,7 @@ def _draw_inputs(axis, run):
     axis.grid(alpha=0.3)
 
 
-def _draw_computing(axis, rows):
+def _draw_computing(axis: plt.Axes, rows: Array) -> None:
     """Rows of time, processor time of a decision [s]."""
     if len(rows):
         axis.plot(rows[:, 0], 1e3 * rows[:, 1], ".", color=MEASURED, ms=2)
@@ -96,7 +111,7 @@ def _draw_computing(axis, rows):
     axis.grid(alpha=0.3)
 
 
-def _draw_rows(axis, rows, prefix="", alpha=1.0):
+def _draw_rows(axis: plt.Axes, rows: Array, prefix: str = "", alpha: float = 1.0) -> None:
     """Rows of time, left, right."""
     for column, label, color in ((1, "left", LEFT), (2, "right", RIGHT)):
         axis.step(
@@ -110,7 +125,13 @@ def _draw_rows(axis, rows, prefix="", alpha=1.0):
         )
 
 
-def tuned(path, compared, tried, result, force=False):
+def tuned(
+    path: str,
+    compared: Mapping[str, tuning.Candidate],
+    tried: Sequence[tuning.Candidate],
+    result: Document,
+    force: bool = False,
+) -> None:
     """What tune tried: error against saturation and effort; and errors before and after."""
     figure, (cloud, bars) = plt.subplots(
         1, 2, figsize=(14, 6), gridspec_kw={"width_ratios": [1, 1.3]}
