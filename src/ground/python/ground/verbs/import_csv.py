@@ -1,5 +1,9 @@
 """identify import: CSV exports to a bag."""
+
+import argparse
+
 from ground import files
+from ground.annotations import Document
 from ground.recordings import recording as recordings
 from ground.verbs import common
 
@@ -7,7 +11,7 @@ NAME = "import"
 SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z"
     )
@@ -18,7 +22,7 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
     files.refuse_existing(arguments.output, arguments.force)
     counts = recordings.import_csv(
         arguments.controls, arguments.pose, arguments.output, arguments.force

@@ -1,9 +1,12 @@
 """track: a controller in closed loop with a simulated craft."""
+
 import argparse
+from typing import Callable, Dict, Iterator, Tuple
 
 import numpy as np
 
 from ground import _core, files
+from ground.annotations import Document
 from ground.api import tracking as api
 from ground.errors import GroundError
 from ground.reports import tracking_plots
@@ -28,7 +31,7 @@ times, and medians are given. As on the floor, a controller stops when the error
 MOST_STOPS = 5  # that are printed
 
 # options that set a parameter of the reference
-NUMBERS = {
+NUMBERS: Dict[str, Callable[[str], float]] = {
     "size": common.positive,
     "rate_of_turn": float,
     "petals": float,
@@ -36,7 +39,7 @@ NUMBERS = {
 }
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     _takes_loop(parser)
@@ -76,7 +79,7 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def _takes_loop(parser):
+def _takes_loop(parser: argparse.ArgumentParser) -> None:
     """Controller, craft, and what the loop has to cope with."""
     parser.add_argument("--controller", choices=tracking.CONTROLLERS, default="TrajectoryTracking")
     parser.add_argument("--model", required=True, metavar="M.yaml", help="what it believes in")
@@ -99,7 +102,7 @@ def _takes_loop(parser):
     parser.add_argument("--seed", type=common.seed, help="of noise and start (start: the origin)")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     loop = api.prepare(
@@ -143,7 +146,7 @@ def run(arguments):
     return result
 
 
-def _settings(arguments):
+def _settings(arguments: argparse.Namespace) -> Document:
     """Parameters of the reference that were given."""
     settings = {n: getattr(arguments, n) for n in NUMBERS if getattr(arguments, n) is not None}
     for name, places in PLACES.items():
@@ -153,8 +156,11 @@ def _settings(arguments):
     return settings
 
 
-def _say(arguments, result):
-    say = lambda text: common.say(arguments, text)  # noqa: E731
+def _say(arguments: argparse.Namespace, result: Document) -> None:
+
+    def say(text: str) -> None:
+        common.say(arguments, text)
+
     many = result["starts"] > 1
     say(
         "%s on %s, %g to %g s%s"
@@ -188,7 +194,7 @@ def _say(arguments, result):
         say("           and %d more" % (len(result["stops"]) - MOST_STOPS))
 
 
-def effort_lines(numbers):
+def effort_lines(numbers: Document) -> Iterator[str]:
     """Lines on what the inputs of a drive came to, simulated or recorded; numbers that are None were
     not recorded."""
     if numbers["saturated_fraction"] is not None:
@@ -205,15 +211,15 @@ def effort_lines(numbers):
         )
 
 
-def _stop(stop):
+def _stop(stop: Document) -> str:
     return "at %.2f s: %s" % (stop["time"], stop["reason"])
 
 
-def metres(value):
+def metres(value: float) -> str:
     return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
 
 
-def _factor(text):
+def _factor(text: str) -> Tuple[str, float]:
     name, separator, factor = text.partition("=")
     try:
         value = float(factor)
@@ -224,14 +230,14 @@ def _factor(text):
     return name, value
 
 
-def _bound(text):
+def _bound(text: str) -> float:
     value = float(text)
     if not value > 0:
         raise argparse.ArgumentTypeError("%s is not positive" % text)
     return value
 
 
-def _share(text):
+def _share(text: str) -> float:
     value = float(text)
     if not 0 <= value < 1:
         raise argparse.ArgumentTypeError("%s is not between 0 and 1" % text)

@@ -1,8 +1,11 @@
 """tune: search for the gains of a controller."""
+
 import argparse
 import sys
+from typing import Dict, List, Mapping, Sequence, Tuple
 
-from ground import files, workers
+from ground import _core, files, workers
+from ground.annotations import Document
 from ground.api.models import Model
 from ground.errors import GroundError
 from ground.reports import tracking_plots
@@ -40,7 +43,7 @@ THESIS = {
 }
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     parser.add_argument("--controller", choices=list(tuning.SPACE), default="TrajectoryTracking")
@@ -79,7 +82,7 @@ def configure(parser):
     workers.takes_scheduler(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
@@ -97,7 +100,7 @@ def run(arguments):
     with workers.Workers(arguments.scheduler) as team:
         tuned, tried, compared = _search(arguments, team, model, before, seen, unseen, weights)
     result = _result(arguments, compared, seen + unseen, tried)
-    result["effects"] = {name: use[name] for name in ("used", "unused")}
+    result["effects"] = {"used": use["used"], "unused": use["unused"]}
     comments = [
         "Found by tune: %d candidates on %s of %s."
         % (len(tried), ", ".join(arguments.references), model.name),
@@ -118,7 +121,15 @@ def run(arguments):
     return result
 
 
-def _search(arguments, team, model, before, seen, unseen, weights):
+def _search(
+    arguments: argparse.Namespace,
+    team: workers.Workers,
+    model: _core.Model,
+    before: Mapping[str, _core.ControllerChoice],
+    seen: List[tuning.Cell],
+    unseen: List[tuning.Cell],
+    weights: tuning.Weights,
+) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
     """The choice that was found, Candidates that were tried, and Candidates compared by name."""
     seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
     places = [
@@ -174,7 +185,7 @@ def _search(arguments, team, model, before, seen, unseen, weights):
     return tuned, tried, compared
 
 
-def _task(text):
+def _task(text: str) -> tracking.Task:
     """The tracking.Task of KIND:NAME=NUMBER,NAME=NUMBER."""
     kind, _, rest = text.partition(":")
     settings = {}
@@ -190,7 +201,7 @@ def _task(text):
         raise GroundError("%s: %s" % (text, error))
 
 
-def _starting(arguments):
+def _starting(arguments: argparse.Namespace) -> Dict[str, _core.ControllerChoice]:
     """Name to the _core.ControllerChoice to start from and to compare with."""
     found = {}
     if arguments.gains:
@@ -201,7 +212,7 @@ def _starting(arguments):
     return found or {"default": gains.choice(arguments.controller)}
 
 
-def _progress(count, best):
+def _progress(count: int, best: tuning.Candidate) -> None:
     print(
         "\r%5d candidates; best: score %.3f, saturated %.0f%%, effort %.3f "
         % (count, best.score, 100 * best.saturated, best.effort),
@@ -211,7 +222,12 @@ def _progress(count, best):
     )
 
 
-def _result(arguments, compared, cells, tried):
+def _result(
+    arguments: argparse.Namespace,
+    compared: Mapping[str, tuning.Candidate],
+    cells: Sequence[tuning.Cell],
+    tried: Sequence[tuning.Candidate],
+) -> Document:
     rows = []
     for cell in cells:
         rows.append(
@@ -250,7 +266,7 @@ def _result(arguments, compared, cells, tried):
 _SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 
-def _say(arguments, result):
+def _say(arguments: argparse.Namespace, result: Document) -> None:
     names = list(result["saturated"])
     labels = [
         "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
