@@ -1,20 +1,21 @@
 """diagnose: which physical effect a model lacks."""
+
 import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import origin
+from ground import _core, origin
 from ground.analysis import candidates, diagnosis, diagnosis_report, study
 from ground.analysis.unfinished import Unfinished
+from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
     Model,
     ModelLike,
     Parameter,
-    Path,
     Room,
     RoomLike,
     fitted_model,
@@ -22,7 +23,7 @@ from ground.api.models import (
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Array, Document, Progress, Row, Shown, number, silent
+from ground.api.values import Row, Shown, number, silent
 from ground.errors import GroundError
 from ground.recordings.recording import Recording
 from ground.reports import words
@@ -108,7 +109,7 @@ class Problem:
     given_room: Optional[Room]
 
     @property
-    def runs(self) -> List[Any]:
+    def runs(self) -> List[_core.RunData]:
         """_core.RunData fitted to."""
         return self.seen.data
 
@@ -272,7 +273,7 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     conclusion = found.conclude(held)
     say("verdict: %s" % conclusion.verdict)
     say("errors of the best effects, and the next experiment")
-    name, walls = problem.model.path or problem.model.name, room and room.core
+    name, walls = problem.model.path or problem.model.name, room.core if room else None
     report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
     return _result(problem, found, conclusion, report)
 

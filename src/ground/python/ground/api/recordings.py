@@ -1,9 +1,12 @@
 """Recordings: reading them, and the part of them that models are held against."""
+
 import os
 from dataclasses import dataclass, replace
-from typing import Any, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
-from ground.api.models import Model, Path
+from ground import _core
+from ground.annotations import Path
+from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.recordings import bags as bag_files
 from ground.recordings import findings, quality, settings
@@ -115,7 +118,7 @@ class Part:
     end: Optional[float] = None  #: [s]; None: of the run
     everything: bool = False  #: also what is not usable by ground.recordings.quality
 
-    def of(self, run: quality.Run, model: Model) -> Any:
+    def of(self, run: quality.Run, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
         return run.data(model.core, self.start, self.end, self.everything)
 
@@ -125,7 +128,7 @@ class Measured:
     """Recordings as fits see them."""
 
     recordings: List[Recording]
-    data: List[Any]  #: _core.RunData
+    data: List[_core.RunData]
 
     @property
     def runs(self) -> List[quality.Run]:
