@@ -1,13 +1,18 @@
 """Bags in folders, and simulated runs written like those that launch/record.launch records."""
+
 import glob
 import os
-from typing import Any, Dict, Iterable, List
+from typing import TYPE_CHECKING, Dict, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
 from ground import _core, files
+from ground.annotations import Array, Message, Time
 from ground.errors import GroundError
 from ground.recordings.settings import AXES
+
+if TYPE_CHECKING:
+    from ground.simulation.experiments import SimulatedRun
 
 POSE = "/vrpn_client_node/hovercraft/pose"
 SETTINGS = "/mocap_state/settings"
@@ -46,7 +51,11 @@ def listed(paths: Iterable[str]) -> List[str]:
 
 
 def write(
-    run: Any, path: str, axes: str = AXES, heading_offset: float = 0.0, force: bool = False
+    run: "SimulatedRun",
+    path: str,
+    axes: str = AXES,
+    heading_offset: float = 0.0,
+    force: bool = False,
 ) -> Dict[str, int]:
     """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
     of a controller.
@@ -57,7 +66,7 @@ def write(
     """
     import rosbag
 
-    counts = {}
+    counts: Dict[str, int] = {}
     with files.new_file(path, force) as temporary:
         with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=CHUNK) as bag:
             for received, topic, stamp, message in _in_order(run, axes, heading_offset):
@@ -68,13 +77,15 @@ def write(
     return counts
 
 
-def _time(seconds):
+def _time(seconds: float) -> Time:
     import genpy
 
     return genpy.Time(*divmod(int(round(seconds * NS)), NS))
 
 
-def _in_order(run, axes, heading_offset):
+def _in_order(
+    run: "SimulatedRun", axes: str, heading_offset: float
+) -> Iterator[Tuple[float, str, float, Message]]:
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
     from ground_msgs.msg import MocapSettings, RunSettings
 
@@ -105,7 +116,7 @@ def _in_order(run, axes, heading_offset):
         yield at, series[which][0], stamp, message
 
 
-def _poses(run, axes, heading_offset):
+def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Message]:
     from geometry_msgs.msg import PoseStamped
 
     mapping = _core.AxisMapping(axes, heading_offset)
@@ -119,7 +130,7 @@ def _poses(run, axes, heading_offset):
         yield message
 
 
-def _controls(run):
+def _controls(run: "SimulatedRun") -> Iterator[Message]:
     from ground_msgs.msg import Controls
 
     started = [name in STARTED for _, name, _ in run.stages]
@@ -131,7 +142,7 @@ def _controls(run):
         yield message
 
 
-def _wanted(run):
+def _wanted(run: "SimulatedRun") -> Iterator[Message]:
     """The inputs that a controller wanted before they were limited."""
     from ground_msgs.msg import Controls
 
@@ -142,7 +153,7 @@ def _wanted(run):
         yield message
 
 
-def _decisions(run):
+def _decisions(run: "SimulatedRun") -> Iterator[Message]:
     from ground_msgs.msg import Decision
 
     for row in run.decisions:
@@ -151,7 +162,7 @@ def _decisions(run):
         yield message
 
 
-def _statuses(run):
+def _statuses(run: "SimulatedRun") -> List[Tuple[float, str, str, float]]:
     """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
     found, began, stages = [], None, run.stages
     if stages:
@@ -168,7 +179,7 @@ def _statuses(run):
     return found
 
 
-def _status_messages(statuses):
+def _status_messages(statuses: Iterable[Tuple[float, str, str, float]]) -> Iterator[Message]:
     from ground_msgs.msg import ControllerStatus
 
     for _, state, reason, elapsed in statuses:
@@ -176,14 +187,14 @@ def _status_messages(statuses):
         yield ControllerStatus(None, number, CONTROLLER, reason, elapsed)
 
 
-def _bursts(run):
+def _bursts(run: "SimulatedRun") -> Iterator[Message]:
     from ground_msgs.msg import Burst
 
     for _, number, burst, reason in run.marks:
         yield Burst(number=number, burst=burst, reason=reason)
 
 
-def _drives(run):
+def _drives(run: "SimulatedRun") -> Array:
     """Rows of when the newest drive began, and when the sender says so [s]."""
     starts = _core.drive_starts(run.control_times, run.controls[:, 2])
     ends = starts[1:] + [run.control_times[-1]]
@@ -191,14 +202,14 @@ def _drives(run):
     return np.array(rows, float).reshape(-1, 2)
 
 
-def _drive_records(drives):
+def _drive_records(drives: Array) -> Iterator[Message]:
     from ground_msgs.msg import Drive
 
     for began in drives[:, 0]:
         yield Drive(began=_time(began))
 
 
-def _truths(run):
+def _truths(run: "SimulatedRun") -> Iterator[Message]:
     from ground_msgs.msg import State
 
     for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
@@ -207,13 +218,13 @@ def _truths(run):
         yield message
 
 
-def _reference_times(run):
+def _reference_times(run: "SimulatedRun") -> Array:
     """When references are published: with the command that a state causes, on its delivery."""
     delivered = dict(zip(run.pose_times, run.delivered))
     return np.array([delivered[stamp] for stamp in run.references[:, 0]], float)
 
 
-def _references(run):
+def _references(run: "SimulatedRun") -> Iterator[Message]:
     from ground_msgs.msg import Reference
 
     for row in run.references:
@@ -222,7 +233,7 @@ def _references(run):
         yield message
 
 
-def _reference_path(run):
+def _reference_path(run: "SimulatedRun") -> Iterator[Message]:
     """All of the reference as a path, as controllers publish it when they start."""
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import Path

@@ -1,8 +1,12 @@
 """What is in a recording and what is odd about it, in words."""
-import datetime
-from typing import Any, Dict, Iterator, Tuple
 
+import datetime
+from typing import Callable, Iterator, Sequence, Tuple, TypeVar
+
+from ground.annotations import Document
 from ground.recordings import quality
+
+_T = TypeVar("_T")
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
 DRIVES_BY = {  # what is assumed when nothing in the recording says when the drive began
@@ -13,7 +17,7 @@ MOST_NAMED = 4  # of gaps and the like; the rest is counted
 MOST_CHANGES = 30  # live ones that are listed, likewise
 
 
-def when(d):
+def when(d: Document) -> str:
     """When a recording begins, by its stamps."""
     if d["begins"] < THIS_CENTURY:
         return "from %.2f s on of a simulated clock" % d["begins"]
@@ -21,13 +25,13 @@ def when(d):
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
-def _flown_by(kind, name, d):
+def _flown_by(kind: str, name: str, d: Document) -> str:
     """A name, and what the file that was kept with the run calls itself."""
     kept = d["files"].get(kind)
     return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
 
 
-def facts(d: Dict[str, Any]) -> Iterator[Tuple[str, str]]:
+def facts(d: Document) -> Iterator[Tuple[str, str]]:
     """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
     poses, controls = d["poses"], d["controls"]
     noise = poses["noise"]
@@ -67,7 +71,7 @@ def facts(d: Dict[str, Any]) -> Iterator[Tuple[str, str]]:
         )
 
 
-def _measured(settings):
+def _measured(settings: Document) -> str:
     """By which settings poses became world_ned, and where these are from."""
     sources = settings["sources"]
     words = {
@@ -85,7 +89,7 @@ def _measured(settings):
     return text
 
 
-def grave(d: Dict[str, Any]) -> Iterator[str]:
+def grave(d: Document) -> Iterator[str]:
     """What is odd in a way that a repair may have got wrong, a sentence each: not for info alone."""
     poses, controls = d["poses"], d["controls"]
     if poses["stamps_out_of_order"]:
@@ -105,7 +109,7 @@ def grave(d: Dict[str, Any]) -> Iterator[str]:
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
-def findings(d: Dict[str, Any]) -> Iterator[str]:
+def findings(d: Document) -> Iterator[str]:
     """What is odd and what was repaired, a sentence each."""
     poses, controls = d["poses"], d["controls"]
     yield from grave(d)
@@ -133,7 +137,7 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
         yield "mocap lost %d times for more than 50 ms: %s" % (
             len(poses["gaps"]),
             _named(
-                sorted(poses["gaps"], key=lambda g: -g["length"]),
+                sorted(poses["gaps"], key=lambda g: float(-g["length"])),
                 lambda g: "%.2f s at %.2f s" % (g["length"], g["start"]),
             ),
         )
@@ -174,7 +178,7 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
         yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
 
 
-def _named(items, name):
+def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:
     text = ", ".join(name(item) for item in items[:MOST_NAMED])
     more = len(items) - MOST_NAMED
     return text + (" and %d more" % more if more > 0 else "")
