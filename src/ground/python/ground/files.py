@@ -119,6 +119,7 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: str, value: Any, force: bool = False) -> None:
+    """Writes a value as JSON, None for numbers that are not finite; GroundError as from new_file."""
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
@@ -126,6 +127,7 @@ def write_json(path: str, value: Any, force: bool = False) -> None:
 
 
 def write_yaml(path: str, value: Any, force: bool = False) -> None:
+    """Writes a value as YAML, keys in their order; GroundError as from new_file."""
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             yaml.safe_dump(value, file, sort_keys=False)

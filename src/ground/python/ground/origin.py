@@ -1,4 +1,5 @@
 """Where a result comes from: all that is needed to make it again."""
+
 import datetime
 import hashlib
 import os
@@ -16,6 +17,7 @@ def command() -> str:
 
 
 def now() -> str:
+    """The time in UTC, ISO 8601, to the second."""
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 

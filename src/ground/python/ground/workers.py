@@ -17,6 +17,7 @@ PATIENCE = 10  # with a scheduler [s]
 
 
 def takes_scheduler(parser: argparse.ArgumentParser) -> None:
+    """Adds --scheduler."""
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",

@@ -181,6 +181,7 @@ class Diagnosis:
 
     @property
     def model(self) -> _core.Model:
+        """The grown model."""
         return self.fit.model
 
     @property

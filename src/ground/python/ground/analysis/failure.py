@@ -43,6 +43,7 @@ class Variable:
     index: Indices  # (n,) bin of each sample, -1 for none
 
     def indicators(self) -> Array:
+        """(n, bins): 1 where a sample is in a bin, else 0."""
         return np.asarray((self.index[:, None] == np.arange(len(self.centres))).astype(float))
 
 
@@ -160,6 +161,7 @@ def regress(design: Array, values: Array, ridge: float = 0.0) -> Tuple[Array, Ar
 
 
 def stride_of(times: Array) -> int:
+    """Step in samples that leaves about RATE samples per second; times: (n,) [s]."""
     return max(1, int(round(1 / RATE / max(1e-6, np.median(np.diff(times))))))
 
 

@@ -97,6 +97,7 @@ class Memory:
 
     @property
     def means(self) -> str:
+        """What is so, in words, with the time."""
         return self.kind.means % ("%.2g s" % self.time)
 
     @property

@@ -86,6 +86,7 @@ class Break:
 
     @property
     def brakes(self) -> bool:
+        """Whether the craft slows down by more than gliding does."""
         return self.braking >= MIN_BRAKING and self.loss >= MIN_LOSS
 
 

@@ -43,6 +43,7 @@ class Remains:
 
     @property
     def found(self) -> bool:
+        """Whether it gains more than chance would."""
         return bool(self.p_value < LEVEL and self.gain > 0)
 
 

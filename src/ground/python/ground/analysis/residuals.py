@@ -57,6 +57,7 @@ def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData) -> Document:
 
 
 def noise_levels(noise: _core.WrenchNoise, force_unit: str, moment_unit: str) -> Document:
+    """Levels of a wrench filter with their units, as plain values."""
     return {
         "force": {"value": noise.force, "unit": force_unit},
         "moment": {"value": noise.moment, "unit": moment_unit},

@@ -23,6 +23,8 @@ SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all run
 
 @dataclass(frozen=True)
 class Kind:
+    """A wrench on a channel, or the thrust, that may differ from run to run."""
+
     parameter: str
     unit: str
     level: str  # of DisturbanceLevels

@@ -39,6 +39,7 @@ class History:
         self.clear()
 
     def clear(self) -> None:
+        """Forgets all samples."""
         self._rows = np.empty((1 + self._channels, ROOM))  # stamps, then channels
         self._begin = self._end = 0  # columns in use
 

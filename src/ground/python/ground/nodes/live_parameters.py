@@ -85,6 +85,7 @@ class Node:
         self.parameters = list(_parameters(described))
 
     def parameter(self, name: str) -> Parameter:
+        """The parameter of that name; GroundError when the node has none."""
         for p in self.parameters:
             if p.name == name:
                 return p

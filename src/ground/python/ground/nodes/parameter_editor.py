@@ -33,9 +33,11 @@ class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
         self.refresh()
 
     def selectable(self) -> bool:
+        """As urwid wants it: rows can be chosen."""
         return True
 
     def refresh(self) -> None:
+        """Shows the value that the node has now."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         mark = "changed" if value != p.default else None
         self._text.set_text(
@@ -47,6 +49,7 @@ class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
         )
 
     def keypress(self, size: Tuple[int, ...], key: str) -> Optional[str]:
+        """As urwid wants it: changes the value; gives keys that it does not take."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         if key in ("left", "right"):
             self.editor.change(self, p.nudged(value, key == "right"))
@@ -100,6 +103,7 @@ class Editor:
         self._pipe = self._loop.watch_pipe(self._refresh)
 
     def run(self) -> None:
+        """Shows the window until the user ends it."""
         self._loop.run()
 
     def change(self, row: _Row, value: Value) -> None:
@@ -113,6 +117,7 @@ class Editor:
         self._refresh(b"")
 
     def ask(self, row: _Row) -> None:
+        """Asks for a value of the row's parameter."""
         self._asked = row
         self._prompt = urwid.Edit("%s = " % row.parameter.name)
         self._frame.footer = self._prompt

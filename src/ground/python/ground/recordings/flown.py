@@ -37,10 +37,12 @@ class RunFile:
 
     @property
     def name(self) -> str:
+        """The file's name without its folder."""
         return os.path.basename(self.path)
 
     @property
     def digest(self) -> str:
+        """SHA-256 of the text, in hexadecimal digits."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def entries(self) -> Dict[str, Any]:
@@ -52,6 +54,7 @@ class RunFile:
         return {key: value for key, value in _flat(content, "") if key.split(".")[0] not in UNLIKE}
 
     def describe(self) -> Dict[str, str]:
+        """Path, title and SHA-256, as plain values."""
         title = self.entries().get("name", self.name)
         return {"path": self.path, "title": str(title), "sha256": self.digest}
 

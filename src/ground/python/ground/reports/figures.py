@@ -158,6 +158,7 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
 
 
 def motion_caption(run: _core.RunData, bands: Optional[bands_of.Bands] = None) -> str:
+    """What the figure of `motion` shows, in words."""
     step = _every(np.array(run.times)).step
     thinned = " One sample in %d is drawn." % step if step > 1 else ""
     if bands is not None:

@@ -115,18 +115,23 @@ class Page:
         self._figures: Dict[str, Document] = {}
 
     def add(self, markup: str) -> None:
+        """Adds HTML as it is."""
         self._body.append(markup)
 
     def heading(self, text: str) -> None:
+        """Adds a heading; special characters are escaped, here and below."""
         self.add("<h2>%s</h2>" % html.escape(text))
 
     def subheading(self, text: str) -> None:
+        """Adds a heading of the second level."""
         self.add("<h3>%s</h3>" % html.escape(text))
 
     def paragraph(self, text: str, kind: str = "") -> None:
+        """Adds a paragraph; kind: its class in the style sheet."""
         self.add('<p class="%s">%s</p>' % (kind, html.escape(text)))
 
     def points(self, lines: Iterable[str]) -> None:
+        """Adds a bulleted list."""
         self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
 
     def figure(self, figure: Document, caption: str = "") -> None:
@@ -167,6 +172,7 @@ class Page:
         )
 
     def end_fold(self) -> None:
+        """Ends the part that `fold` began."""
         self.add("</details>")
 
     def write(self, path: str, color: str, force: bool = False) -> None:

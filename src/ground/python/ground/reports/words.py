@@ -13,6 +13,7 @@ ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
 def number(value: Optional[float]) -> str:
+    """Three digits after the point; "-" where there is no number."""
     return "-" if value is None else "%.3f" % value
 
 
@@ -35,6 +36,7 @@ def summary(
 
 
 def body_axes(thrust: Document) -> str:
+    """By how much the axes of model and measurement differ, and what would make them agree."""
     measured, own = thrust["measured"], thrust["model"]
     turn = -math.radians(thrust["off_deg"])
     return (
@@ -53,6 +55,7 @@ def body_axes(thrust: Document) -> str:
 
 
 def disturbances(events: Sequence[Document]) -> str:
+    """Which spans of time were left out."""
     spans = ", ".join("%.1f to %.1f" % (e["start"], e["end"]) for e in events)
     return (
         "left out of what follows, for no input explains the motion (contact, hand, wrong poses): "
@@ -106,6 +109,7 @@ def followed_input(channels: Document) -> Optional[str]:
 
 
 def error(by_channel: Dict[str, float], where: Document) -> str:
+    """The channel with the largest part of the error, and what the error depends on."""
     name = max(by_channel, key=by_channel.__getitem__)
     text = "%s has %.0f%% of the error" % (
         ERRORS[name],

@@ -69,6 +69,7 @@ class Tracked:
 
     @property
     def errors(self) -> Array:
+        """Distance from the reference (n,) [m]."""
         return np.asarray(np.hypot(*(self.eta[:, :2] - self.reference).T))
 
     @property

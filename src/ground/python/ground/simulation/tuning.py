@@ -54,6 +54,7 @@ class Cell:
 
     @property
     def name(self) -> str:
+        """Reference and condition, in words."""
         return "%s, %s" % (self.reference, self.condition)
 
 
@@ -68,6 +69,7 @@ class Candidate:
     score: float = np.inf
 
     def quantile(self, cell: str, share: float) -> float:
+        """Error in a cell [m] that a share (0..1) of the starts stays below."""
         return tracking.quantile(self.errors[cell], share)
 
 

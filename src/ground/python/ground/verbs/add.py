@@ -13,6 +13,7 @@ SUMMARY = "adds an effect to a model, refits it, and shows the error before and 
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "effect",
         metavar="EFFECT",
@@ -28,6 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = adding.add(
         arguments.model,

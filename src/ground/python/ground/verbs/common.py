@@ -26,6 +26,7 @@ class Bags(argparse.Action):
         values: Any,
         option_string: Optional[str] = None,
     ) -> None:
+        """Sets the list of bags; exits with status 1 when a folder has none."""
         try:
             setattr(namespace, self.dest, bag_files.listed(values))
         except GroundError as error:
@@ -33,6 +34,7 @@ class Bags(argparse.Action):
 
 
 def reads_bags(parser: argparse.ArgumentParser) -> None:
+    """Adds the bags, and the settings in place of recorded ones."""
     parser.add_argument(
         "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
     )
@@ -49,6 +51,7 @@ def reads_bags(parser: argparse.ArgumentParser) -> None:
 
 
 def takes_spans(parser: argparse.ArgumentParser) -> None:
+    """Adds the part of every run that is looked at."""
     parser.add_argument(
         "--from", dest="start", type=seconds, default=0.0, help="start, on the run's clock [s]"
     )
@@ -61,6 +64,7 @@ def takes_spans(parser: argparse.ArgumentParser) -> None:
 
 
 def holds_out(parser: argparse.ArgumentParser) -> None:
+    """Adds --holdout."""
     parser.add_argument(
         "--holdout",
         metavar="BAG",
@@ -72,6 +76,7 @@ def holds_out(parser: argparse.ArgumentParser) -> None:
 
 
 def tells_progress(parser: argparse.ArgumentParser) -> None:
+    """Adds --progress."""
     parser.add_argument(
         "--progress",
         action="store_true",
@@ -80,11 +85,13 @@ def tells_progress(parser: argparse.ArgumentParser) -> None:
 
 
 def progress(arguments: argparse.Namespace, text: str) -> None:
+    """Prints what is being done to standard error, where that is wanted."""
     if arguments.progress or (not arguments.json and sys.stderr.isatty()):
         print("... " + text, file=sys.stderr, flush=True)
 
 
 def positive(text: str) -> float:
+    """A finite number above zero."""
     value = float(text)
     if not value > 0 or not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not positive" % text)
@@ -92,6 +99,7 @@ def positive(text: str) -> float:
 
 
 def count(text: str) -> int:
+    """An integer above zero."""
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError("%s is not positive" % text)
@@ -99,6 +107,7 @@ def count(text: str) -> int:
 
 
 def seed(text: str) -> int:
+    """An integer from 0 to 2^31 - 1."""
     value = int(text)
     if not 0 <= value < 2**31:
         raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
@@ -106,6 +115,7 @@ def seed(text: str) -> int:
 
 
 def seconds(text: str) -> float:
+    """A finite time [s], zero or more."""
     value = float(text)
     if not np.isfinite(value) or value < 0:
         raise argparse.ArgumentTypeError("%s is not a time since the start [s]" % text)
@@ -113,6 +123,7 @@ def seconds(text: str) -> float:
 
 
 def angle(text: str) -> float:
+    """A finite angle [rad]."""
     value = float(text)
     if not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not an angle [rad]" % text)
@@ -120,6 +131,7 @@ def angle(text: str) -> float:
 
 
 def say(arguments: argparse.Namespace, text: str = "") -> None:
+    """Prints a line, unless the result is printed as JSON."""
     if not arguments.json:
         print(text)
 

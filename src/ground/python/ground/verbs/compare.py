@@ -43,6 +43,7 @@ SUMMARY = "models against recordings: errors, where they come from, and pictures
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
@@ -61,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     models = comparing.labelled(arguments.model)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(

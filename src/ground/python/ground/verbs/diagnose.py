@@ -13,6 +13,7 @@ SUMMARY = "which physical effect a model lacks, with evidence, and the model wit
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     on_request = ", ".join(candidates.on_request())
     common.reads_bags(parser)
     common.takes_spans(parser)
@@ -58,6 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     # slow to load, for the other verbs as well
     from ground.api import diagnosing
     from ground.reports import diagnosis_files

@@ -19,6 +19,7 @@ FREE = list(study.FIVE)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
@@ -71,6 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = fitting.fit(
         arguments.model,

@@ -12,6 +12,7 @@ SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z"
     )
@@ -23,6 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     counts = recordings.import_csv(
         arguments.controls, arguments.pose, arguments.output, arguments.force

@@ -12,10 +12,12 @@ SUMMARY = "what is in recordings, what is odd about it, which parts can be used"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
 
 
 def run(arguments: argparse.Namespace) -> List[Document]:
+    """Does what the verb says; gives what --json prints."""
     described = quality.describe([r.repaired for r in common.read(arguments)])
     for d in described:
         common.say(arguments, d["name"])

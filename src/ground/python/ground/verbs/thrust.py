@@ -25,6 +25,7 @@ REACH = 0.8  # input up to which forces must have been measured for k to be more
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "table",
         metavar="BENCH.csv",
@@ -45,6 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     off, full = arguments.inputs
     if not (np.isfinite([off, full]).all() and full != off):

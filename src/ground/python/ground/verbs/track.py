@@ -40,6 +40,7 @@ NUMBERS: Dict[str, Callable[[str], float]] = {
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     _takes_loop(parser)
@@ -103,6 +104,7 @@ def _takes_loop(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints. GroundError when the controller stopped."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     loop = api.prepare(
@@ -216,6 +218,7 @@ def _stop(stop: Document) -> str:
 
 
 def metres(value: float) -> str:
+    """A length in mm below 0.1 m, else in m."""
     return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
 
 

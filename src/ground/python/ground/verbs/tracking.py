@@ -17,6 +17,7 @@ SUMMARY = "how recorded crafts followed their reference: path, error, saturation
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     parser.add_argument(
         "--settled",
@@ -37,6 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     room = Room.load(arguments.room) if arguments.room else None
