@@ -1,7 +1,7 @@
 """What is in a recording and what is odd about it, in words."""
 
 import datetime
-from typing import Callable, Iterator, Sequence, Tuple, TypeVar
+from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
 
 from ground.annotations import Document
 from ground.recordings import quality
@@ -111,8 +111,23 @@ def grave(d: Document) -> Iterator[str]:
 
 def findings(d: Document) -> Iterator[str]:
     """What is odd and what was repaired, a sentence each."""
-    poses, controls = d["poses"], d["controls"]
     yield from grave(d)
+    yield from _frames(d["poses"])
+    yield from _poses(d["poses"])
+    yield from _overlap(d["controls"])
+    if d["rest"] > 0.2:
+        yield "the craft rests for %.2f s at the start" % d["rest"]
+    if d["contacts"]:
+        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
+            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
+        )
+    yield from _changes(d["changes"])
+    if d["same_inputs_as"]:
+        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+
+
+def _frames(poses: Document) -> Iterator[str]:
+    """How far the stamps are off the instants of the frames."""
     clock = poses.get("frame_clock")
     if clock:
         late = clock["lateness"]
@@ -133,6 +148,10 @@ def findings(d: Document) -> Iterator[str]:
             yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
     elif poses["bursts"]:
         yield "%d poses came within 1 ms of the one before" % poses["bursts"]
+
+
+def _poses(poses: Document) -> Iterator[str]:
+    """Poses that are missing, and those that were mended."""
     if poses["gaps"]:
         yield "mocap lost %d times for more than 50 ms: %s" % (
             len(poses["gaps"]),
@@ -150,6 +169,10 @@ def findings(d: Document) -> Iterator[str]:
             yield "%s: %d" % (what, count)
     if poses["spikes"]:
         yield "spikes, smoothed over: %s" % (_named(poses["spikes"], lambda t: "%.2f s" % t),)
+
+
+def _overlap(controls: Document) -> Iterator[str]:
+    """Where poses and commands do not begin or end together."""
     if controls["start_after_poses"] < -0.01:
         yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
     if controls["start_after_poses"] > 0.2:
@@ -158,13 +181,11 @@ def findings(d: Document) -> Iterator[str]:
         yield "poses end %.2f s before the commands" % controls["end_after_poses"]
     if controls["end_after_poses"] < -0.2:
         yield "commands end %.2f s before the poses" % -controls["end_after_poses"]
-    if d["rest"] > 0.2:
-        yield "the craft rests for %.2f s at the start" % d["rest"]
-    if d["contacts"]:
-        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
-            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
-        )
-    for change in d["changes"][:MOST_CHANGES]:
+
+
+def _changes(changes: List[Document]) -> Iterator[str]:
+    """What was changed while the run was recorded."""
+    for change in changes[:MOST_CHANGES]:
         yield "changed at %.2f s: %s: %s %s -> %s" % (
             change["time"],
             change["node"],
@@ -172,10 +193,8 @@ def findings(d: Document) -> Iterator[str]:
             change["before"] or "''",
             change["after"] or "''",
         )
-    if len(d["changes"]) > MOST_CHANGES:
-        yield "%d more live changes (info --json lists them)" % (len(d["changes"]) - MOST_CHANGES)
-    if d["same_inputs_as"]:
-        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+    if len(changes) > MOST_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(changes) - MOST_CHANGES)
 
 
 def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:

@@ -155,13 +155,41 @@ class Run:
 
     def describe(self) -> Document:
         """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
-        recording, motion = self.recording, self.motion
+        recording = self.recording
         stamps, controls = recording.pose_times, recording.control_times
+        return {
+            "name": recording.name,
+            "source": recording.source,
+            "settings": recording.settings.describe(self.zero),
+            "flown_by": recording.flown_by,
+            "files": {kind: file.describe() for kind, file in recording.files.items()},
+            "changes": [change.describe(self.zero) for change in recording.changes],
+            "begins": float(stamps.min()),
+            "warnings": recording.warnings,
+            "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
+            "usable": {
+                "duration": self.usable(),
+                "of": float(self.end),
+                "spans": [list(span) for span in self.spans],
+            },
+            "rest": float(self.active[0]),
+            "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
+            "poses": self._describe_poses(),
+            "controls": self._describe_controls(),
+            "clock_offset": float(recording.clock_offset),
+            "reply": self.reply,
+            "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
+            "repairs": self.motion.repairs,
+        }
+
+    def _describe_poses(self) -> Document:
+        """What `info` says of the poses."""
+        recording, motion = self.recording, self.motion
+        stamps = recording.pose_times
         steps = np.diff(np.sort(stamps))
         intervals = np.diff(motion.times)
         psi = recording.eta[:, 2]
-        changes = (np.abs(np.diff(recording.controls[:, :2], axis=0)) > 1e-6).any(axis=1)
-        poses = {
+        poses: Document = {
             "count": len(stamps),
             "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
             "median_step": float(np.median(steps)),
@@ -192,37 +220,21 @@ class Run:
                 },
                 "roughness": float(clock.roughness),
             }
+        return poses
+
+    def _describe_controls(self) -> Document:
+        """What `info` says of the commands."""
+        recording, motion = self.recording, self.motion
+        controls, commands = recording.control_times, recording.controls
+        changes = (np.abs(np.diff(commands[:, :2], axis=0)) > 1e-6).any(axis=1)
         return {
-            "name": recording.name,
-            "source": recording.source,
-            "settings": recording.settings.describe(self.zero),
-            "flown_by": recording.flown_by,
-            "files": {kind: file.describe() for kind, file in recording.files.items()},
-            "changes": [change.describe(self.zero) for change in recording.changes],
-            "begins": float(stamps.min()),
-            "warnings": recording.warnings,
-            "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
-            "usable": {
-                "duration": self.usable(),
-                "of": float(self.end),
-                "spans": [list(span) for span in self.spans],
-            },
-            "rest": float(self.active[0]),
-            "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
-            "poses": poses,
-            "controls": {
-                "count": len(controls),
-                "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
-                "changes": int(changes.sum()),
-                "levels": [float(f(recording.controls[:, :2])) for f in (np.min, np.max)],
-                "lift": [float(f(recording.controls[:, 2])) for f in (np.min, np.max)],
-                "start_after_poses": float(controls[0] - motion.times[0]),
-                "end_after_poses": float(controls[-1] - motion.times[-1]),
-            },
-            "clock_offset": float(recording.clock_offset),
-            "reply": self.reply,
-            "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
-            "repairs": motion.repairs,
+            "count": len(controls),
+            "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
+            "changes": int(changes.sum()),
+            "levels": [float(f(commands[:, :2])) for f in (np.min, np.max)],
+            "lift": [float(f(commands[:, 2])) for f in (np.min, np.max)],
+            "start_after_poses": float(controls[0] - motion.times[0]),
+            "end_after_poses": float(controls[-1] - motion.times[-1]),
         }
 
 

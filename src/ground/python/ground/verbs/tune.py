@@ -44,6 +44,7 @@ THESIS = {
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     parser.add_argument("--controller", choices=list(tuning.SPACE), default="TrajectoryTracking")
@@ -83,6 +84,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
@@ -132,57 +134,33 @@ def _search(
 ) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
     """The choice that was found, Candidates that were tried, and Candidates compared by name."""
     seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
-    places = [
-        tracking.starts(count, seed)
-        for count, seed in zip(
-            (arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds
-        )
-    ]
+    counts = (arguments.starts, 5 * arguments.starts, arguments.test_starts)
+    places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
+    first, rate = list(before.values()), arguments.rate
+    told = None if arguments.json else _progress
     try:
         tried = tuning.search(
             team,
-            list(before.values()),
+            first,
             model,
             seen,
             places[0],
             weights,
             arguments.evaluations,
             seeds[0],
-            arguments.rate,
-            None if arguments.json else _progress,
+            rate,
+            told,
         )
         print(file=sys.stderr)
-        best = tuning.choose(
-            team,
-            tried,
-            list(before.values()),
-            model,
-            seen,
-            places[1],
-            weights,
-            seeds[1],
-            arguments.rate,
-        )[0]
+        chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate)
         tuned = gains.choice(arguments.controller)
-        gains.put(tuned, best.gains)
-        compared = dict(
-            zip(
-                list(before) + ["tuned"],
-                tuning.evaluate(
-                    team,
-                    list(before.values()) + [tuned],
-                    model,
-                    seen + unseen,
-                    places[2],
-                    weights,
-                    seeds[2],
-                    arguments.rate,
-                ),
-            )
+        gains.put(tuned, chosen[0].gains)
+        compared = tuning.evaluate(
+            team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate
         )
     except ValueError as error:
         raise GroundError(str(error))
-    return tuned, tried, compared
+    return tuned, tried, dict(zip([*before, "tuned"], compared))
 
 
 def _task(text: str) -> tracking.Task:
