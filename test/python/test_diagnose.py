@@ -340,6 +340,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
 ):
     from ground import _core
     from ground.analysis import candidates, diagnosis
+    from ground.analysis.conclusion import conclude
     from ground.recordings import quality, recording
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)
@@ -349,6 +350,6 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
     found = diagnosis.Diagnosis(runs, model, tried)
     found.grow()
-    assert found.conclude().verdict == verdict, [(t.name, t.gain) for t in found.tried]
+    assert conclude(found).verdict == verdict, [(t.name, t.gain) for t in found.tried]
     if delay == 0.001:
         assert found.slight.name == "input_delay"

@@ -10,20 +10,13 @@ be large enough to matter. What the grown model leaves is looked at last
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
-
-import numpy as np
 
 from ground import _core
 from ground.analysis import (
-    bands,
-    budget,
     held_out,
     look_alikes,
     memory,
-    remains,
-    repeats,
     study,
     trials,
     varying,
@@ -34,22 +27,17 @@ from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Criteria, Search
 from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
-from ground.annotations import Document
-from ground.core_types import Estimate, FittedParameter
-from ground.recordings import windows
+from ground.core_types import Estimate
 
-EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
 # An effect that the likelihood sees matters from one of these sizes on; more data make it more
 # certain, not larger. Its change of the motion, in parts of what the poses' noise leaves ...
 MIN_INFLUENCE = 0.3
 # ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a
 # PRBS, 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
-REFUSED = "it raises the error on the runs held out"
 MOST = 0.75  # least share of the held-out parts that memory has to make likelier
 WAITING = 4  # threads that hand work to the pool and wait for it
 ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
-FLOORS = 5  # simulations that the noise floor is the mean of
 
 
 @dataclass(frozen=True)
@@ -59,46 +47,6 @@ class Step:
     added: str
     fit: held_out.Judged  # of the model with it
     group: Tuple[str, ...]  # effects that the data cannot tell from it, itself first
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """What a diagnosis comes to."""
-
-    verdict: str  # complete, missing, varies, memory or unexplained
-    improved: _core.Model  # refitted
-    parameters: List[FittedParameter]  # of the improved model: name, unit, value, ci95, ...
-    noise_floor: float
-    heldout: List[float]  # error on held-out runs: nominal, then after each step
-    heldout_floor: float  # noise floor of the runs that those are of
-    varies: List[Document]  # what differs between runs
-    memory: Optional[memory.Memory]
-    history: remains.Remains
-    state: remains.Remains
-    diagnosis: "Diagnosis"  # that it is of
-    tested: Sequence[_core.RunData] = ()  # that the user held out
-
-    # What the verdict does not need is computed when it is asked for.
-
-    @cached_property
-    def nested(self) -> float:
-        """The last of `heldout` by folds in which the choice was made again."""
-        return self.diagnosis.nested(self.tested)
-
-    @cached_property
-    def budget(self) -> budget.Budget:
-        """budget.Budget of the grown model's error."""
-        return budget.budget(self.diagnosis.runs, self.diagnosis.cut, self.diagnosis.fit)
-
-    @cached_property
-    def repeats(self) -> Optional[repeats.Repeats]:
-        """repeats.Repeats of the improved model's error."""
-        return repeats.repeats(self.diagnosis.runs, self.diagnosis.cut, self.improved)
-
-    @cached_property
-    def bands(self) -> List[bands.Bands]:
-        """bands.Bands of the grown model, one of each run held out."""
-        return self.diagnosis.bands(self.tested)
 
 
 class Diagnosis:
@@ -134,15 +82,14 @@ class Diagnosis:
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
-        self.chosen: List[Candidate] = []  # Candidates, in the order of their choice
+        self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
-        self.slight: Optional[trials.Trial] = (
-            None  # trials.Trial that the poses prefer and that is too small to matter
-        )
+        # that the poses prefer and that is too small to matter
+        self.slight: Optional[trials.Trial] = None
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # of effects, with it and without
-        self.tried: List[trials.Trial] = []  # trials.Trials beside the nominal model, best first
-        self.memory: Optional[memory.Memory] = None  # memory.Memory beside the grown model
+        self.tried: List[trials.Trial] = []  # beside the nominal model, best first
+        self.memory: Optional[memory.Memory] = None  # beside the grown model
         self.say("fitting %s as it is" % model.name)
         self.varied = Likelihood(runs, model)  # with all that may differ between runs
         fit = self.varied.fit(model, study.free_parameters(model))
@@ -203,7 +150,9 @@ class Diagnosis:
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
-                self._drop(better, name, self._refuted(better, found) or REFUSED)
+                why = self._refuted(better, found)
+                if why:
+                    self._drop(better, name, why)
         found = self._deserving(found)
         found = self._remembering(found)
         self._order(found)
@@ -284,7 +233,7 @@ class Diagnosis:
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
-        trial = self._trial_in(found, name)
+        trial = self.trial_in(found, name)
         if why == "slight":
             influence = self._influence(self.search.fits[found], self.search.fits[found - {name}])
             self.slight = replace(trial, influence=influence)
@@ -316,7 +265,7 @@ class Diagnosis:
             if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
                 why = "it stands for what depends on the past (%s)" % remembered.kind.name
                 smaller = self.search.without(rest, name)
-                stand_ins.append(Dropped(self._trial_in(rest, name), why))
+                stand_ins.append(Dropped(self.trial_in(rest, name), why))
                 rest, remembered = smaller, replace(remembered, fit=without)
         # One part alone may hold what the others cannot tell, such as a lift of its own.
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
@@ -370,13 +319,13 @@ class Diagnosis:
     def _trial(self, candidate: Candidate, tests: ScoreTests) -> trials.Trial:
         name, names = candidate.name, frozenset([candidate.name])
         if names in self.search.fits:
-            return self._trial_in(names, name)
+            return self.trial_in(names, name)
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters = tests.estimates(model, name, step)
         return self._as_trial(name, model, parameters, gain, tests.seen(name) > UNSEEN, False)
 
-    def _trial_in(self, found: FrozenSet[str], name: str) -> trials.Trial:
+    def trial_in(self, found: FrozenSet[str], name: str) -> trials.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit = self.search.fits[found]
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
@@ -416,128 +365,3 @@ class Diagnosis:
         """Effects in no group that are, to first order, a change of the grown model's parameters."""
         told = self.names.union(*(step.group for step in self.steps))
         return look_alikes.names(self.search, self.names, told)
-
-    # --- The end
-
-    def conclude(self, heldout: Sequence[_core.RunData] = ()) -> Conclusion:
-        """Judges what was found: the verdict, and the model that improves on the given one.
-
-        heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
-        out and told. Without any, each run is tested by a fit to the others, or each quarter of
-        a single one. Returns a Conclusion.
-        """
-        self.say("what is left")
-        fullest = self._with_slight()
-        history = remains.of_history(self.likelihood, fullest)
-        state = remains.of_state(self.likelihood, fullest)
-        if heldout:
-            self._obey(heldout)
-        floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
-        floor = float(np.mean([f.sum() for f in floors]))
-        reached = float(study.noise_floor(heldout, self.best.model).sum()) if heldout else floor
-        varies = self._varies()
-        explained = self.best.error.sum() < EXPLAINED * floor
-        return Conclusion(
-            self._verdict(explained, varies, history, state),
-            self.model,
-            self.likelihood.intervals(self.fit),
-            floor,
-            self._held_out(heldout),
-            reached,
-            varies,
-            self.memory,
-            history,
-            state,
-            self,
-            heldout,
-        )
-
-    def _with_slight(self) -> Fit:
-        """Fit of the grown model, with what is too small to matter: it is seen all the same."""
-        if self.slight and self.slight_sets[1] == self.names:
-            return self.search.fits[self.slight_sets[0]]
-        return self.fit
-
-    def nested(self, heldout: Sequence[_core.RunData]) -> float:
-        """Error of windows held out from choice and fit alike: in each fold the choice is made
-        again, beginning with the effects found, each of which has to reach the threshold there."""
-        if heldout or not self.chosen:
-            return self._held_out(heldout)[-1]
-
-        def choose(likelihood: Likelihood) -> Fit:
-            search = Search(
-                likelihood,
-                self.given,
-                study.free_parameters,
-                self.candidates,
-                self.search.criteria,
-                self.pool.map,
-            )
-            search.nominal(replace(self.search.nominal(), loudness=()))
-            return search.fits[search.run(near=replace(self.fit, loudness=()))]
-
-        return float(self.folds.nested(choose, self.waiting.map).sum())
-
-    def bands(self, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:
-        """bands.Bands of the grown model, one of each run held out."""
-        if heldout:
-            return bands.of_others(heldout, self.fit, len(self.cut), self.pool.map)
-        return bands.of_folds(self.folds, self.fit)
-
-    def _varies(self) -> List[Document]:
-        """What differs between runs, as the grown model has it: a list of dictionaries."""
-        sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in self.fit.trims])
-        return [
-            {
-                "parameter": d.kind.parameter,
-                "unit": d.kind.unit,
-                "deviation": float(np.std(sizes[:, i], ddof=1)),
-                "p_value": d.p_value,
-                "by_run": sizes[:, i].tolist(),
-            }
-            for d in self.differences
-            for i in [varying.KINDS.index(d.kind)]
-        ]
-
-    def _verdict(
-        self,
-        explained: bool,
-        varies: Sequence[Document],
-        history: remains.Remains,
-        state: remains.Remains,
-    ) -> str:
-        if self.memory or (history.found and history.gain > state.gain):
-            return "memory"
-        # Where the likelihood asks for an effect that does not hold elsewhere, what is missing is open.
-        open_still = self.dropped and not self.chosen and not varies
-        if not explained and (state.found or open_still):
-            return "unexplained"
-        if self.chosen:
-            return "missing"
-        return "varies" if varies else "complete"
-
-    def _obey(self, heldout: Sequence[_core.RunData]) -> None:
-        """Takes out the last effects as long as they raise the error on runs that the user held
-        out."""
-        while self.chosen:
-            errors = self._held_out(heldout)
-            if errors[-1] <= min(errors):
-                return
-            last = self.chosen.pop()
-            found = self.names | {last.name}
-            self.dropped.append(Dropped(self._trial_in(found, last.name), REFUSED))
-            self.steps.pop()
-
-    def _held_out(self, heldout: Sequence[_core.RunData]) -> List[float]:
-        """Errors on runs held out, of the nominal model and after each step. What differs between
-        runs is told by the poses before each window, as in the folds."""
-        if not heldout:
-            judged = [self.nominal] + [step.fit for step in self.steps]
-            return [float(fit.heldout.sum()) for fit in judged]
-        cut = windows.cut(heldout)
-        likelihood = Likelihood(heldout, self.given, self.likelihood.varying)
-        samples = [w.last - w.first + 1 for w in cut]
-        names = [c.name for c in self.chosen]
-        fits = [self.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
-        errors = [study.calibrated_errors(heldout, cut, likelihood, fit) for fit in fits]
-        return [float(np.average(e, axis=0, weights=samples).sum()) for e in errors]

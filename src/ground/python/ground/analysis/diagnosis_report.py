@@ -16,7 +16,8 @@ from ground.analysis import (
     study,
     unexplained,
 )
-from ground.analysis.diagnosis import Conclusion, Diagnosis
+from ground.analysis.conclusion import Conclusion
+from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ground import _core, origin
 from ground.analysis import candidates, diagnosis, diagnosis_report, study
+from ground.analysis.conclusion import Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
 from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
@@ -48,7 +49,7 @@ class Diagnosis(Shown):
     report: Document  #: all of it, as diagnosis.json has it
     problem: "Problem"  #: what was diagnosed
     found: diagnosis.Diagnosis  #: how it was found, for the page
-    conclusion: diagnosis.Conclusion
+    conclusion: Conclusion
 
     @property
     def sentences(self) -> List[str]:
@@ -270,7 +271,7 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     if kept.taken:
         say("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
-    conclusion = found.conclude(held)
+    conclusion = conclude(found, held)
     say("verdict: %s" % conclusion.verdict)
     say("errors of the best effects, and the next experiment")
     name, walls = problem.model.path or problem.model.name, room.core if room else None
@@ -296,7 +297,7 @@ def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> di
 def _result(
     problem: Problem,
     found: diagnosis.Diagnosis,
-    conclusion: diagnosis.Conclusion,
+    conclusion: Conclusion,
     report: Document,
 ) -> Diagnosis:
     parameters = parameters_by_name(conclusion.parameters)

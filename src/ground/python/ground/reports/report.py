@@ -5,7 +5,8 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 
 from ground import _core, origin
 from ground.analysis import bands as bands_of
-from ground.analysis.diagnosis import Conclusion, Diagnosis
+from ground.analysis.conclusion import Conclusion
+from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.recordings import findings
 from ground.reports import appearance, figures, inspection, page, words
