@@ -110,7 +110,7 @@ def _move(temporary: str, path: str) -> None:
 
 
 def plain(value: Any) -> Any:
-    """The same with None for numbers that JSON has no word for: infinite ones and NaN."""
+    """The value with None in place of numbers that JSON cannot write: infinite ones and NaN."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -22,7 +22,7 @@ def now() -> str:
 
 
 def versions() -> Dict[str, str]:
-    """Of the programs that took part, by name."""
+    """Versions of the programs that took part, by name."""
     from ground import _core
 
     found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}

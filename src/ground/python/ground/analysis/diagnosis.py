@@ -219,7 +219,7 @@ class Diagnosis:
         return self._larger(self.search.fits[found], self.search.fits[rest])
 
     def _larger(self, with_it: Fit, without: Fit) -> bool:
-        """The same of two Fits."""
+        """Whether a Fit changes the motion by more than the noise of the poses hides."""
         ratio = 2 * (with_it.log_posterior - without.log_posterior)
         return (
             ratio >= MIN_NOISE_POWER * self.samples

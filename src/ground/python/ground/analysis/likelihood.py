@@ -48,7 +48,7 @@ class Fit:
 
     @property
     def point(self) -> _core.GreyBoxPoint:
-        """The same for the core: _core.GreyBoxPoint."""
+        """Model, levels and loudness as the core takes them."""
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
 
     def ratio_without(self, effect: str) -> float:

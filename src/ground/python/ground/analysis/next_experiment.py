@@ -46,7 +46,7 @@ class Experiment:
     lift: float = 1.0
 
     def arguments(self) -> str:
-        """Those of identify simulate, without a room."""
+        """Arguments of identify simulate that play it, without a room."""
         options = ["--%s %s" % (name, _listed(value)) for name, value in self.options]
         lift = [] if self.lift == 1.0 else ["--lift %g" % self.lift]
         return " ".join(["--input %s" % self.design] + options + lift)
@@ -175,7 +175,7 @@ def _disagreement(
     runs: List[_core.RunData],
     known: Optional[Mapping[str, float]] = None,
 ) -> Optional[float]:
-    """Of the pair that it is smallest of: what a new run adds to the difference of their costs.
+    """What a new run adds to the difference of two rivals' costs, of the pair where that is least.
     `known`: the costs of the runs, when rivals are refitted to them and the new run. None when
     one does not move on this input, or not finitely."""
     worst = np.inf
@@ -208,7 +208,7 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
 
 
 def _cost(rival: Rival, runs: Sequence[_core.RunData], refitted: bool) -> float:
-    """Of poses under a rival, as it is or refitted, the levels of the disturbance kept."""
+    """Cost of poses under a rival, as it is or refitted; levels of the disturbance are kept."""
     on = Likelihood(runs, rival.fit.model)
     near = dataclasses.replace(rival.fit, loudness=())
     if refitted:

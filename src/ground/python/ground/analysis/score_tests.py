@@ -139,7 +139,7 @@ def _side(parameter: ParameterInfo) -> int:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Of a matrix that may be singular: directions that nothing is known of stay where they are."""
+    """Solution of matrix x = right; zero in directions in which the matrix is singular."""
     if not len(matrix):
         return np.zeros((0,) + right.shape[1:])
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -109,7 +109,7 @@ class Study:
         return min(found, key=lambda result: result["objective"])
 
     def refit(self, starts: Sequence[_core.Model], free: Sequence[str]) -> Fit:
-        """The same from models near the best: no other start is tried. One thread."""
+        """Fits from models near the best, in one thread; no other start is tried."""
         return self._judged(
             self._best(starts, free, near=True, threads=1, width=self.width), free, 1
         )
@@ -189,7 +189,7 @@ def window_errors(
     model: _core.Model,
     truth: Optional[Sequence[_core.RunData]] = None,
 ) -> Array:
-    """The same of each window, (windows, 3)."""
+    """Mean |e|/s of u, v, r in each window, (windows, 3)."""
     problem = windows.problem(runs, chosen)
     scale = windows.problem(truth, chosen) if truth else problem
     try:

@@ -259,7 +259,7 @@ def _folds(wrench: Array, groups: Indices) -> List[Indices]:
 
 
 def _cross_validated(columns: Array, wrench: Array, groups: Indices) -> Array:
-    """The same of least squares that have not seen the fold."""
+    """Share that least squares explain of each fold when they have not seen it (FOLDS,)."""
     prediction = np.zeros(len(wrench))
     for fold in _folds(wrench, groups):
         rest = np.setdiff1d(np.arange(len(wrench)), fold)

@@ -36,7 +36,7 @@ class ChannelErrors:
 
     @classmethod
     def of(cls, channels: Array) -> "ChannelErrors":
-        """Of mean |e|/s (3,)."""
+        """Errors from the mean |e|/s of u, v, r (3,)."""
         u, v, r = map(float, channels)
         return cls(u, v, r, float(np.sum(channels)))
 

@@ -49,7 +49,7 @@ class RunComparison(Shown):
 
     @property
     def summary(self) -> Dict[str, List[str]]:
-        """By model, what stands out, in sentences."""
+        """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
     def to_dict(self, files: Files = None) -> Document:

@@ -164,7 +164,7 @@ class _Problem:
             raise GroundError(str(error))
 
     def alone(self, index: int, model: _core.Model) -> core_types.Fit:
-        """The same of a fit to one run."""
+        """The core's result of a fit to one run."""
         one = _Problem([self.runs[index]], self.free, self.objective, self.target, self.window)
         return one.fit(model, one.cut())
 

@@ -292,7 +292,7 @@ def fitted_model(
     after: Mapping[str, float],
     parameters: Mapping[str, Parameter],
 ) -> Model:
-    """The same of a model fitted to recordings."""
+    """A model fitted to recordings that says where its numbers come from."""
     return with_provenance(
         core,
         [recording.bag for recording in recordings],

@@ -155,7 +155,7 @@ def measured(
 
 
 def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:
-    """The same of recordings to test on. GroundError when one of them is fitted to as well."""
+    """Recordings to test on, measured. GroundError when one of them is fitted to as well."""
     found = measured(given, model, part, fitted.recordings)
     names = {recording.name for recording in fitted.recordings}
     if names & {recording.name for recording in found.recordings}:

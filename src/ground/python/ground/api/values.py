@@ -26,7 +26,7 @@ def table(head: Row, rows: Iterable[Row], title: str = "") -> str:
 
 
 def text_table(head: Row, rows: Iterable[Row]) -> List[str]:
-    """The same as lines of text."""
+    """A table as lines of text; the first column is of names, the others are of numbers."""
     lines = [list(head)] + [list(row) for row in rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
     return [

@@ -118,7 +118,7 @@ class LiveBuffers:
             return now, {t: h.samples(since) for t, h in self._histories.items()}
 
     def silent(self, topics: Sequence[str]) -> List[str]:
-        """Those of `topics` without a sample yet, or since time jumped back."""
+        """Topics among `topics` without a sample yet, or since time jumped back."""
         with self._lock:
             return [topic for topic in topics if self._histories[topic].newest is None]
 
@@ -138,7 +138,7 @@ def tracking_error(state: Samples, reference: Samples) -> Samples:
 
 
 def thinned(times: Array, values: Array, points: int) -> Tuple[Array, Array]:
-    """The same curve in about so many points: of every few samples the smallest and the largest."""
+    """A curve in about `points` points: of every few samples the smallest and the largest."""
     together = math.ceil(2 * len(times) / points)
     if together <= 2:
         return times, values

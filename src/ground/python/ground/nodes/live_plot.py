@@ -289,7 +289,7 @@ class Strip(QtWidgets.QWidget):
         self.update()
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:
-        """As QWidget's."""
+        """Paints the curves, the grid and the note, as Qt asks for it."""
         painter = QtGui.QPainter(self)
         painter.drawPixmap(event.rect(), self._picture, event.rect())
         # These lines do not move with the curves; they darken only what is light.

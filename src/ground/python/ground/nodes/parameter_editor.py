@@ -33,7 +33,7 @@ class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
         self.refresh()
 
     def selectable(self) -> bool:
-        """As urwid wants it: rows can be chosen."""
+        """Tells urwid that rows can be chosen."""
         return True
 
     def refresh(self) -> None:
@@ -49,7 +49,7 @@ class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
         )
 
     def keypress(self, size: Tuple[int, ...], key: str) -> Optional[str]:
-        """As urwid wants it: changes the value; gives keys that it does not take."""
+        """Changes the value by a key of urwid's; gives back keys that it does not take."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         if key in ("left", "right"):
             self.editor.change(self, p.nudged(value, key == "right"))

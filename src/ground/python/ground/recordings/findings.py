@@ -72,7 +72,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
 
 
 def _measured(settings: Document) -> str:
-    """By which settings poses became world_ned, and where these are from."""
+    """Settings by which poses became world_ned, and where these are from."""
     sources = settings["sources"]
     words = {
         "axes": "axes '%s' (%s)" % (settings["axes"], sources["axes"]),

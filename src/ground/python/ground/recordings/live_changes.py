@@ -21,7 +21,7 @@ class LiveChange:
     after: str
 
     def describe(self, zero: float) -> Document:
-        """As plain values; the time is that since `zero` [s]."""
+        """The change as plain values; the time is that since `zero` [s]."""
         return dict(vars(self), time=self.time - zero)
 
 

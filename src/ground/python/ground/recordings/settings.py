@@ -79,13 +79,13 @@ class Settings:
         return math.remainder(measured - offset, 2 * math.pi) if offset else measured
 
     def values(self, name: str) -> Optional[Tuple[Any, ...]]:
-        """Of axes or heading_offset, in order of time; None where the run takes none."""
+        """Values of axes or heading_offset in order of time; None where the run takes none."""
         values = [getattr(s, name) for s in self.changes]
         kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
         return tuple(kept) if name in self.taken else None
 
     def describe(self, zero: float) -> Document:
-        """As plain values; times are those since `zero` [s]."""
+        """The settings as plain values; times are those since `zero` [s]."""
         return {
             "axes": self.changes[0].axes,
             "heading_offset": self.changes[0].heading_offset,

@@ -15,7 +15,7 @@ def saturated(inputs: Array) -> Flags:
 
 
 def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
-    """Of position errors (n,) [m] and inputs (k, 2), 0..1: rms, max and final error [m], share of
+    """What position errors (n,) [m] and inputs (k, 2), 0..1, come to: rms, max and final error [m], share of
     the time in which an input is at a bound, mean square of the inputs. None for what has no
     rows."""
     numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
@@ -30,7 +30,7 @@ def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
 
 
 def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
-    """Of rows left, right before the inputs were limited: the share outside 0..1 and the largest; None
+    """Share outside 0..1 and largest of rows left, right before the inputs were limited; None
     without rows."""
     outside = ((wanted < -AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
     return {

@@ -16,7 +16,7 @@ ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"
 
 
 def model_color(index: int) -> str:
-    """Of a model, by its place."""
+    """Colour of a model by its place."""
     return MODELS[index % len(MODELS)]
 
 

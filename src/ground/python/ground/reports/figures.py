@@ -322,7 +322,7 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
 
 
 def _share_of_missing(entry: Document, name: str) -> float:
-    """Of a wrench that is there; none of one that is within its uncertainty."""
+    """Share of a wrench that a variable explains; 0 for a wrench within its uncertainty."""
     return float(0.0 if failure.is_nothing(entry) else entry["against"][name]["share"]["share"])
 
 
@@ -445,7 +445,7 @@ def _fewer(series: Sequence[Array], step: int) -> List[Array]:
 
 
 def _with_gaps(times: Array, *series: Array) -> List[Array]:
-    """The same with NaN inside gaps, where no line shall be."""
+    """Times and series with NaN inside gaps, where no line shall be."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]

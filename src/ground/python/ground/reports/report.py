@@ -69,7 +69,8 @@ def diagnosis(
 def _inspected(
     found: Diagnosis, conclusion: Conclusion, runs: Sequence[Tuple[_core.RunData, str]]
 ) -> List[List[Document]]:
-    """Of each run: the refitted nominal model and, where effects were added, the improved one."""
+    """Studies of each run: the refitted nominal model and, where effects were added, the improved
+    one."""
     winner = conclusion.improved if found.chosen else None
 
     def both(task: Tuple[_core.RunData, str]) -> List[Document]:

@@ -42,7 +42,7 @@ def driven(
 
 
 def title(name: str, numbers: Document) -> str:
-    """Of the picture of a run by its numbers."""
+    """Title of the picture of a run, by its numbers."""
     return "%s: error %s m rms, saturated %.0f%% of the time" % (
         name,
         number(numbers["rms"]),

@@ -79,7 +79,7 @@ class Tracked:
 
     @property
     def wanted(self) -> Array:
-        """The same before the inputs were limited."""
+        """Rows of time, left, right before they were limited (full scale is 1)."""
         return self.decisions[:, [0, 4, 5]]
 
     @property

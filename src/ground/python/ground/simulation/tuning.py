@@ -103,7 +103,7 @@ def cells(
 
 
 def _numbers(runs: Sequence[Tuple[Any, ...]]) -> List[Document]:
-    """Of runs that are given by the arguments of tracking.run."""
+    """Numbers of runs; each is given by the arguments of tracking.run."""
     return [tracking.run(*run).numbers for run in runs]
 
 
@@ -261,7 +261,7 @@ def choose(
 
 
 def trade_off(tried: Sequence[Candidate]) -> List[Candidate]:
-    """Those that no other beats in score of error, saturation and effort at once."""
+    """Candidates that no other beats in score of error, saturation and effort at once."""
     points = np.array([[score(c, Weights(0, 0)), c.saturated, c.effort] for c in tried])
     return [
         c
