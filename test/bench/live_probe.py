@@ -58,11 +58,8 @@ def main():
         if begun is not None:
             late[topic].append(now - begun)
 
-    for topic, kind in (
-        ("model_error", ModelError),
-        ("model_error2", ModelError),
-        ("state", State),
-    ):
+    kinds = {"model_error": ModelError, "model_error2": ModelError, "state": State}
+    for topic, kind in kinds.items():
         rospy.Subscriber(topic, kind, listen, topic, tcp_nodelay=True)
     poses = rospy.Publisher(
         "vrpn_client_node/hovercraft/pose", PoseStamped, queue_size=1, tcp_nodelay=True
