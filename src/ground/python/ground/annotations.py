@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.floating[Any]]
     Flags = npt.NDArray[np.bool_]
-    Indices = npt.NDArray[np.integer[Any]]
+    Indices = npt.NDArray[np.integer[Any]]  # and other whole numbers
     ArrayLike = npt.ArrayLike
 else:  # NumPy 1.17 of Ubuntu 20.04 has no types
     Array = Flags = Indices = ArrayLike = np.ndarray

@@ -1,4 +1,4 @@
-"""What the modules of the API share: types, tables and how results look in a notebook."""
+"""What the modules of the API share: tables, and how results look in a notebook."""
 
 import html
 from typing import Iterable, List, Optional, Sequence, Tuple
