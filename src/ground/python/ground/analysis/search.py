@@ -93,9 +93,8 @@ class Search:
         self.kept = kept or Unfinished()
         self.holds = holds
         self._swapped: Set[str] = set()  # effects in whose place others were tried already
-        self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = (
-            {}
-        )  # sets that do not hold, by the set that they were to grow from
+        # sets that do not hold, by the set that they were to grow from
+        self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
         self.fits: Dict[FrozenSet[str], Fit] = {}  # by set of effects
         self.tests: Dict[FrozenSet[str], ScoreTests] = {}
 

@@ -52,9 +52,8 @@ class LiveBuffer:
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
         self._lock = threading.Lock()
-        self._messages: Deque[Tuple[rospy.Time, str, Message]] = (
-            collections.deque()
-        )  # receipt, topic, message
+        # receipt, topic, message
+        self._messages: Deque[Tuple[rospy.Time, str, Message]] = collections.deque()
         self._settings: Deque[MocapSettings] = collections.deque(maxlen=MOST_SETTINGS)
         self._subscribers = [
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)

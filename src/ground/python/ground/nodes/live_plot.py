@@ -190,9 +190,8 @@ class Feed:
         """duration: of the history [s]."""
         self.buffers = LiveBuffers({n: len(t.fields) for n, t in TOPICS.items()}, duration)
         self.models: Dict[str, ModelError] = {}  # topic to newest message
-        self.statuses: Dict[str, Tuple[Message, float]] = (
-            {}
-        )  # topic to newest message, received [s]
+        # topic to newest message, received [s]
+        self.statuses: Dict[str, Tuple[Message, float]] = {}
         self.invalid = ""  # why the newest state is invalid
         self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]
         self.master_answers = True
@@ -200,8 +199,10 @@ class Feed:
 
     def connect(self) -> None:
         """Subscribes; the node has to be initialised."""
+        master = rosgraph.Master(rospy.get_name())
+        known = _pid(master)  # before: a master that ends soon after would not be missed
         self._subscribe()
-        threading.Thread(target=self._watch_master, daemon=True).start()
+        threading.Thread(target=self._watch_master, args=(master, known), daemon=True).start()
 
     def take(self, message: Message, topic: str) -> None:
         """Takes a message of one of TOPICS."""
@@ -224,12 +225,9 @@ class Feed:
         for topic, kind in STATUSES.items():
             self._subscribers.append(rospy.Subscriber(topic, kind, self.take_status, topic))
 
-    def _watch_master(self) -> None:
-        master, known = rosgraph.Master(rospy.get_name()), None
+    def _watch_master(self, master: rosgraph.Master, known: Optional[int]) -> None:
         while not rospy.is_shutdown():
-            pid = None
-            with contextlib.suppress(OSError, rosgraph.MasterException):
-                pid = master.getPid()
+            pid = _pid(master)
             self.master_answers = pid is not None
             if pid and known and pid != known:
                 for subscriber in self._subscribers:
@@ -238,6 +236,13 @@ class Feed:
                 self._subscribe()
             known = pid or known
             time.sleep(WATCH)
+
+
+def _pid(master: rosgraph.Master) -> Optional[int]:
+    """Number of the master's process; None when it does not answer."""
+    with contextlib.suppress(OSError, rosgraph.MasterException):
+        return int(master.getPid())
+    return None
 
 
 class Strip(QtWidgets.QWidget):

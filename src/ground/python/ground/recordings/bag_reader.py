@@ -197,9 +197,8 @@ class BagReader:
     def _scan(self) -> None:
         """Finds all chunks and their messages."""
         self._size = len(self._data)
-        self._index_at = (
-            None  # where the file header says that the chunks end; 0: it never was closed
-        )
+        # where the file header says that the chunks end; 0: it never was closed
+        self._index_at: Optional[int] = None
         self._ends_early = False
         records, position = [], len(MAGIC)
         while position < self._size:
