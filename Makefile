@@ -10,6 +10,7 @@ noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
+configured := build/.configured
 SEED ?= 1
 # Options of CMake besides those of the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
@@ -17,13 +18,13 @@ options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
 
-build: build/CMakeCache.txt
+build: $(configured)
 	@.ci/build build
 
 demo: build
 	@$(in_workspace) rosrun ground demo --out build/demo --seed $(SEED)
 
-test: build/CMakeCache.txt
+test: $(configured)
 	@.ci/build build all tests
 	@rm -rf build/test_results build/Testing  # ctest would remember other costs than CMakeLists.txt
 	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
@@ -102,7 +103,7 @@ docs: build
 	@docs/check_math.py build/docs/html
 	@echo "build/docs/html/index.html"
 
-build/CMakeCache.txt: $(installed)
+$(configured): $(installed)
 	@$(in_ros) .ci/configure default $(options)
 	@touch $@
 
