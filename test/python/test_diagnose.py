@@ -277,6 +277,13 @@ def test_bad_options_are_named(tmp_path, options, words):
     assert not (tmp_path / "out").exists()
 
 
+def test_an_interval_without_an_end_is_said():
+    from ground.reports import words
+
+    entry = {"value": 8728.0, "unit": "s", "ci95": [1852.4, None], "identified": True}
+    assert list(words.parameters({"tau": entry})) == ["tau 8728 s [1852, inf]"]
+
+
 def test_real_runs_of_one_day(tmp_path, recordings):
     bags = []
     for stamp in [s for s in recordings if s.startswith("2019-04-11")]:
