@@ -1,5 +1,6 @@
 """The search for effects under a random disturbance, on crafts of the hidden-effect bench."""
 
+import functools
 import sys
 
 import numpy as np
@@ -9,7 +10,8 @@ from conftest import ROOT
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 
 
-def diagnosed(kind, seed, **options):
+@functools.lru_cache(maxsize=None)
+def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
     from ground.analysis import candidates, diagnosis
@@ -18,7 +20,7 @@ def diagnosed(kind, seed, **options):
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    found = diagnosis.Diagnosis(fitted, model, candidates.library(model), **options)
+    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
     found.grow()
     return case, found, conclude(found, held)
 

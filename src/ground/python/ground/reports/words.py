@@ -226,7 +226,9 @@ def parameters(values: Mapping[str, Document]) -> Iterator[str]:
     """A line for each parameter of an effect."""
     for name, p in values.items():
         if p["identified"]:
-            yield "%s %.4g %s [%.4g, %.4g]" % ((name, p["value"], p["unit"]) + tuple(p["ci95"]))
+            low, high = p["ci95"]  # None in JSON: none at all
+            low, high = -math.inf if low is None else low, math.inf if high is None else high
+            yield "%s %.4g %s [%.4g, %.4g]" % (name, p["value"], p["unit"], low, high)
         else:
             yield "%s: not identifiable from these data" % name
 
