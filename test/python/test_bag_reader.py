@@ -8,13 +8,13 @@ from conftest import MODEL, write_bag
 
 import rosbag
 from ground import cli
-from ground.recordings import bag_reader, bags, recording
+from ground.recordings import bag_reader, recording, topics
 
 KINDS = {
     "plain": dict(),
     "bz2": dict(compression="bz2"),
     "lz4": dict(compression="lz4"),
-    "small": dict(compression="lz4", chunk_threshold=bags.CHUNK),
+    "small": dict(compression="lz4", chunk_threshold=topics.CHUNK),
 }
 
 
@@ -194,7 +194,7 @@ def test_a_definition_in_a_bag_runs_no_code(monkeypatch, line):
 
     monkeypatch.setattr(builtins, "planted", [], raising=False)
     claim = bag_reader.Connection("pose", "some_msgs/Pose", "0" * 32, line + "\nfloat64 x\n")
-    assert bag_reader.message_class(claim) is None
+    assert bag_reader.decoder(claim) is None
     assert builtins.planted == []
 
 

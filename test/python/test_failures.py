@@ -13,7 +13,7 @@ from test_identify import write_csv
 
 import rosbag
 from ground import cli, errors
-from ground.recordings import bags
+from ground.recordings import topics
 from ground.verbs import info, track, tune
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
@@ -24,7 +24,7 @@ def sample(tmp_path_factory):
     """A folder with a run of 3 s, as a plain bag, as the recorder writes it, and as CSV; and a model."""
     folder = tmp_path_factory.mktemp("sample")
     write_bag(folder / "plain.bag", duration=3, seed=2)
-    options = dict(compression="lz4", chunk_threshold=bags.CHUNK)
+    options = dict(compression="lz4", chunk_threshold=topics.CHUNK)
     with rosbag.Bag(str(folder / "plain.bag")) as source:
         with rosbag.Bag(str(folder / "small.bag"), "w", **options) as bag:
             for topic, message, time in source.read_messages():

@@ -8,7 +8,7 @@ import numpy as np
 from ground import errors
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import bags as bag_files, settings
+from ground.recordings import readers, settings
 
 
 class Bags(argparse.Action):
@@ -16,7 +16,7 @@ class Bags(argparse.Action):
 
     def __call__(self, parser, namespace, values, option_string=None):
         try:
-            setattr(namespace, self.dest, bag_files.listed(values))
+            setattr(namespace, self.dest, readers.listed(values))
         except GroundError as error:
             parser.exit(1, "%s: %s\n" % (parser.prog, error))
 

@@ -1,6 +1,6 @@
 """identify import: CSV exports to a bag."""
 from ground import files
-from ground.recordings import recording as recordings
+from ground.recordings import csv_exports
 from ground.verbs import common
 
 NAME = "import"
@@ -20,7 +20,7 @@ def configure(parser):
 
 def run(arguments):
     files.refuse_existing(arguments.output, arguments.force)
-    counts = recordings.import_csv(
+    counts = csv_exports.write_bag(
         arguments.controls, arguments.pose, arguments.output, arguments.force
     )
     common.say(

@@ -1,0 +1,126 @@
+# The ROS-free core: its libraries, and the Python module ground._core. It is part of the catkin package
+# (../CMakeLists.txt) and of the wheel (../python/CMakeLists.txt), which set before they include it:
+#   ground_VERSION
+#   ground_lib_output, ground_lib_destination     where the libraries are built and installed
+#   ground_core_output, ground_core_destination   the same of the Python module
+get_filename_component(ground_source_dir ${CMAKE_CURRENT_LIST_DIR}/.. ABSOLUTE)
+set(CMAKE_CXX_STANDARD 17)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(ground_warnings -Wall -Wextra -Wshadow -Werror CACHE STRING "what the compiler has to say")
+
+find_package(Ceres REQUIRED)
+find_package(Eigen3 REQUIRED)
+find_package(Threads REQUIRED)
+find_package(pybind11 REQUIRED)
+find_package(yaml-cpp REQUIRED)
+find_library(MUPARSER_LIBRARY muparser REQUIRED)
+find_path(MUPARSER_INCLUDE_DIR muParser.h)
+
+# One library a folder. Adding a file to a folder (a physical effect, say) needs no edit here.
+function(ground_library folder)
+  file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/${folder}/*.cpp
+    ${ground_source_dir}/src/${folder}/*/*.cpp)
+  if(NOT sources)
+    return()
+  endif()
+  add_library(ground_${folder} SHARED ${sources} ${ARGN})
+  add_library(ground::${folder} ALIAS ground_${folder})
+  target_compile_features(ground_${folder} PUBLIC cxx_std_17)
+  target_include_directories(ground_${folder} PUBLIC
+    $<BUILD_INTERFACE:${ground_source_dir}/include> $<INSTALL_INTERFACE:include>)
+  target_include_directories(ground_${folder} SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS})
+  target_compile_options(ground_${folder} PRIVATE ${ground_warnings})
+  set_target_properties(ground_${folder} PROPERTIES EXPORT_NAME ${folder}
+    LIBRARY_OUTPUT_DIRECTORY ${ground_lib_output})
+  set_property(GLOBAL APPEND PROPERTY ground_libraries ground_${folder})
+endfunction()
+
+# The same library once more for each wider kind of processor, in folders where the C library's
+# loader looks first on such a machine (glibc 2.33 and later; others load the plain one). Eigen, which
+# would align and allocate otherwise there, is kept to what all agree on: the compiler and Lanes make
+# use of the registers.
+set(GROUND_WIDE ON CACHE STRING
+  "build the core for AVX2 and AVX-512 as well, chosen when it is loaded: ON, OFF, or NATIVE for the widest of this processor only")
+include(CheckCXXCompilerFlag)
+set(ground_levels 3 4)
+if(GROUND_WIDE STREQUAL "NATIVE")
+  execute_process(COMMAND /lib64/ld-linux-x86-64.so.2 --help
+    OUTPUT_VARIABLE loader ERROR_VARIABLE loader)
+  foreach(level 3 4)
+    if(loader MATCHES "x86-64-v${level} \\(supported")
+      set(ground_levels ${level})
+    endif()
+  endforeach()
+endif()
+function(ground_wide_library folder)
+  get_target_property(sources ground_${folder} SOURCES)
+  get_target_property(libraries ground_${folder} LINK_LIBRARIES)
+  foreach(level ${ground_levels})
+    check_cxx_compiler_flag(-march=x86-64-v${level} ground_has_v${level})
+    if(NOT GROUND_WIDE OR NOT ground_has_v${level})
+      continue()
+    endif()
+    set(wide ground_${folder}_v${level})
+    add_library(${wide} SHARED ${sources})
+    target_include_directories(${wide} PRIVATE ${ground_source_dir}/include)
+    target_include_directories(${wide} SYSTEM PRIVATE ${EIGEN3_INCLUDE_DIRS}
+      ${MUPARSER_INCLUDE_DIR})
+    # gcc 12 finds fault with its own AVX-512 headers (bug 105593).
+    target_compile_options(${wide} PRIVATE ${ground_warnings} ${ground_core_options}
+      -Wno-maybe-uninitialized -march=x86-64-v${level})
+    target_compile_definitions(${wide} PRIVATE EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16
+      EIGEN_MAX_STATIC_ALIGN_BYTES=16)
+    target_link_libraries(${wide} PRIVATE ${libraries})
+    get_target_property(unity ground_${folder} UNITY_BUILD)
+    set_target_properties(${wide} PROPERTIES OUTPUT_NAME ground_${folder} UNITY_BUILD ${unity}
+      LIBRARY_OUTPUT_DIRECTORY ${ground_lib_output}/glibc-hwcaps/x86-64-v${level})
+    add_dependencies(ground_${folder} ${wide})
+    install(TARGETS ${wide} LIBRARY
+      DESTINATION ${ground_lib_destination}/glibc-hwcaps/x86-64-v${level})
+  endforeach()
+endfunction()
+# Nobody asks errno about a square root. How eight numbers side by side are passed by value differs
+# among these libraries and those that use them: only inline functions do so, and each library keeps
+# to its own.
+set(ground_core_options -fno-math-errno -Wno-psabi -fvisibility-inlines-hidden)
+
+ground_library(model)
+# The effects are many and small: what they include takes longest to compile.
+file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
+set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
+target_include_directories(ground_model SYSTEM PRIVATE ${MUPARSER_INCLUDE_DIR})
+target_compile_options(ground_model PUBLIC ${ground_core_options})
+target_link_libraries(ground_model PRIVATE yaml-cpp ${MUPARSER_LIBRARY} ${CMAKE_DL_LIBS})
+ground_wide_library(model)
+
+ground_library(estimation)
+target_link_libraries(ground_estimation PUBLIC ground_model)
+
+ground_library(control)
+target_link_libraries(ground_control PUBLIC ground_model ground_estimation PRIVATE yaml-cpp)
+
+ground_library(simulation)
+target_link_libraries(ground_simulation PUBLIC ground_model ground_control ground_estimation)
+
+ground_library(identification)
+target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
+  PRIVATE ${CERES_LIBRARIES})
+ground_wide_library(identification)
+
+# Shells around the core do little at run time, but their headers take long to optimise.
+set(ground_shell_options -O1)
+file(GLOB bindings CONFIGURE_DEPENDS ${ground_source_dir}/src/python/*.cpp)
+pybind11_add_module(ground_core MODULE NO_EXTRAS ${bindings})
+set_target_properties(ground_core PROPERTIES
+  OUTPUT_NAME _core
+  LIBRARY_OUTPUT_DIRECTORY ${ground_core_output})
+# At -O1 gcc 12 takes members of pybind11's own casters for uninitialised.
+target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_options}
+  -Wno-maybe-uninitialized)
+target_compile_definitions(ground_core PRIVATE GROUND_VERSION="${ground_VERSION}")
+target_link_libraries(ground_core PRIVATE
+  ground_model ground_estimation ground_control ground_simulation ground_identification
+  ${CERES_LIBRARIES})
+install(TARGETS ground_core LIBRARY DESTINATION ${ground_core_destination})
