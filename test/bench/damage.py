@@ -5,6 +5,7 @@ Small bags of one run as they are written by the recorder, by rosbag with lz4 in
 compression. Counts tracebacks, runs that take too long, and fits that move by more than 3 standard errors
 without a word on standard error; exit status 1 when there is any.
 """
+
 import argparse
 import collections
 import contextlib

@@ -4,6 +4,7 @@
 Whatever is wrong has to be said as an GroundError, or as bad usage; anything else is a crash. First
 argument: what; the rest is libFuzzer's.
 """
+
 import contextlib
 import io
 import os

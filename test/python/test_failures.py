@@ -1,4 +1,5 @@
 """Whatever fails in reading and writing ends in one line and status 1; only --debug shows a traceback."""
+
 import contextlib
 import os
 import resource
@@ -180,7 +181,10 @@ def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
     [
         (MemoryError(), "memory"),
         (KeyboardInterrupt(), "interrupted"),
-        (OSError(28, "No space left on device", "there/x"), "there/x: No space left on device; make"),
+        (
+            OSError(28, "No space left on device", "there/x"),
+            "there/x: No space left on device; make",
+        ),
         (ZeroDivisionError("some\ndefect"), "unexpected ZeroDivisionError: some defect; --debug"),
     ],
 )
@@ -207,7 +211,9 @@ def script(monkeypatch, name, *arguments):
     return ended.value.code or 0
 
 
-@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "track", "tune"])
+@pytest.mark.parametrize(
+    "name", ["identification", "parameters", "record", "demo", "track", "tune"]
+)
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out

@@ -1,18 +1,10 @@
-# The ROS-free core: its libraries, and the Python module ground._core. It is part of the catkin package
-# (../CMakeLists.txt) and of the wheel (../python/CMakeLists.txt), which set before they include it:
-#   ground_VERSION
-#   ground_lib_output, ground_lib_destination     where the libraries are built and installed
-#   ground_core_output, ground_core_destination   the same of the Python module
-get_filename_component(ground_source_dir ${CMAKE_CURRENT_LIST_DIR}/.. ABSOLUTE)
-set(CMAKE_CXX_STANDARD 17)
-set(CMAKE_CXX_STANDARD_REQUIRED ON)
-set(CMAKE_CXX_EXTENSIONS OFF)
-set(ground_warnings -Wall -Wextra -Wshadow -Werror CACHE STRING "what the compiler has to say")
-
+# The libraries of the ROS-free core, for the catkin package (../CMakeLists.txt) and for the wheel
+# (../python/CMakeLists.txt), which set before they include this where the libraries are built,
+# ground_lib_output, and installed, ground_lib_destination.
+include(${CMAKE_CURRENT_LIST_DIR}/options.cmake)
 find_package(Ceres REQUIRED)
 find_package(Eigen3 REQUIRED)
 find_package(Threads REQUIRED)
-find_package(pybind11 REQUIRED)
 find_package(yaml-cpp REQUIRED)
 find_library(MUPARSER_LIBRARY muparser REQUIRED)
 find_path(MUPARSER_INCLUDE_DIR muParser.h)
@@ -108,19 +100,3 @@ ground_library(identification)
 target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
   PRIVATE ${CERES_LIBRARIES})
 ground_wide_library(identification)
-
-# Shells around the core do little at run time, but their headers take long to optimise.
-set(ground_shell_options -O1)
-file(GLOB bindings CONFIGURE_DEPENDS ${ground_source_dir}/src/python/*.cpp)
-pybind11_add_module(ground_core MODULE NO_EXTRAS ${bindings})
-set_target_properties(ground_core PROPERTIES
-  OUTPUT_NAME _core
-  LIBRARY_OUTPUT_DIRECTORY ${ground_core_output})
-# At -O1 gcc 12 takes members of pybind11's own casters for uninitialised.
-target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_options}
-  -Wno-maybe-uninitialized)
-target_compile_definitions(ground_core PRIVATE GROUND_VERSION="${ground_VERSION}")
-target_link_libraries(ground_core PRIVATE
-  ground_model ground_estimation ground_control ground_simulation ground_identification
-  ${CERES_LIBRARIES})
-install(TARGETS ground_core LIBRARY DESTINATION ${ground_core_destination})

@@ -1,4 +1,5 @@
 """What the programs identify, track and tune start with."""
+
 from ground.errors import guarded
 
 # What they do takes a second to load, in which Ctrl-C is no traceback either.

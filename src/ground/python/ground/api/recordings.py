@@ -1,4 +1,5 @@
 """Recordings: reading them, and the part of them that models are held against."""
+
 import os
 from dataclasses import dataclass, replace
 from typing import Any, Iterable, Iterator, List, Optional, Sequence, Tuple, Union

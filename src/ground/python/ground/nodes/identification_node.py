@@ -3,6 +3,7 @@
 A task runs in a process of its own, the command line's, so that one that fails or is cancelled leaves
 the node as it was, and what the node can do and what the terminal can do is the same.
 """
+
 import collections
 import contextlib
 import json
@@ -167,9 +168,7 @@ class IdentificationNode:
         if task == "add" and not request.effect:
             raise GroundError("effect is empty: which one shall be added?")
         if request.last < 0:
-            raise GroundError(
-                "last is %g s: seconds before now have to be positive" % request.last
-            )
+            raise GroundError("last is %g s: seconds before now have to be positive" % request.last)
         folder = self._new_folder(task)
         try:
             return self._run_in(folder, task, request, model, began)

@@ -5,6 +5,7 @@ its index, and the connections (topics with their types) once more at the end. r
 this reader needs none of it, takes every message that is there, checks it against what the file says
 twice, and says what was lost.
 """
+
 import bz2
 import enum
 import mmap
@@ -134,13 +135,16 @@ class BagReader:
             yield self._connections[number].topic, message, received(*divmod(time, 10**9))
         if unreadable:
             self.warnings.append(
-                "the bag is damaged: messages that do not fit their type were left out (%d)" % unreadable
+                "the bag is damaged: messages that do not fit their type were left out (%d)"
+                % unreadable
             )
 
     def _scan(self):
         """Finds all chunks and their messages."""
         self._size = len(self._data)
-        self._index_at = None  # where the file header says that the chunks end; 0: it never was closed
+        self._index_at = (
+            None  # where the file header says that the chunks end; 0: it never was closed
+        )
         self._ends_early = False
         records, position = [], len(MAGIC)
         while position < self._size:
@@ -471,7 +475,12 @@ def _from_lz4(packed, is_last):
         try:
             contents = codecs.installed().unpack_lz4(packed)
             return contents, State.CHECKED if checksum else State.PLAIN
-        except (OSError, ValueError, MemoryError, RuntimeError):  # wrong checksum, contents, or kind of frame
+        except (
+            OSError,
+            ValueError,
+            MemoryError,
+            RuntimeError,
+        ):  # wrong checksum, contents, or kind of frame
             is_last = False
     unpacked = bytearray()
     for at in blocks:

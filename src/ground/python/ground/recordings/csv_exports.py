@@ -1,4 +1,5 @@
 """CSV files written by rostopic echo -p, and the bag that a pair of them becomes."""
+
 import csv
 import math
 

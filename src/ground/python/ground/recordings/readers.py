@@ -2,6 +2,7 @@
 
 Another kind of file takes a Reader in READERS, nothing else.
 """
+
 import glob
 import os
 from typing import Iterable, List, Optional, Protocol

@@ -1,4 +1,5 @@
 """Recordings: poses and commands as they were measured, and how they come from a bag."""
+
 import functools
 import os
 from dataclasses import dataclass, field, replace
@@ -211,9 +212,7 @@ def _choose(info, path, what, rank):
     found.sort()
     same = [topic for order, topic in found if order == found[0][0]]
     if len(same) > 1:
-        raise GroundError(
-            "%s: several topics could be the %s: %s" % (path, what, ", ".join(same))
-        )
+        raise GroundError("%s: several topics could be the %s: %s" % (path, what, ", ".join(same)))
     return same[0]
 
 

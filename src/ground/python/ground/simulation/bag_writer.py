@@ -1,4 +1,5 @@
 """Simulated runs as bags, like those that launch/record.launch records."""
+
 from typing import Any, Dict
 
 import numpy as np
@@ -67,7 +68,12 @@ def _in_order(run, axes, heading_offset):
     decided, statuses = run.decisions[:, 0], _statuses(run)
     reported = np.array([status[0] for status in statuses], float)
     series = [
-        (SETTINGS, start, start, [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)]),
+        (
+            SETTINGS,
+            start,
+            start,
+            [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)],
+        ),
         (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
@@ -183,7 +189,9 @@ def _reference_times(run):
 
 def _references(run):
     for row in run.references:
-        message = _new("ground_msgs/Reference", p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9])
+        message = _new(
+            "ground_msgs/Reference", p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9]
+        )
         message.header.frame_id = "world_ned"
         yield message
 

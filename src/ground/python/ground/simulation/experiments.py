@@ -3,6 +3,7 @@
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
 Everything runs in process, without ROS, and depends on nothing but its arguments.
 """
+
 import os
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Sequence, Union

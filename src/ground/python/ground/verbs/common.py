@@ -1,4 +1,5 @@
 """What the verbs of the command line share."""
+
 import argparse
 import contextlib
 import sys

@@ -1,4 +1,5 @@
 """identify import: CSV exports to a bag."""
+
 from ground import files
 from ground.recordings import csv_exports
 from ground.verbs import common

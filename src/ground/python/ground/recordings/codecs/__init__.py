@@ -13,6 +13,7 @@ A codec is a module of this folder with these:
 Message types are named as in bags, "ground_msgs/Controls". Both give the same values, bit by bit; an
 array of numbers is a tuple or a NumPy array.
 """
+
 import functools
 import importlib
 import importlib.util

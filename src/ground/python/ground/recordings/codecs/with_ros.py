@@ -1,4 +1,5 @@
 """The codec of ROS: genpy, rosbag and the installed message packages."""
+
 from ground.recordings import codecs
 from ground.recordings.topics import CHUNK
 

@@ -1,9 +1,12 @@
 """The codec of rosbags (PyPI), which is pure Python and knows the common messages of ROS 1."""
+
 import contextlib
 import functools
 import glob
 import os
 from dataclasses import dataclass, field
+
+import numpy as np
 
 import ground
 from ground.recordings import codecs
@@ -31,7 +34,7 @@ class Time:
 
 
 def _name(kind):
-    """"ground_msgs/Controls" as rosbags has it."""
+    """ "ground_msgs/Controls" as rosbags has it."""
     return "/msg/".join(kind.split("/"))
 
 
@@ -84,7 +87,11 @@ def defined(kind, definition):
 
 
 def new(kind, **fields):
-    return _new(_name(kind), fields)
+    plain = {
+        name: np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
+        for name, value in fields.items()
+    }
+    return _new(_name(kind), plain)
 
 
 def _new(name, fields):
@@ -103,7 +110,8 @@ def _empty(node, of):
     if node == Nodetype.SEQUENCE:
         return []
     inner, count = of
-    return [_empty(*inner) for _ in range(count)]
+    values = [_empty(*inner) for _ in range(count)]
+    return np.array(values, inner[1][0]) if inner[0] == Nodetype.BASE else values
 
 
 @dataclass
