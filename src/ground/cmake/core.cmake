@@ -1,13 +1,6 @@
-# The libraries of the ROS-free core, for the catkin package (../CMakeLists.txt) and for the wheel
-# (../python/CMakeLists.txt), which set before they include this where the libraries are built,
-# ground_lib_output, and installed, ground_lib_destination.
-include(${CMAKE_CURRENT_LIST_DIR}/options.cmake)
-find_package(Ceres REQUIRED)
-find_package(Eigen3 REQUIRED)
-find_package(Threads REQUIRED)
-find_package(yaml-cpp REQUIRED)
-find_library(MUPARSER_LIBRARY muparser REQUIRED)
-find_path(MUPARSER_INCLUDE_DIR muParser.h)
+# The libraries of the ROS-free core, for the catkin package and for the wheel. Before it they include
+# base.cmake and set where the libraries are built, ground_lib_output, and installed,
+# ground_lib_destination.
 
 # One library a folder. Adding a file to a folder (a physical effect, say) needs no edit here.
 function(ground_library folder)

@@ -1,9 +1,6 @@
 # The Python module ground._core on top of the libraries of the core, for the catkin package and for the
-# wheel, which set before they include this where it is built, ground_module_output, and installed,
-# ground_module_destination, and ground_VERSION.
-include(${CMAKE_CURRENT_LIST_DIR}/options.cmake)
-find_package(Ceres REQUIRED)
-find_package(pybind11 REQUIRED)
+# wheel. Before it they include base.cmake and set ground_VERSION and where the module is built,
+# ground_module_output, and installed, ground_module_destination.
 
 file(GLOB bindings CONFIGURE_DEPENDS ${ground_source_dir}/src/python/*.cpp)
 pybind11_add_module(ground_core MODULE NO_EXTRAS ${bindings})
