@@ -16,7 +16,8 @@ def plain(value):
     if hasattr(value, "to_nsec"):
         return value.to_nsec()
     if dataclasses.is_dataclass(value):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        names = [f.name for f in dataclasses.fields(value) if not f.name.startswith("_")]
+        return {name: plain(getattr(value, name)) for name in names}
     if hasattr(value, "__slots__") and hasattr(value, "_type"):  # a message of genpy
         return {name: plain(getattr(value, name)) for name in value.__slots__}
     if isinstance(value, dict):
