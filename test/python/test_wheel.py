@@ -93,9 +93,10 @@ def test_fit_finds_the_same_parameters(bare, bags, tmp_path):
     for path in bags:
         with_ros = json.loads(identify("fit", path, *options, tmp_path / "ros.yaml").stdout)
         found = run(bare / "identify", "fit", path, *options, tmp_path / (path.stem + ".yaml"))
-        parameters = {p["name"]: p["value"] for p in json.loads(found)["parameters"]}
-        wanted = {p["name"]: p["value"] for p in with_ros["parameters"]}
-        assert parameters == pytest.approx(wanted, rel=1e-6)
+        parameters, wanted = json.loads(found)["parameters"], with_ros["parameters"]
+        assert list(parameters) == list(wanted)
+        for name, parameter in wanted.items():
+            assert parameters[name]["value"] == pytest.approx(parameter["value"], rel=1e-6)
         (tmp_path / "ros.yaml").unlink()
 
 
