@@ -100,7 +100,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
-  if (state_ == State::kLifting || driving()) enter(now, State::kStopped, what);
+  if (flying()) enter(now, State::kStopped, what);
 }
 
 void ControllerLifecycle::tick(Instant now) {
@@ -110,22 +110,25 @@ void ControllerLifecycle::tick(Instant now) {
     lifting_since_ = now.time;
     enter(now, State::kLifting, "lift on");
   }
-  if ((state_ == State::kLifting || driving()) && !bridge(now, problem))
-    enter(now, State::kStopped, problem);
-  if (state_ == State::kLifting || driving()) {
+  if (flying() && !bridge(now, problem)) enter(now, State::kStopped, problem);
+  if (flying()) {
     const std::string leaving = fenceProblem(now);
     if (!leaving.empty()) enter(now, State::kStopped, leaving);
   }
   if (state_ == State::kLifting && problem.empty() && now.time >= liftedAt()) begin(now);
   if (driving() && now.time >= running_since_ + pilot_.end())
     enter(now, State::kDone, "came to its end");
+  act(now);
+}
 
-  if (state_ == State::kRunning && change_at_) {
-    if (now.time >= *change_at_ || now.steady >= repeatAt()) control(now, now.time);
-  } else if (state_ == State::kRunning) {
+/// Decides anew, or repeats what was sent, where that is due.
+void ControllerLifecycle::act(Instant now) {
+  const bool repeats = now.steady >= repeatAt();
+  if (state_ == State::kRunning) {
     // Without a new state it decides upon the last one, until that is stale.
-    if (now.steady >= repeatAt()) control(now, measured_ ? measured_->stamp : now.time);
-  } else if (now.steady >= repeatAt()) {
+    const double upon = change_at_ || !measured_ ? now.time : measured_->stamp;
+    if (repeats || (change_at_ && now.time >= *change_at_)) control(now, upon);
+  } else if (repeats) {
     send(now, {0, 0, driving() ? params_.lift : liftAlone()});
   }
 }

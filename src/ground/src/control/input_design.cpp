@@ -118,17 +118,52 @@ bool takesManyLevels(const std::string& kind) {
   return staircase(kind) || kind == "multilevel-prbs";
 }
 
+std::string wrongLevels(const std::string& kind, const std::vector<double>& levels) {
+  for (double level : levels)
+    if (!(level >= 0 && level <= 1)) return "levels must be between 0 and 1";
+  if (levels.size() > 100) return "at most 100 levels are allowed";
+  if (!levels.empty() && !takesManyLevels(kind) && (levels.size() != 2 || levels[0] > levels[1]))
+    return kind + " takes two levels, LOW and HIGH";
+  return "";
+}
+
 const DesignInfo* infoOf(const std::string& kind) {
   for (const DesignInfo& info : designTable())
     if (info.name == kind) return &info;
   return nullptr;
 }
 
+/// The numbers of a line of a CSV; an error if it holds something else.
+std::vector<double> numbersIn(const std::string& line) {
+  std::vector<double> row;
+  std::istringstream cells(line);
+  for (std::string cell; std::getline(cells, cell, ',');) {
+    char* end = nullptr;
+    row.push_back(std::strtod(cell.c_str(), &end));
+    if (end == cell.c_str() || std::string(end).find_first_not_of(" \t\r") != std::string::npos)
+      throw std::runtime_error("'" + shortened(line) + "' is not all numbers");
+    if (!std::isfinite(row.back())) throw std::runtime_error("a value is not finite");
+  }
+  return row;
+}
+
+/// Adds a row of time, left, right and perhaps lift; an error if it cannot be the next one.
+void addRow(const std::vector<double>& row, InputSignal& signal) {
+  if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
+    throw std::runtime_error("times have to grow from 0 or more on");
+  if (*std::min_element(row.begin() + 1, row.end()) < 0 ||
+      *std::max_element(row.begin() + 1, row.end()) > 1)
+    throw std::runtime_error("inputs have to be between 0 and 1");
+  if (row[0] > kLongestInput)
+    throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
+  if (signal.times.size() == kMostRows)
+    throw std::runtime_error("it has more than 2 million rows");
+  signal.times.push_back(row[0]);
+  signal.inputs.push_back({row[1], row[2], signal.has_lift ? row[3] : 1});
+}
+
 InputSignal timedRows(const std::string& path, const std::string& header, std::istringstream& file,
                       bool has_lift) {
-  const auto fail = [&](int line, const std::string& what) {
-    throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
-  };
   const std::size_t width = has_lift ? 4 : 3;
   InputSignal signal;
   signal.has_lift = has_lift;
@@ -136,29 +171,15 @@ InputSignal timedRows(const std::string& path, const std::string& header, std::i
   std::string line;
   for (int number = 2; std::getline(file, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
-    std::vector<double> row;
-    std::istringstream cells(line);
-    for (std::string cell; std::getline(cells, cell, ',');) {
-      char* end = nullptr;
-      row.push_back(std::strtod(cell.c_str(), &end));
-      if (end == cell.c_str() || std::string(end).find_first_not_of(" \t\r") != std::string::npos)
-        fail(number, "'" + shortened(line) + "' is not all numbers");
+    try {
+      const std::vector<double> row = numbersIn(line);
+      if (row.size() != width)
+        throw std::runtime_error(std::to_string(row.size()) + " values for " +
+                                 std::to_string(width) + " columns (" + header + ")");
+      addRow(row, signal);
+    } catch (const std::runtime_error& error) {
+      throw std::runtime_error(path + ", line " + std::to_string(number) + ": " + error.what());
     }
-    if (row.size() != width)
-      fail(number, std::to_string(row.size()) + " values for " + std::to_string(width) +
-                       " columns (" + header + ")");
-    for (double value : row)
-      if (!std::isfinite(value)) fail(number, "a value is not finite");
-    if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
-      fail(number, "times have to grow from 0 or more on");
-    if (*std::min_element(row.begin() + 1, row.end()) < 0 ||
-        *std::max_element(row.begin() + 1, row.end()) > 1)
-      fail(number, "inputs have to be between 0 and 1");
-    if (row[0] > kLongestInput)
-      fail(number, "inputs may last 3600 s; times are counted from the run's start");
-    if (signal.times.size() == kMostRows) fail(number, "it has more than 2 million rows");
-    signal.times.push_back(row[0]);
-    signal.inputs.push_back({row[1], row[2], has_lift ? row[3] : 1});
   }
   if (signal.times.size() < 2)
     throw std::runtime_error(path + ": only " + std::to_string(signal.times.size()) + " rows");
@@ -201,12 +222,7 @@ std::string DesignParams::validate() const {
   if (!within(hold, 0.02, 100)) return "hold must be between 0.02 and 100 s";
   if (!within(order, 2, 20)) return "order must be between 2 and 20";
   if (rows_per_bit < 0) return "rows_per_bit must be positive, or 0 to find it in the file";
-  for (double level : levels)
-    if (!within(level, 0, 1)) return "levels must be between 0 and 1";
-  if (levels.size() > 100) return "at most 100 levels are allowed";
-  if (!levels.empty() && !takesManyLevels(kind) && (levels.size() != 2 || levels[0] > levels[1]))
-    return kind + " takes two levels, LOW and HIGH";
-  return "";
+  return wrongLevels(kind, levels);
 }
 
 InputSignal makeDesign(const DesignParams& params, double duration) {

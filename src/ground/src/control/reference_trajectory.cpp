@@ -269,11 +269,12 @@ struct Cells {
   std::size_t count = 0;
 };
 
+bool isBlank(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
+
 /// A decimal number with nothing but blanks around it, otherwise NaN.
 double numberIn(const char* begin, const char* end) {
-  const auto blank = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
-  while (begin < end && blank(*begin)) ++begin;
-  while (begin < end && blank(end[-1])) --end;
+  while (begin < end && isBlank(*begin)) ++begin;
+  while (begin < end && isBlank(end[-1])) --end;
   constexpr char kDecimal[] = "+-.0123456789eE";  // strtod knows hexadecimal ones and words as well
   const bool decimal =
       std::all_of(begin, end, [&](char c) { return std::strchr(kDecimal, c) != nullptr && c != 0; });
@@ -295,6 +296,68 @@ Cells cellsOf(const char* begin, const char* end) {
 }
 
 bool turns(double rate) { return std::isfinite(rate) && rate != 0; }
+
+/// The lines of a text, one after the other.
+class Lines {
+ public:
+  explicit Lines(const std::string& text) : next_(text.data()), end_(next_ + text.size()) {}
+
+  bool left() const { return next_ < end_; }
+  std::pair<const char*, const char*> take() {
+    const char* const begin = next_;
+    const char* const stop = std::find(begin, end_, '\n');
+    next_ = stop == end_ ? end_ : stop + 1;
+    return {begin, stop};
+  }
+
+ private:
+  const char* next_;
+  const char* end_;  ///< where a 0 stands
+};
+
+/// Whether the columns that a first line names have times; calls fail() if they are others.
+template <class Fail>
+bool timedColumns(const std::pair<const char*, const char*>& line, const Fail& fail) {
+  std::string columns(line.first, line.second);
+  columns.erase(std::remove_if(columns.begin(), columns.end(), isBlank), columns.end());
+  const bool timed = columns == "time,x,y";
+  if (!timed && columns != "x,y")
+    fail(1, "the columns must be time,x,y or x,y, not '" + columns.substr(0, 80) + "'");
+  return timed;
+}
+
+/// The rows of a reference file.
+struct PointRows {
+  bool timed;
+  Vector2<double> origin;
+  std::vector<double> times;
+  std::vector<Vector2<double>> points;
+
+  /// Says what is wrong with a row; empty if nothing is.
+  std::string add(const Cells& cells) {
+    const std::size_t width = timed ? 3 : 2;
+    const double time = timed ? cells.values[0] : 0;
+    const double x = cells.values[width - 2], y = cells.values[width - 1];
+    if (cells.count != width || !std::isfinite(time + x + y))
+      return std::string("it needs ") + (timed ? "three" : "two") + " finite numbers";
+    if (std::abs(x) > kFarthest || std::abs(y) > kFarthest || std::abs(time) > kLongest)
+      return "no room is 10 km wide, and no craft flies for months";
+    const std::string wrong = wrongOrder(time, origin + Vector2<double>(x, y));
+    if (!wrong.empty()) return wrong;
+    times.push_back(time);
+    points.push_back(origin + Vector2<double>(x, y));
+    return "";
+  }
+
+  std::string wrongOrder(double time, const Vector2<double>& point) const {
+    if (points.size() == kMostPoints)
+      return "it has more than " + std::to_string(kMostPoints) + " points";
+    if (points.empty()) return "";
+    if (timed && time <= times.back()) return "times have to grow";
+    if (!timed && points.back() == point) return "the point is the same as the one before";
+    return "";
+  }
+};
 
 }  // namespace
 
@@ -354,47 +417,19 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
   const auto fail = [&](int line, const std::string& what) {
     throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
   };
-  const char* next = text.data();
-  const char* const end = next + text.size();  // where a 0 stands
-  const auto takeLine = [&] {
-    const char* const begin = next;
-    const char* const stop = std::find(begin, end, '\n');
-    next = stop == end ? end : stop + 1;
-    return std::make_pair(begin, stop);
-  };
-  const auto [head, head_end] = takeLine();
-  std::string columns(head, head_end);
-  const auto blank = [](unsigned char c) { return std::isspace(c) != 0; };
-  columns.erase(std::remove_if(columns.begin(), columns.end(), blank), columns.end());
-  const bool timed = columns == "time,x,y";
-  if (!timed && columns != "x,y")
-    fail(1, "the columns must be time,x,y or x,y, not '" + columns.substr(0, 80) + "'");
-  const std::size_t width = timed ? 3 : 2;
-  std::vector<double> times;
-  std::vector<Vector2<double>> points;
-  for (int line = 2; next < end; ++line) {
-    const auto [begin, stop] = takeLine();
-    if (std::all_of(begin, stop, blank)) continue;
-    const Cells cells = cellsOf(begin, stop);
-    const double time = timed ? cells.values[0] : 0;
-    const double x = cells.values[width - 2], y = cells.values[width - 1];
-    if (cells.count != width || !std::isfinite(time + x + y))
-      fail(line, std::string("it needs ") + (timed ? "three" : "two") + " finite numbers");
-    if (std::abs(x) > kFarthest || std::abs(y) > kFarthest || std::abs(time) > kLongest)
-      fail(line, "no room is 10 km wide, and no craft flies for months");
-    if (timed && !times.empty() && time <= times.back()) fail(line, "times have to grow");
-    if (!timed && !points.empty() && points.back() == Vector2<double>(x, y) + origin)
-      fail(line, "the point is the same as the one before");
-    if (points.size() == kMostPoints)
-      fail(line, "it has more than " + std::to_string(kMostPoints) + " points");
-    times.push_back(time);
-    points.push_back(origin + Vector2<double>(x, y));
+  Lines lines(text);
+  PointRows rows{timedColumns(lines.take(), fail), origin, {}, {}};
+  for (int line = 2; lines.left(); ++line) {
+    const auto [begin, stop] = lines.take();
+    if (std::all_of(begin, stop, isBlank)) continue;
+    const std::string wrong = rows.add(cellsOf(begin, stop));
+    if (!wrong.empty()) fail(line, wrong);
   }
-  if (points.size() < 2) fail(1, "at least two points have to follow");
-  if (!timed) return makeWaypoints(points, speed, smooth);
-  const double start = times.front();
-  for (double& time : times) time -= start;
-  return makeSpline(times, points);
+  if (rows.points.size() < 2) fail(1, "at least two points have to follow");
+  if (!rows.timed) return makeWaypoints(rows.points, speed, smooth);
+  const double start = rows.times.front();
+  for (double& time : rows.times) time -= start;
+  return makeSpline(rows.times, rows.points);
 }
 
 const Tunables<ReferenceParams>& ReferenceParams::table() {

@@ -12,6 +12,7 @@ namespace ground {
 namespace {
 
 constexpr char kRoomSchema[] = "ground/room/1";
+constexpr char kTop[] = "the room file";
 constexpr std::size_t kLargestRoom = 1000000;  // [bytes]
 constexpr std::size_t kMostCorners = 1000;
 constexpr double kLeastAdvance = 0.005;  // between samples of a way [m]
@@ -42,10 +43,8 @@ Position readPosition(const YamlReader& reader, const YAML::Node& node, const st
   return {reader.number(node[0], key), reader.number(node[1], key)};
 }
 
-}  // namespace
-
-std::string RoomPlan::validate() const {
-  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+/// Why these corners are no room's; empty if they are.
+std::string wrongCorners(const std::vector<Position>& corners) {
   if (corners.size() < 3 || corners.size() > kMostCorners)
     return "a room needs between 3 and 1000 corners";
   for (const Position& corner : corners)
@@ -60,6 +59,35 @@ std::string RoomPlan::validate() const {
       if ((j + 1) % n != i && meet(a, b, corners[j], corners[(j + 1) % n]))
         return "walls cross: list the corners in order";
   }
+  return "";
+}
+
+void readField(const YamlReader& reader, const std::string& key, const YAML::Node& value,
+               RoomPlan& room) {
+  if (key == "name") {
+    room.name = reader.text(value, key);
+  } else if (key == "corners") {
+    if (!value.IsSequence()) reader.fail(value, "corners must be a list of [x, y]");
+    for (const YAML::Node& corner : value) room.corners.push_back(readPosition(reader, corner, key));
+  } else if (key == "home") {
+    room.home = readPosition(reader, value, key);
+  } else if (key == "margin") {
+    room.margin = reader.number(value, key);
+  } else if (key == "braking") {
+    room.braking = reader.number(value, key);
+  } else if (key == "latency") {
+    room.latency = reader.number(value, key);
+  } else if (key != "schema") {
+    reader.unknown(value, key, kTop, "schema, name, corners, margin, home, braking, latency");
+  }
+}
+
+}  // namespace
+
+std::string RoomPlan::validate() const {
+  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
+  const std::string wrong = wrongCorners(corners);
+  if (!wrong.empty()) return wrong;
   if (!within(margin, 0, 100)) return "margin must be between 0 and 100 m";
   if (!within(braking, 0.05, 50)) return "braking must be between 0.05 and 50 m/s^2";
   if (!within(latency, 0, 2)) return "latency must be between 0 and 2 s";
@@ -112,29 +140,13 @@ RoomPlan loadRoomPlan(const std::string& path) {
 RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source) {
   const YamlReader reader(source);
   const YAML::Node root = reader.parse(yaml);
-  const std::string top = "the room file";
   if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() ||
       root["schema"].Scalar() != kRoomSchema)
     reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
   RoomPlan room;
   room.corners.clear();
-  reader.each(root, top, [&](const std::string& key, const YAML::Node& value) {
-    if (key == "name") {
-      room.name = reader.text(value, key);
-    } else if (key == "corners") {
-      if (!value.IsSequence()) reader.fail(value, "corners must be a list of [x, y]");
-      for (const YAML::Node& corner : value) room.corners.push_back(readPosition(reader, corner, key));
-    } else if (key == "home") {
-      room.home = readPosition(reader, value, key);
-    } else if (key == "margin") {
-      room.margin = reader.number(value, key);
-    } else if (key == "braking") {
-      room.braking = reader.number(value, key);
-    } else if (key == "latency") {
-      room.latency = reader.number(value, key);
-    } else if (key != "schema") {
-      reader.unknown(value, key, top, "schema, name, corners, margin, home, braking, latency");
-    }
+  reader.each(root, kTop, [&](const std::string& key, const YAML::Node& value) {
+    readField(reader, key, value, room);
   });
   const std::string wrong = room.validate();
   if (!wrong.empty()) {

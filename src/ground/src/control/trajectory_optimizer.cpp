@@ -210,6 +210,51 @@ Vector2<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
+/// Adds the cost of the state that step k ends in.
+void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature) const {
+  const State& state = states_[static_cast<std::size_t>(k) + 1];
+  const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
+  const bool end = k + 1 == steps();
+  const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
+  const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
+  const Rotation<double> heading(state(2));
+  const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
+  const Vector2<double> slip = over_floor - reference.p_dot;
+  gradient.head<2>() += position * (state.head<2>() - reference.p);
+  curvature(0, 0) += position;
+  curvature(1, 1) += position;
+  Eigen::Matrix<double, 2, 3> by;  // velocity over the floor by psi, u, v
+  by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
+  gradient.segment<3>(2).noalias() += velocity * by.transpose() * slip;
+  curvature.block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
+}
+
+void TrajectoryOptimizer::addWallCost(const State& state, State& gradient,
+                                      Square& curvature) const {
+  Eigen::Matrix<double, 1, 5> derivative;
+  const double excess =
+      walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
+  if (!(excess > 0)) return;
+  const double weight = 2 * step_ * walls_->weight;
+  gradient.head<5>() += weight * excess * derivative.transpose();
+  curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
+}
+
+/// The feedback of the inputs that are on no bound.
+TrajectoryOptimizer::Gain TrajectoryOptimizer::feedback(const Eigen::Matrix2d& damped,
+                                                        const Gain& Qux,
+                                                        const std::array<bool, 2>& free) {
+  Gain gain = Gain::Zero();
+  if (free[0] && free[1]) {
+    gain.noalias() = -damped.inverse() * Qux;
+  } else if (free[0]) {
+    gain.row(0) = -Qux.row(0) / damped(0, 0);
+  } else if (free[1]) {
+    gain.row(1) = -Qux.row(1) / damped(1, 1);
+  }
+  return gain;
+}
+
 bool TrajectoryOptimizer::backward() {
   const double scale = 1 / (input_max_ * input_max_);
   State gradient = State::Zero();
@@ -220,33 +265,8 @@ bool TrajectoryOptimizer::backward() {
   input_curvature *= 2 * step_ * scale;
   for (int k = steps() - 1; k >= 0; --k) {
     const auto i = static_cast<std::size_t>(k);
-    // The cost of the state that step k ends in.
-    const State& state = states_[i + 1];
-    const ReferencePoint& reference = references_[i];
-    const bool end = k + 1 == steps();
-    const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
-    const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
-    const Rotation<double> heading(state(2));
-    const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
-    const Vector2<double> slip = over_floor - reference.p_dot;
-    gradient.head<2>() += position * (state.head<2>() - reference.p);
-    curvature(0, 0) += position;
-    curvature(1, 1) += position;
-    Eigen::Matrix<double, 2, 3> by;  // velocity over the floor by psi, u, v
-    by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
-    gradient.segment<3>(2).noalias() += velocity * by.transpose() * slip;
-    curvature.block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
-
-    if (walls_) {
-      Eigen::Matrix<double, 1, 5> derivative;
-      const double excess =
-          walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
-      if (excess > 0) {
-        const double weight = 2 * step_ * walls_->weight;
-        gradient.head<5>() += weight * excess * derivative.transpose();
-        curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
-      }
-    }
+    addStateCost(k, gradient, curvature);
+    if (walls_) addWallCost(states_[i + 1], gradient, curvature);
 
     const Square& A = linear_[i].A;
     const Drive& B = linear_[i].B;
@@ -268,14 +288,7 @@ bool TrajectoryOptimizer::backward() {
     const Vector2<double> change =
         boxMinimum(damped, Qu, -input, Vector2<double>::Constant(input_max_) - input, free);
     if (k == 0) unbounded_ = input - damped.inverse() * Qu;
-    Gain gain = Gain::Zero();
-    if (free[0] && free[1]) {
-      gain.noalias() = -damped.inverse() * Qux;
-    } else if (free[0]) {
-      gain.row(0) = -Qux.row(0) / damped(0, 0);
-    } else if (free[1]) {
-      gain.row(1) = -Qux.row(1) / damped(1, 1);
-    }
+    const Gain gain = feedback(damped, Qux, free);
     open_[i] = change;
     gains_[i] = gain;
     State Qx;
@@ -285,7 +298,7 @@ bool TrajectoryOptimizer::backward() {
     gradient = Qx;
     gradient.noalias() += gain.transpose() * (Quu * change + Qu);
     gradient.noalias() += Qux.transpose() * change;
-    Gain half = 0.5 * Quu * gain + Qux;
+    const Gain half = 0.5 * Quu * gain + Qux;
     Square cross;
     cross.noalias() = gain.transpose() * half;
     curvature = Qxx + cross + cross.transpose();

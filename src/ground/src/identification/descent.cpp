@@ -148,6 +148,29 @@ void solveBeside(const std::vector<bool>& held, Linearisation& windows, const Fr
     if (!held[i]) solution.scaled[i] = scaled[j++];
 }
 
+/// The parameters to hold at first: those that are fixed, and with `near` those on a bound from which
+/// the cost does not fall inwards.
+std::vector<bool> heldAtFirst(Linearisation& windows, const Free& free, const RobustLoss& robust,
+                              bool near, const std::vector<bool>& fixed, Solution& solution) {
+  std::vector<bool> held = fixed;
+  for (std::size_t i = 0; near && i < held.size(); ++i)
+    held[i] = fixed[i] || onBound(free, solution, i);
+  if (held == fixed) return held;
+  solution.cost = 0;
+  const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
+  for (std::size_t i = 0; i < held.size(); ++i)
+    held[i] = fixed[i] || (held[i] && !fallsInwards(slope, free, solution, i));
+  return held;
+}
+
+/// Holds the parameters that have come to a bound; whether there are any.
+bool holdOnBounds(const Free& free, const Solution& solution, std::vector<bool>& held) {
+  bool changed = false;
+  for (std::size_t i = 0; i < held.size(); ++i)
+    if (!held[i] && onBound(free, solution, i)) changed = held[i] = true;
+  return changed;
+}
+
 /// Descends by one loss with an active set of bounds. The solver's steps shorten to nothing in
 /// front of a bound, whatever the other parameters still have to go; so those that have come to a
 /// bound are held there while the others go on, and are released when the cost falls inwards.
@@ -157,24 +180,14 @@ void descendWithinBounds(Linearisation& windows, const Free& free, const RobustL
                          std::vector<bool> fixed = {}) {
   const std::size_t n = free.index.size();
   fixed.resize(n, false);
-  std::vector<bool> held = fixed;
+  std::vector<bool> held = heldAtFirst(windows, free, robust, options.near, fixed, solution);
   std::vector<int> releases(n, 0);
-  if (options.near)
-    for (std::size_t i = 0; i < n; ++i) held[i] = fixed[i] || onBound(free, solution, i);
-  if (held != fixed) {
-    solution.cost = 0;
-    const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
-    for (std::size_t i = 0; i < n; ++i)
-      held[i] = fixed[i] || (held[i] && !fallsInwards(slope, free, solution, i));
-  }
   while (true) {
     solveBeside(held, windows, free, robust, tolerance, options, solution);
     if (!solution.usable) return;
-    bool changed = false;
-    for (std::size_t i = 0; i < n; ++i)
-      if (!held[i] && onBound(free, solution, i)) changed = held[i] = true;
-    if (changed) continue;
+    if (holdOnBounds(free, solution, held)) continue;
     if (held == fixed) return;
+    bool changed = false;
     const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
     for (std::size_t i = 0; i < n; ++i) {
       if (!held[i] || fixed[i] || releases[i] == kMaxReleases) continue;

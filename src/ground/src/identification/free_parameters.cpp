@@ -7,6 +7,34 @@
 
 namespace ground::detail {
 
+namespace {
+
+void addFree(const ParameterInfo& info, int index, double coordinate, double scale, Free& free) {
+  const bool reciprocal = info.coordinate == Coordinate::kReciprocal;
+  scale = std::max(std::abs(coordinate), scale);
+  free.index.push_back(index);
+  free.scale.push_back(scale > 0 ? scale : 1.0);
+  free.reciprocal.push_back(reciprocal);
+  free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
+  free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
+  // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
+  const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
+  if (infinite || free.lower.back() == std::numeric_limits<double>::min())
+    free.lower.back() = 1e-6 * free.scale.back();
+}
+
+void refuseUnidentifiable(const std::vector<std::string>& names) {
+  const auto has = [&names](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  if (has("k") && has("I_z") && (has("m") || has("l")))
+    throw std::invalid_argument(
+        "m or l cannot be free together with k and I_z: velocities only tell k/m, k l/I_z and the "
+        "dampings over m and I_z; weigh the craft and measure its lever");
+}
+
+}  // namespace
+
 Free makeFree(const Model& model, const std::vector<std::string>& names) {
   Free free;
   free.base = model.coordinates();
@@ -15,18 +43,7 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     const int index = model.index(name);
     if (std::find(free.index.begin(), free.index.end(), index) != free.index.end())
       throw std::invalid_argument("parameter " + name + " is named twice");
-    const ParameterInfo& info = infos[index];
-    const bool reciprocal = info.coordinate == Coordinate::kReciprocal;
-    const double scale = std::max(std::abs(model.coordinates()[index]), info.scale(model.body));
-    free.index.push_back(index);
-    free.scale.push_back(scale > 0 ? scale : 1.0);
-    free.reciprocal.push_back(reciprocal);
-    free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
-    free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
-    // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
-    const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
-    if (infinite || free.lower.back() == std::numeric_limits<double>::min())
-      free.lower.back() = 1e-6 * free.scale.back();
+    addFree(infos[index], index, free.base[index], infos[index].scale(model.body), free);
   }
   const Eigen::Map<const Eigen::VectorXd> scale(free.scale.data(),
                                                 static_cast<Eigen::Index>(free.scale.size()));
@@ -36,13 +53,7 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     const ParameterInfo& info = infos[free.index[static_cast<std::size_t>(i)]];
     if (free.prior(i, i) > 0) free.expected(i) = info.toCoordinate(info.neutral) / scale(i);
   }
-  const auto has = [&names](const char* name) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  if (has("k") && has("I_z") && (has("m") || has("l")))
-    throw std::invalid_argument(
-        "m or l cannot be free together with k and I_z: velocities only tell k/m, k l/I_z and the "
-        "dampings over m and I_z; weigh the craft and measure its lever");
+  refuseUnidentifiable(names);
   return free;
 }
 

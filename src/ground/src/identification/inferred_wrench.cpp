@@ -14,10 +14,7 @@
 #include "ground/model/typical.h"
 
 namespace ground {
-namespace {
-
-constexpr int kSettling = 10;    // samples until a stretch's initial state is found
-constexpr double kLimit = 25.0;  // of an innovation's squared Mahalanobis distance, 3 degrees
+namespace detail {
 
 /// A wrench from outside the model, of the scalar type of the dynamics it is put into.
 class OutsideWrench final : public Effect {
@@ -38,6 +35,14 @@ class OutsideWrench final : public Effect {
 
   Vector3<Jet> value = Vector3<Jet>::Zero();
 };
+
+}  // namespace detail
+namespace {
+
+using detail::OutsideWrench;
+
+constexpr int kSettling = 10;    // samples until a stretch's initial state is found
+constexpr double kLimit = 25.0;  // of an innovation's squared Mahalanobis distance, 3 degrees
 
 /// The state at a linearisation point, with no wrench, and which derivatives a Jet carries.
 struct Seeded {
@@ -111,66 +116,100 @@ WrenchFilter::WrenchFilter(const Model& model, const RunData& run, double max_ga
   linearise(model, run, poses);
 }
 
+/// Simulations from sample to sample along the measured motion, with derivatives.
+class WrenchFilter::Lineariser {
+ public:
+  Lineariser(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses)
+      : run_(run), poses_(poses), dynamics_(with(outside_, model)) {
+    if (!model.effects.empty()) passes_.push_back({1});
+    for (std::size_t k = 0; k < run.times.size(); ++k)
+      along_.push_back(stateSeenAs(dynamics_, {run.eta.row(k), run.nu.row(k)}));
+  }
+
+  /// A stretch begins at sample k.
+  void start(std::size_t k) {
+    simulations_.clear();
+    for (std::size_t p = 0; p < passes_.size(); ++p)
+      simulations_.emplace_back(dynamics_, run_.inputs, RigidState<Jet>(), run_.times[k]);
+  }
+
+  /// What is seen at sample k.
+  void see(std::size_t k, Sample& sample) const {
+    const Seeded here(along_[k], {0, 1, 2, 3, 4, 5});
+    const Measurement<Jet> seen = dynamics_.measure(here.state);
+    sample.seen.setZero();
+    for (int i = 0; i < 3; ++i) {
+      sample.deviation(i) = poses_(k, i) - seen.eta(i).a;
+      sample.seen.row(i).head<6>() = seen.eta(i).v.head<6>();
+    }
+    sample.deviation(2) = wrapAngle(sample.deviation(2));
+    sample.heading = along_[k].eta(2);
+    sample.transition.setIdentity();
+    sample.offset.setZero();
+    sample.dt = 0;
+  }
+
+  /// The wrench of the thrusters at sample k, body_frd.
+  Vector3<double> thrust(std::size_t k) {
+    return thrustWrench(dynamics_, outside_, run_.inputs.drive.since(run_.times[k]), along_[k],
+                        simulations_[0].actuated(),
+                        liftAt(run_.inputs, run_.times[k] - dynamics_.inputDelay().a));
+  }
+
+  /// The motion from sample k to the next.
+  void move(std::size_t k, Sample& sample) {
+    sample.dt = run_.times[k + 1] - run_.times[k];
+    for (std::size_t p = 0; p < passes_.size(); ++p) {
+      const Seeded seeded(along_[k], passes_[p]);
+      outside_.value = seeded.wrench;
+      simulations_[p].restart(seeded.state);
+      simulations_[p].advance(run_.times[k + 1]);
+      const RigidState<Jet>& to = simulations_[p].state();
+      for (int i = 0; i < 3; ++i) {
+        for (std::size_t j = 0; j < passes_[p].size(); ++j) {
+          sample.transition(i, passes_[p][j]) = to.eta(i).v[j];
+          sample.transition(3 + i, passes_[p][j]) = to.nu(i).v[j];
+        }
+        sample.offset(i) = to.eta(i).a - along_[k + 1].eta(i);
+        sample.offset(3 + i) = to.nu(i).a - along_[k + 1].nu(i);
+      }
+    }
+    sample.offset(2) = wrapAngle(sample.offset(2));
+    if (!sample.transition.allFinite() || !sample.offset.allFinite())
+      throw std::runtime_error("the model's motion is not finite in " + run_.name + " at " +
+                               std::to_string(run_.times[k]) + " s");
+  }
+
+ private:
+  static Model with(const OutsideWrench& outside, const Model& model) {
+    Model augmented = model;
+    augmented.effects.push_back({outside.forThread(), {}});
+    return augmented;
+  }
+
+  const RunData& run_;
+  const Eigen::MatrixX3d& poses_;
+  detail::OutsideWrench outside_;
+  Dynamics<Jet> dynamics_;
+  /// A Jet carries eight derivatives. The ninth, by y, only matters to effects that depend on place.
+  std::vector<std::vector<int>> passes_ = {{0, 2, 3, 4, 5, 6, 7, 8}};
+  std::vector<RigidState<double>> along_;  ///< the measured motion
+  std::vector<Simulation<Jet>> simulations_;
+};
+
 void WrenchFilter::linearise(const Model& model, const RunData& run,
                              const Eigen::MatrixX3d& poses) {
-  OutsideWrench outside;
-  Model augmented = model;
-  augmented.effects.push_back({outside.forThread(), {}});
-  const Dynamics<Jet> dynamics(augmented);
-  // A Jet carries eight derivatives. The ninth, by y, only matters to effects that depend on place.
-  std::vector<std::vector<int>> passes = {{0, 2, 3, 4, 5, 6, 7, 8}};
-  if (!model.effects.empty()) passes.push_back({1});
-
-  const std::size_t count = run.times.size();
-  std::vector<RigidState<double>> along;
-  for (std::size_t k = 0; k < count; ++k)
-    along.push_back(stateSeenAs(dynamics, {run.eta.row(k), run.nu.row(k)}));
-  samples_.resize(count);
-  thrust_.resize(count, 3);
+  Lineariser lineariser(model, run, poses);
+  samples_.resize(run.times.size());
+  thrust_.resize(static_cast<Eigen::Index>(run.times.size()), 3);
   for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
-    const std::size_t first = stretches_[s], end = stretches_[s + 1];
-    std::vector<Simulation<Jet>> simulations(
-        passes.size(), Simulation<Jet>(dynamics, run.inputs, {}, run.times[first]));
+    const auto first = static_cast<std::size_t>(stretches_[s]);
+    const auto end = static_cast<std::size_t>(stretches_[s + 1]);
+    lineariser.start(first);
     for (std::size_t k = first; k < end; ++k) {
-      Sample& sample = samples_[k];
-      const Seeded here(along[k], {0, 1, 2, 3, 4, 5});
-      const Measurement<Jet> seen = dynamics.measure(here.state);
-      sample.seen.setZero();
-      for (int i = 0; i < 3; ++i) {
-        sample.deviation(i) = poses(k, i) - seen.eta(i).a;
-        sample.seen.row(i).head<6>() = seen.eta(i).v.head<6>();
-      }
-      sample.deviation(2) = wrapAngle(sample.deviation(2));
-      sample.heading = along[k].eta(2);
-      thrust_.row(k) =
-          thrustWrench(dynamics, outside, run.inputs.drive.since(run.times[k]), along[k],
-                       simulations[0].actuated(),
-                       liftAt(run.inputs, run.times[k] - dynamics.inputDelay().a));
-
-      sample.transition.setIdentity();
-      sample.offset.setZero();
-      sample.dt = 0;
-      if (k + 1 == end) continue;
-      sample.dt = run.times[k + 1] - run.times[k];
-      for (std::size_t p = 0; p < passes.size(); ++p) {
-        const Seeded seeded(along[k], passes[p]);
-        outside.value = seeded.wrench;
-        simulations[p].restart(seeded.state);
-        simulations[p].advance(run.times[k + 1]);
-        const RigidState<Jet>& to = simulations[p].state();
-        for (int i = 0; i < 3; ++i) {
-          for (std::size_t j = 0; j < passes[p].size(); ++j) {
-            sample.transition(i, passes[p][j]) = to.eta(i).v[j];
-            sample.transition(3 + i, passes[p][j]) = to.nu(i).v[j];
-          }
-          sample.offset(i) = to.eta(i).a - along[k + 1].eta(i);
-          sample.offset(3 + i) = to.nu(i).a - along[k + 1].nu(i);
-        }
-      }
-      sample.offset(2) = wrapAngle(sample.offset(2));
-      if (!sample.transition.allFinite() || !sample.offset.allFinite())
-        throw std::runtime_error("the model's motion is not finite in " + run.name + " at " +
-                                 std::to_string(run.times[k]) + " s");
+      lineariser.see(k, samples_[k]);
+      thrust_.row(static_cast<Eigen::Index>(k)) = lineariser.thrust(k);
+      if (k + 1 < end) lineariser.move(k, samples_[k]);
     }
   }
 }

@@ -20,16 +20,47 @@ int firstRow(int samples, int part, int parts) {
 
 }  // namespace
 
-/// Of a group of windows.
+/// Residuals and derivatives of a group of windows.
 struct Linearisation::Rows {
   bool fresh = false;  ///< holds derivatives at the point that is kept
   LaneRows lanes;
   std::vector<WindowResiduals> alone;
+
+  void simulate(const Evaluation& evaluation, const WindowPlans::Group& group,
+                const ParameterPoint& point) {
+    if (group.together()) return evaluation.together(group, point.initial, lanes);
+    alone.resize(group.windows.size());
+    for (std::size_t i = 0; i < group.windows.size(); ++i)
+      evaluation.one(group.windows[i], point.initial[group.windows[i]], alone[i]);
+  }
 };
 
 Linearisation::Linearisation(const SimulationError& problem, const Model& model, int threads)
     : problem_(problem), model_(model), threads_(threads) {}
 Linearisation::~Linearisation() = default;
+
+/// Makes room to keep the derivatives at a point, if they are not too many.
+void Linearisation::keepFor(const ParameterPoint& point, std::size_t groups) {
+  const auto columns = static_cast<double>(point.free.size()) + problem_.initialSize();
+  double samples = 0;
+  for (const Window& window : problem_.windows()) samples += window.last - window.first + 1;
+  coordinates_ = point.coordinates;
+  free_ = point.free;
+  initial_ = point.initial;
+  kept_.resize(3 * sizeof(double) * samples * columns < kMostKept ? groups : 0);
+  for (auto& rows : kept_) {
+    if (!rows) rows = std::make_unique<Rows>();
+    rows->fresh = false;
+  }
+}
+
+std::unique_ptr<Linearisation::Rows> Linearisation::borrow() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (spare_.empty()) return std::make_unique<Rows>();
+  std::unique_ptr<Rows> rows = std::move(spare_.back());
+  spare_.pop_back();
+  return rows;
+}
 
 /// Calls use(group, rows) for each group of windows.
 template <class Use>
@@ -38,40 +69,17 @@ void Linearisation::evaluate(const ParameterPoint& point, bool derivatives, cons
   const WindowPlans::Groups groups = evaluation.groups();
   const bool same = !kept_.empty() && coordinates_ == point.coordinates && free_ == point.free &&
                     initial_ == point.initial;
-  if (derivatives && !same) {
-    const auto columns = static_cast<double>(point.free.size()) + problem_.initialSize();
-    double samples = 0;
-    for (const Window& window : problem_.windows()) samples += window.last - window.first + 1;
-    coordinates_ = point.coordinates;
-    free_ = point.free;
-    initial_ = point.initial;
-    kept_.resize(3 * sizeof(double) * samples * columns < kMostKept ? groups->size() : 0);
-    for (auto& rows : kept_) {
-      if (!rows) rows = std::make_unique<Rows>();
-      rows->fresh = false;
-    }
-  }
+  if (derivatives && !same) keepFor(point, groups->size());
   const auto begin = std::chrono::steady_clock::now();
   const int threads = work_[derivatives] < kLittle ? 1 : threadCount(threads_);
   inParallel(groups->size(), threads, [&](std::size_t g) {
     const WindowPlans::Group& group = (*groups)[g];
     const bool keep = !kept_.empty() && (derivatives || (same && kept_[g]->fresh));
     std::unique_ptr<Rows> borrowed;
-    if (!keep) {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      if (spare_.empty()) spare_.push_back(std::make_unique<Rows>());
-      borrowed = std::move(spare_.back());
-      spare_.pop_back();
-    }
+    if (!keep) borrowed = borrow();
     Rows& rows = keep ? *kept_[g] : *borrowed;
     if (!keep || !rows.fresh) {
-      if (group.together()) {
-        evaluation.together(group, point.initial, rows.lanes);
-      } else {
-        rows.alone.resize(group.windows.size());
-        for (std::size_t i = 0; i < group.windows.size(); ++i)
-          evaluation.one(group.windows[i], point.initial[group.windows[i]], rows.alone[i]);
-      }
+      rows.simulate(evaluation, group, point);
       rows.fresh = keep;
     }
     use(group, rows);

@@ -49,6 +49,8 @@ class Linearisation {
  private:
   struct Rows;
 
+  void keepFor(const ParameterPoint& point, std::size_t groups);
+  std::unique_ptr<Rows> borrow();
   template <class Use>
   void evaluate(const ParameterPoint& point, bool derivatives, const Use& use);
 

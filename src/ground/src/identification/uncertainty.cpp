@@ -79,6 +79,56 @@ double deviationOf(std::vector<double> residuals) {
   return 1.4826 * *middle;
 }
 
+namespace {
+
+/// The equations of all windows, and how they change when a block is left out.
+struct Jackknife {
+  NormalEquations whole;
+  std::vector<NormalEquations> changes;
+};
+
+Jackknife withoutEach(const std::vector<std::vector<NormalEquations>>& blocks, int n, int k) {
+  Jackknife result{NormalEquations::zero(n), {}};
+  for (const std::vector<NormalEquations>& parts : blocks) {
+    NormalEquations window = NormalEquations::zero(n + k);
+    for (const NormalEquations& part : parts) window += part;
+    const NormalEquations complete = reduced(window, k);
+    result.whole += complete;
+    for (const NormalEquations& part : parts) {
+      NormalEquations rest = window;
+      rest -= part;
+      result.changes.push_back(parts.size() > 1 ? reduced(rest, k) : NormalEquations::zero(n));
+      result.changes.back() -= complete;
+    }
+  }
+  return result;
+}
+
+/// Splits the parameters' space into directions that the data see, the columns of the result, and
+/// those that they do not, `unseen`; says which parameters are identified.
+Eigen::MatrixXd seenDirections(const Eigen::MatrixXd& information, Uncertainty& result) {
+  constexpr double kNothing = 1e-14, kNoDirection = 1e-10, kTakesPart = 1e-6;
+  const auto n = static_cast<int>(information.rows());
+  result.identified.assign(n, true);
+  const double largest = information.diagonal().maxCoeff();
+  Eigen::VectorXd unit(n);
+  for (int i = 0; i < n; ++i) {
+    result.identified[i] = information(i, i) > kNothing * largest;
+    unit(i) = result.identified[i] ? 1 / std::sqrt(information(i, i)) : 0;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * information *
+                                                             unit.asDiagonal());
+  int first = 0;  // directions before it are not seen
+  while (first < n && !(eigen.eigenvalues()(first) > kNoDirection * eigen.eigenvalues()(n - 1)))
+    for (int i = 0, j = first++; i < n; ++i)
+      if (std::pow(eigen.eigenvectors()(i, j), 2) > kTakesPart) result.identified[i] = false;
+  const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
+  result.unseen = sizes.asDiagonal() * eigen.eigenvectors().leftCols(first);
+  return unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
+}
+
+}  // namespace
+
 Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at,
                         double block) {
   const SimulationError& problem = windows.problem();
@@ -90,43 +140,14 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution
   const std::vector<std::vector<NormalEquations>> blocks =
       equationsOfBlocks(windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial},
                         {at.delta}, block);
-  NormalEquations whole = NormalEquations::zero(n);
-  std::vector<NormalEquations> changes;  // of the whole when a block is left out
-  for (const std::vector<NormalEquations>& parts : blocks) {
-    NormalEquations window = NormalEquations::zero(n + k);
-    for (const NormalEquations& part : parts) window += part;
-    const NormalEquations complete = reduced(window, k);
-    whole += complete;
-    for (const NormalEquations& part : parts) {
-      NormalEquations rest = window;
-      rest -= part;
-      changes.push_back(parts.size() > 1 ? reduced(rest, k) : NormalEquations::zero(n));
-      changes.back() -= complete;
-    }
-  }
+  const auto [whole, changes] = withoutEach(blocks, n, k);
 
   Uncertainty result;
   result.information = whole.A;
   result.blocks = static_cast<int>(changes.size());
-  result.identified.assign(n, true);
-  constexpr double kNothing = 1e-14, kNoDirection = 1e-10, kTakesPart = 1e-6;
-  const double largest = whole.A.diagonal().maxCoeff();
-  Eigen::VectorXd unit(n);
-  for (int i = 0; i < n; ++i) {
-    result.identified[i] = whole.A(i, i) > kNothing * largest;
-    unit(i) = result.identified[i] ? 1 / std::sqrt(whole.A(i, i)) : 0;
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * whole.A *
-                                                             unit.asDiagonal());
-  int first = 0;  // directions before it are not seen
-  while (first < n && !(eigen.eigenvalues()(first) > kNoDirection * eigen.eigenvalues()(n - 1)))
-    for (int i = 0, j = first++; i < n; ++i)
-      if (std::pow(eigen.eigenvectors()(i, j), 2) > kTakesPart) result.identified[i] = false;
-  const Eigen::MatrixXd seen = unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
-  const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
-  result.unseen = sizes.asDiagonal() * eigen.eigenvectors().leftCols(first);
+  const Eigen::MatrixXd seen = seenDirections(whole.A, result);
   result.covariance = Eigen::MatrixXd::Zero(n, n);
-  if (first == n || result.blocks < 2) {
+  if (seen.cols() == 0 || result.blocks < 2) {
     result.identified.assign(n, false);
     return result;
   }

@@ -176,20 +176,8 @@ std::string GroundLink::arm(double now, const std::string& remark) {
   if (silent_until_) return reason_;
   if (state_ == State::kArmed) return "";
   if (state_ == State::kFault) return "in fault (" + reason_ + "): disarm first";
-  if (peer_.port == 0) return "no craft has been heard of";
-  if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
-  if (craftSilent(now)) return "the craft has fallen silent (craft_timeout)";
-  if (params_.require_state && state_until_ <= now) {
-    return state_until_ == kNever ? "there is no state" : "the state is stale";
-  }
-  if (params_.require_state && !state_valid_)
-    return because("there is no valid state", state_problem_);
-  if (params_.require_state && !room_problem_.empty()) return room_problem_;
-  if (publishers_ > 1)
-    return std::to_string(publishers_) + " nodes publish commands: stop all but one";
-  if (clash_until_ > now) return clash_;
-  if (command_until_ <= now) return because("there is no fresh command", command_problem_);
-  if (!zero(command_)) return "the command is not zero";
+  for (const std::string& missing : {craftMissing(now), stateMissing(now), commandMissing(now)})
+    if (!missing.empty()) return missing;
   armed_source_ = command_source_;
   peer_locked_ = true;
   lost_since_ = kNever;
@@ -197,6 +185,33 @@ std::string GroundLink::arm(double now, const std::string& remark) {
   armed_reason_ = "armed with commands of " + armed_source_;
   if (!remark.empty()) armed_reason_ += "; " + remark;
   enter(State::kArmed, armed_reason_);
+  return "";
+}
+
+/// Why the craft does not allow arming; empty if it does.
+std::string GroundLink::craftMissing(double now) const {
+  if (peer_.port == 0) return "no craft has been heard of";
+  if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
+  if (craftSilent(now)) return "the craft has fallen silent (craft_timeout)";
+  return "";
+}
+
+/// Why the state does not allow arming; empty if it does.
+std::string GroundLink::stateMissing(double now) const {
+  if (!params_.require_state) return "";
+  if (state_until_ == kNever) return "there is no state";
+  if (state_until_ <= now) return "the state is stale";
+  if (!state_valid_) return because("there is no valid state", state_problem_);
+  return room_problem_;
+}
+
+/// Why the commands do not allow arming; empty if they do.
+std::string GroundLink::commandMissing(double now) const {
+  if (publishers_ > 1)
+    return std::to_string(publishers_) + " nodes publish commands: stop all but one";
+  if (clash_until_ > now) return clash_;
+  if (command_until_ <= now) return because("there is no fresh command", command_problem_);
+  if (!zero(command_)) return "the command is not zero";
   return "";
 }
 
@@ -234,6 +249,18 @@ void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   if (silent_until_ && *silent_until_ <= now) return disarm(now, "disarmed after the silence");
   if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
+  watchState(now);
+  if (state_ != State::kArmed) return;
+  // It may have been restarted, and is not to be met by thrust when it is back.
+  if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
+  if (deaf())
+    return disobeyed(now, "it counts the commands that reach it, and none does any more");
+  if (!send_problem_.empty() && sent_until_ <= now)
+    return fault(now, because("packets cannot be sent", send_problem_));
+}
+
+/// Sends zeros while the state is lost, for a while.
+void GroundLink::watchState(double now) {
   const std::string lost = params_.require_state ? stateProblem(now) : "";
   if (!lost.empty() && lost_since_ == kNever) {
     if (params_.recovery_time == 0 || silent_until_) return fault(now, lost);
@@ -244,14 +271,8 @@ void GroundLink::watch(double now) {
     lost_since_ = kNever;
     enter(State::kArmed, armed_reason_);
   } else if (!lost.empty() && now - lost_since_ >= params_.recovery_time) {
-    return fault(now, lost);
+    fault(now, lost);
   }
-  // It may have been restarted, and is not to be met by thrust when it is back.
-  if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
-  if (deaf())
-    return disobeyed(now, "it counts the commands that reach it, and none does any more");
-  if (!send_problem_.empty() && sent_until_ <= now)
-    return fault(now, because("packets cannot be sent", send_problem_));
 }
 
 /// A craft that has never sent telemetry may be silent: nothing is known of it.

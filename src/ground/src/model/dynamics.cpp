@@ -90,25 +90,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
 
   mass_ = Vector3<T>(body_.m, body_.m, body_.I_z).asDiagonal();
   for (const Model::Entry& entry : model.effects) {
-    instances_.push_back(entry.effect->forThread());
-    const Effect& effect = *instances_.back();
-    const EffectHooks<T>& hooks = effect;
-    const unsigned has = effect.hooks();
-    const Active active{&hooks, p, stateCount()};
-    if (has & Effect::kDelay) hooks.delay(p, delay_);
-    if (has & Effect::kAir) hooks.air(p, air_);
-    if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
-    if (has & Effect::kActuate) actuators_.push_back(active);
-    if (has & Effect::kRates) rates_.push_back(active);
-    if (has & Effect::kThrust) thrust_.push_back(active);
-    if (has & Effect::kWrench) wrench_.push_back(active);
-    if (has & Effect::kMeasure) measure_.push_back(active);
-    uses_pose_ = uses_pose_ || (has & Effect::kPose);
-    has_air_ = has_air_ || (has & Effect::kAir);
-    const EffectInfo& info = effect.info();
-    initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
-    initial_.resize(static_cast<std::size_t>(active.state + info.states), T(0.0));
-    p += effect.info().parameters.size();
+    add(entry, p);
+    p += entry.effect->info().parameters.size();
   }
   mass_inverse_ = mass_.inverse();
   couples_ = couples(mass_);
@@ -119,6 +102,29 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   lever_ = body_.l / body_.I_z;
   surge_gain_ = body_.k / body_.m;
   yaw_gain_ = body_.k * lever_;
+}
+
+/// An effect whose parameters begin at `p`.
+template <typename T>
+void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
+  instances_.push_back(entry.effect->forThread());
+  const Effect& effect = *instances_.back();
+  const EffectHooks<T>& hooks = effect;
+  const unsigned has = effect.hooks();
+  const Active active{&hooks, p, stateCount()};
+  if (has & Effect::kDelay) hooks.delay(p, delay_);
+  if (has & Effect::kAir) hooks.air(p, air_);
+  if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
+  if (has & Effect::kActuate) actuators_.push_back(active);
+  if (has & Effect::kRates) rates_.push_back(active);
+  if (has & Effect::kThrust) thrust_.push_back(active);
+  if (has & Effect::kWrench) wrench_.push_back(active);
+  if (has & Effect::kMeasure) measure_.push_back(active);
+  uses_pose_ = uses_pose_ || (has & Effect::kPose);
+  has_air_ = has_air_ || (has & Effect::kAir);
+  const EffectInfo& info = effect.info();
+  initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
+  initial_.resize(static_cast<std::size_t>(active.state + info.states), T(0.0));
 }
 
 template <typename T>
@@ -248,32 +254,41 @@ void Dynamics<T>::hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& co
   run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
 }
 
+/// One stage of a step, `after` its beginning.
+template <typename T>
+template <bool kFirst, bool kLast, bool kPose, typename H>
+GROUND_INLINE void Dynamics<T>::take(Stages<T, kPose, H>& stages, const T& t, const H& after,
+                                     const H& share, const H& to, const Drive& drive,
+                                     const ValueOf<T>& lift, T* states, bool remembers) const {
+  if (kPose) stages.template turn<kFirst>(uses_pose_);
+  if (!has_hooks_ && !couples_) {
+    stages.template move<kFirst, kLast, true, false>(share, to, drive.surge, drive.yaw, stages.nu);
+    return;
+  }
+  const Vector3<T>& nu = kFirst ? stages.nu : stages.at_nu;
+  const Vector3<T>& eta = kFirst || !kPose ? stages.eta : stages.at_eta;
+  const T* now = states ? states : initial_.data();
+  if (remembers) now = kFirst ? stages_.begin.data() : stages_.at.data();
+  T* const rates = remembers ? stages_.rates.data() : nullptr;
+  const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift, now, rates);
+  if (remembers) stages_.move(share, to, states);
+  if (couples_)
+    stages.template move<kFirst, kLast, false, true>(share, to, drive.surge, drive.yaw, more);
+  else
+    stages.template move<kFirst, kLast, true, true>(share, to, drive.surge, drive.yaw, more);
+}
+
 template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
                       const ValueOf<T>& lift, T* states, const H& h, int count) const {
   const bool remembers = states && !rates_.empty();
-  const T* const held = states ? states : initial_.data();
   const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   Stages<T, kPose, H> stages{damping_, directions_, state};
   const auto take = [&](auto first, auto last, const H& after, const H& share, const H& to,
                         const Drive& drive) __attribute__((always_inline)) {
-    constexpr bool kFirst = decltype(first)::value, kLast = decltype(last)::value;
-    if (kPose) stages.template turn<kFirst>(uses_pose_);
-    if (!has_hooks_ && !couples_) {
-      stages.template move<kFirst, kLast, true, false>(share, to, drive.surge, drive.yaw, state.nu);
-      return;
-    }
-    const Vector3<T>& nu = kFirst ? stages.nu : stages.at_nu;
-    const Vector3<T>& eta = kFirst || !kPose ? stages.eta : stages.at_eta;
-    const T* now = !remembers ? held : kFirst ? stages_.begin.data() : stages_.at.data();
-    T* const rates = remembers ? stages_.rates.data() : nullptr;
-    const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift, now, rates);
-    if (remembers) stages_.move(share, to, states);
-    if (couples_)
-      stages.template move<kFirst, kLast, false, true>(share, to, drive.surge, drive.yaw, more);
-    else
-      stages.template move<kFirst, kLast, true, true>(share, to, drive.surge, drive.yaw, more);
+    this->template take<decltype(first)::value, decltype(last)::value>(
+        stages, t, after, share, to, drive, lift, states, remembers);
   };
   for (int i = 0; i < count; ++i) {
     stages.begin(uses_pose_);

@@ -40,6 +40,55 @@ void set(LanePlan::Step& step, int lane, double h, double by_delay,
   step.lift[lane] = lift;
 }
 
+/// Where each lane is among its parts.
+class Progress {
+ public:
+  explicit Progress(const std::vector<std::vector<Part>>& parts)
+      : parts_(parts), lanes_(static_cast<int>(parts.size())), step_(nothing()) {
+    for (int lane = 0; lane < lanes_; ++lane) begin(lane);
+  }
+
+  /// Finds the steps to where the first lane comes to the end of its part; false at the end of all.
+  bool next() {
+    step_.count = 0;
+    for (int lane = 0; lane < lanes_; ++lane)
+      if (left_[lane] > 0 && (step_.count == 0 || left_[lane] < step_.count))
+        step_.count = left_[lane];
+    return step_.count > 0;
+  }
+  const LanePlan::Step& step() const { return step_; }
+
+  /// Goes to the end of these steps, and adds the samples that are measured there.
+  void advance(std::vector<LanePlan::Sample>& measured) {
+    for (int lane = 0; lane < lanes_; ++lane) {
+      if (left_[lane] == 0) continue;
+      for (int i = 0; i < step_.count; ++i) step_.t[lane] += step_.h[lane];  // rounded as the run's
+      if ((left_[lane] -= step_.count) > 0) continue;
+      const int sample = parts_[lane][at_[lane]++].sample;
+      if (sample >= 0) measured.push_back({lane, sample});
+      begin(lane);
+    }
+  }
+
+ private:
+  void begin(int lane) {
+    if (at_[lane] == parts_[lane].size()) {
+      step_.h[lane] = step_.by_delay[lane] = 0;
+      return;
+    }
+    const Part& part = parts_[lane][at_[lane]];
+    left_[lane] = part.stretch.steps;
+    set(step_, lane, part.stretch.h, part.stretch.by_delay, part.thrusters, part.lift);
+    step_.t[lane] = part.stretch.t;
+  }
+
+  const std::vector<std::vector<Part>>& parts_;
+  int lanes_;
+  LanePlan::Step step_;
+  std::size_t at_[Lanes::kCount] = {};  ///< part of each lane
+  int left_[Lanes::kCount] = {};        ///< steps of it
+};
+
 }  // namespace
 
 LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
@@ -47,65 +96,44 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
     : varies_(varies) {
   if (lanes.empty() || lanes.size() > Lanes::kCount)
     throw std::invalid_argument("a plan has one to eight lanes");
-  const int count = static_cast<int>(lanes.size());
   std::vector<std::vector<Part>> parts;
   std::vector<std::vector<Stepping::Held>> before;
-  std::size_t longest = 0, most = 0;
+  std::size_t most = 0;
   for (const Lane& lane : lanes) {
     const Stepping stepping(*lane.inputs, lane.samples[0], delay, varies, max_step);
     before.push_back(stepping.before(settling));
     parts.push_back(partsOf(lane, stepping));
-    longest = std::max(longest, before.back().size());
     most = std::max(most, parts.back().size());
+    samples_.push_back({static_cast<int>(samples_.size()), 0});
   }
-  // Effects settle until the start; lanes with fewer commands have been off before.
+  settle(lanes, before);
+  behind_.push_back(static_cast<int>(samples_.size()));
+  steps_.reserve(most);
+  for (Progress progress(parts); progress.next();) {
+    steps_.push_back(progress.step());
+    progress.advance(samples_);
+    const auto behind = static_cast<int>(samples_.size());
+    steps_.back().measured = behind > behind_.back();
+    if (steps_.back().measured) behind_.push_back(behind);
+  }
+}
+
+/// Effects settle until the start; lanes with fewer commands have been off before.
+void LanePlan::settle(const std::vector<Lane>& lanes,
+                      const std::vector<std::vector<Stepping::Held>>& before) {
+  std::size_t longest = 0;
+  for (const auto& all : before) longest = std::max(longest, all.size());
   settling_.assign(longest, nothing());
-  for (int lane = 0; lane < count; ++lane) {
+  for (std::size_t lane = 0; lane < lanes.size(); ++lane) {
     const std::vector<Stepping::Held>& all = before[lane];
+    const auto column = static_cast<int>(lane);
     for (std::size_t k = 0; k < all.size(); ++k) {
       Step& settled = settling_[longest - all.size() + k];
-      set(settled, lane, all[k].duration, all[k].by_delay,
-          lanes[lane].inputs->thrusters[all[k].command], lanes[lane].inputs->lift[all[k].command]);
-      settled.t[lane] = all[k].t;
+      const InputSequence& inputs = *lanes[lane].inputs;
+      set(settled, column, all[k].duration, all[k].by_delay, inputs.thrusters[all[k].command],
+          inputs.lift[all[k].command]);
+      settled.t[column] = all[k].t;
     }
-  }
-  std::size_t at[Lanes::kCount] = {};  // part of each lane
-  int left[Lanes::kCount] = {};        // steps of it
-  Step step = nothing();
-  steps_.reserve(most);
-  const auto begin = [&](int lane) {
-    if (at[lane] == parts[lane].size()) {
-      step.h[lane] = step.by_delay[lane] = 0;
-      return;
-    }
-    const Part& part = parts[lane][at[lane]];
-    left[lane] = part.stretch.steps;
-    set(step, lane, part.stretch.h, part.stretch.by_delay, part.thrusters, part.lift);
-    step.t[lane] = part.stretch.t;
-  };
-  for (int lane = 0; lane < count; ++lane) {
-    samples_.push_back({lane, 0});
-    begin(lane);
-  }
-  behind_.push_back(count);
-  while (true) {
-    step.count = 0;
-    for (int lane = 0; lane < count; ++lane)
-      if (left[lane] > 0 && (step.count == 0 || left[lane] < step.count)) step.count = left[lane];
-    if (step.count == 0) break;
-    steps_.push_back(step);
-    for (int lane = 0; lane < count; ++lane) {
-      if (left[lane] == 0) continue;
-      for (int i = 0; i < step.count; ++i) step.t[lane] += step.h[lane];  // rounded as the run's
-      if ((left[lane] -= step.count) > 0) continue;
-      const int sample = parts[lane][at[lane]++].sample;
-      if (sample >= 0) {
-        samples_.push_back({lane, sample});
-        steps_.back().measured = true;
-      }
-      begin(lane);
-    }
-    if (steps_.back().measured) behind_.push_back(static_cast<int>(samples_.size()));
   }
 }
 

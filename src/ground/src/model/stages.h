@@ -82,48 +82,16 @@ struct Stages {
   GROUND_INLINE void move(const H& share, const H& to, const T& surge, const T& yaw,
                           const Vector3<T>& more) {
     const Vector3<T>& at = kFirst ? nu : at_nu;
-    const Raw u = raw(valueOf(at(0))), v = raw(valueOf(at(1))), r = raw(valueOf(at(2)));
-    const Raw d0 = raw(valueOf(damping(0))), d1 = raw(valueOf(damping(1))),
-              d2 = raw(valueOf(damping(2)));
-    Raw rate[3] = {};
-    if (kRigid) {
-      rate[0] = r * v + (raw(valueOf(surge)) - d0 * u);
-      rate[1] = -(r * u + d1 * v);
-      rate[2] = raw(valueOf(yaw)) - d2 * r;
-    }
+    Raw rate[3] = {}, drift[3] = {};
+    if (kRigid) setRate(at, raw(valueOf(surge)), raw(valueOf(yaw)), rate);
     if (kMore)
       for (int i = 0; i < 3; ++i) rate[i] += raw(valueOf(more(i)));
-    Raw drift[3] = {};
-    if (kPose) {
-      drift[0] = c * u - s * v;
-      drift[1] = s * u + c * v;
-      drift[2] = r;
-    }
-    const Raw by = raw(valueOf(share)), along = raw(valueOf(to));
+    if (kPose) setDrift(at, drift);
     using Of = Slices<T>;
-    for (int d = 0; d < (Of::kCount > 1 ? directions : Of::kCount); ++d) {
-      if constexpr (Of::kCount > 0) {
-        const Vec8 du = Of::of(at(0), d), dv = Of::of(at(1), d), dr = Of::of(at(2), d);
-        Vec8 drate[3] = {};
-        if (kRigid) {
-          drate[0] = r * dv + v * dr + (Of::of(surge, d) - d0 * du - u * Of::of(damping(0), d));
-          drate[1] = -(r * du + u * dr + d1 * dv + v * Of::of(damping(1), d));
-          drate[2] = Of::of(yaw, d) - d2 * dr - r * Of::of(damping(2), d);
-        }
-        if (kMore)
-          for (int i = 0; i < 3; ++i) drate[i] += Of::of(more(i), d);
-        for (int i = 0; i < 3; ++i)
-          advance<kLast>(d, share, to, by, along, rate[i], drate[i], nu(i), next.nu(i), at_nu(i));
-        if (kPose) {
-          const Vec8 dpsi = Of::of(kFirst ? eta.z() : at_eta.z(), d);
-          const Vec8 ddrift[3] = {c * du - s * dv - drift[1] * dpsi,
-                                  s * du + c * dv + drift[0] * dpsi, dr};
-          for (int i = 0; i < 3; ++i)
-            advance<kLast>(d, share, to, by, along, drift[i], ddrift[i], eta(i), next.eta(i),
-                           at_eta(i));
-        }
-      }
-    }
+    if constexpr (Of::kCount > 0)
+      for (int d = 0; d < (Of::kCount > 1 ? directions : Of::kCount); ++d)
+        moveSlice<kFirst, kLast, kRigid, kMore>(d, share, to, surge, yaw, more, rate, drift);
+    const Raw by = raw(valueOf(share)), along = raw(valueOf(to));
     for (int i = 0; i < 3; ++i) {
       raw(valueIn(next.nu(i))) += by * rate[i];
       if (!kLast) raw(valueIn(at_nu(i))) = raw(valueOf(nu(i))) + along * rate[i];
@@ -134,6 +102,50 @@ struct Stages {
   }
 
  private:
+  /// Rates of the rigid body with thrust and linear damping.
+  GROUND_INLINE void setRate(const Vector3<T>& at, const Raw& surge, const Raw& yaw, Raw rate[3]) {
+    const Raw u = raw(valueOf(at(0))), v = raw(valueOf(at(1))), r = raw(valueOf(at(2)));
+    rate[0] = r * v + (surge - raw(valueOf(damping(0))) * u);
+    rate[1] = -(r * u + raw(valueOf(damping(1))) * v);
+    rate[2] = yaw - raw(valueOf(damping(2))) * r;
+  }
+
+  GROUND_INLINE void setDrift(const Vector3<T>& at, Raw drift[3]) {
+    const Raw u = raw(valueOf(at(0))), v = raw(valueOf(at(1)));
+    drift[0] = c * u - s * v;
+    drift[1] = s * u + c * v;
+    drift[2] = raw(valueOf(at(2)));
+  }
+
+  /// Derivatives number d of all that move() moves.
+  template <bool kFirst, bool kLast, bool kRigid, bool kMore>
+  GROUND_INLINE void moveSlice(int d, const H& share, const H& to, const T& surge, const T& yaw,
+                               const Vector3<T>& more, const Raw rate[3], const Raw drift[3]) {
+    using Of = Slices<T>;
+    const Vector3<T>& at = kFirst ? nu : at_nu;
+    const Raw u = raw(valueOf(at(0))), v = raw(valueOf(at(1))), r = raw(valueOf(at(2)));
+    const Raw by = raw(valueOf(share)), along = raw(valueOf(to));
+    const Vec8 du = Of::of(at(0), d), dv = Of::of(at(1), d), dr = Of::of(at(2), d);
+    Vec8 drate[3] = {};
+    if (kRigid) {
+      const Raw d0 = raw(valueOf(damping(0))), d1 = raw(valueOf(damping(1))),
+                d2 = raw(valueOf(damping(2)));
+      drate[0] = r * dv + v * dr + (Of::of(surge, d) - d0 * du - u * Of::of(damping(0), d));
+      drate[1] = -(r * du + u * dr + d1 * dv + v * Of::of(damping(1), d));
+      drate[2] = Of::of(yaw, d) - d2 * dr - r * Of::of(damping(2), d);
+    }
+    if (kMore)
+      for (int i = 0; i < 3; ++i) drate[i] += Of::of(more(i), d);
+    for (int i = 0; i < 3; ++i)
+      advance<kLast>(d, share, to, by, along, rate[i], drate[i], nu(i), next.nu(i), at_nu(i));
+    if (!kPose) return;
+    const Vec8 dpsi = Of::of(kFirst ? eta.z() : at_eta.z(), d);
+    const Vec8 ddrift[3] = {c * du - s * dv - drift[1] * dpsi, s * du + c * dv + drift[0] * dpsi,
+                            dr};
+    for (int i = 0; i < 3; ++i)
+      advance<kLast>(d, share, to, by, along, drift[i], ddrift[i], eta(i), next.eta(i), at_eta(i));
+  }
+
   template <bool kLast>
   static GROUND_INLINE void advance(int d, const H& share, const H& to, const Raw& by,
                                     const Raw& along, const Raw& rate, const Vec8& drate,

@@ -33,9 +33,7 @@ py::object toPython(const TunableInfo& info, const Setting& value) {
   return info.type == "int" ? py::int_(std::lround(std::get<double>(value))) : py::cast(value);
 }
 
-}  // namespace
-
-void bindControl(py::module_& module) {
+void defReferences(py::module_& module) {
   py::class_<TunableInfo>(module, "TunableInfo", "What a parameter is.")
       .def_readonly("name", &TunableInfo::name)
       .def_readonly("unit", &TunableInfo::unit)
@@ -86,6 +84,9 @@ void bindControl(py::module_& module) {
             });
           },
           py::arg("times"), "Positions x, y [m] at `times` [s].");
+}
+
+void defControllers(py::module_& module) {
   py::class_<ControllerInfo>(module, "ControllerInfo", "What a kind of controller is.")
       .def_readonly("name", &ControllerInfo::name)
       .def_readonly("text", &ControllerInfo::text)
@@ -116,6 +117,9 @@ void bindControl(py::module_& module) {
           },
           "Name to value of all parameters of its kind. Setting it sets those that are given; "
           "ValueError on a name or a type that it does not have.");
+}
+
+void defRoom(py::module_& module) {
   py::class_<RoomPlan>(module, "RoomPlan", "The floor that a craft may be on, world_ned.")
       .def(py::init<>())
       .def_readwrite("name", &RoomPlan::name)
@@ -137,6 +141,9 @@ void bindControl(py::module_& module) {
       },
       py::arg("reference"), py::arg("room"),
       "Why a reference does not fit into a room; empty when it does.");
+}
+
+void defDesigns(py::module_& module) {
   py::class_<DesignParams>(module, "DesignParams", "An input design by its name.")
       .def(py::init<>())
       .def_readwrite("kind", &DesignParams::kind)
@@ -173,6 +180,9 @@ void bindControl(py::module_& module) {
       .def(py::init<>())
       .def_readwrite("burst", &ReturnParams::burst)
       .def_readwrite("arrival", &ReturnParams::arrival);
+}
+
+void defEffectUse(py::module_& module) {
   module.def(
       "effect_use",
       [](const std::string& kind, const Model& model) {
@@ -187,9 +197,18 @@ void bindControl(py::module_& module) {
       py::arg("kind"), py::arg("model"),
       "What a kind of controller does with the model's effects: names of used and unused ones, a "
       "remark for people, and why it must not drive by the model, empty when it may.");
-
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");
+}
+
+}  // namespace
+
+void bindControl(py::module_& module) {
+  defReferences(module);
+  defControllers(module);
+  defRoom(module);
+  defDesigns(module);
+  defEffectUse(module);
 }
 
 }  // namespace ground

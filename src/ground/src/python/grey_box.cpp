@@ -51,6 +51,96 @@ py::dict toDict(const GreyBoxFit& fit) {
   return d;
 }
 
+py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
+                bool levels, std::vector<std::string> held, double cap, bool far,
+                int max_iterations, int threads) {
+  GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
+  GreyBoxFit fit;
+  {
+    const py::gil_scoped_release release;
+    fit = box.fit(start, options);
+  }
+  return toDict(fit);
+}
+
+py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point,
+                     const Eigen::MatrixXd& level_information, const std::vector<std::string>& free,
+                     std::vector<std::string> held, double cap, int threads) {
+  GreyBoxFit fit;
+  fit.point = point;
+  fit.level_information = level_information;
+  GreyBoxOptions options;
+  options.free = free;
+  options.held = std::move(held);
+  options.cap = cap;
+  options.threads = threads;
+  std::vector<FittedParameter> found;
+  {
+    const py::gil_scoped_release release;
+    found = box.intervals(fit, options);
+  }
+  return toList(found);
+}
+
+py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
+                  const std::vector<std::string>& parameters, double cap, double block,
+                  int threads) {
+  GreyBoxScores found;
+  {
+    const py::gil_scoped_release release;
+    found = box.scores(point, parameters, cap, block, threads);
+  }
+  py::dict d;
+  d["scale"] = found.scale;
+  d["score"] = found.score;
+  d["run"] = found.run;
+  d["information"] = found.information;
+  return d;
+}
+
+py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
+                     const Eigen::MatrixXd& acting, const std::vector<int>& channels) {
+  GreyBoxResiduals found;
+  {
+    const py::gil_scoped_release release;
+    found = box.residuals(point, run, cap, acting, channels);
+  }
+  py::dict d;
+  d["whitened"] = found.whitened;
+  d["scored"] = found.scored;
+  d["wrench"] = found.wrench;
+  d["constants"] = found.constants;
+  d["responses"] = found.responses;
+  return d;
+}
+
+py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
+                      std::vector<int> starts, std::vector<double> horizons, bool unknown_loudness,
+                      std::vector<std::string> free, const Eigen::MatrixXd& information,
+                      std::vector<double> scale, double part, int draws,
+                      const Vector3<double>& velocity_noise, double cap, unsigned seed) {
+  const ForecastOptions options{
+      std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
+      information,       std::move(scale),    part,             draws,
+      velocity_noise,    cap,                 seed};
+  std::vector<Forecast> found;
+  {
+    const py::gil_scoped_release release;
+    found = box.forecast(point, run, options);
+  }
+  py::list result;
+  for (const Forecast& forecast : found) {
+    py::dict d;
+    d["first"] = forecast.first;
+    d["mean"] = forecast.mean;
+    d["deviation"] = forecast.deviation;
+    d["low"] = forecast.low;
+    d["high"] = forecast.high;
+    result.append(d);
+  }
+  return result;
+}
+
 }  // namespace
 
 void bindGreyBox(py::module_& module) {
@@ -70,121 +160,28 @@ void bindGreyBox(py::module_& module) {
            }),
            py::arg("runs"), py::arg("craft"), py::arg("max_gap") = 0.1)
       .def("start", &GreyBox::start, py::arg("model"))
-      .def(
-          "fit",
-          [](const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
-             bool levels, std::vector<std::string> held, double cap, bool far, int max_iterations,
-             int threads) {
-            GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
-            GreyBoxFit fit;
-            {
-              const py::gil_scoped_release release;
-              fit = box.fit(start, options);
-            }
-            return toDict(fit);
-          },
-          py::arg("start"), py::arg("free"), py::arg("levels") = true,
-          py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
-          py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
-      .def(
-          "intervals",
-          [](const GreyBox& box, const GreyBoxPoint& point, const Eigen::MatrixXd& level_information,
-             const std::vector<std::string>& free, std::vector<std::string> held, double cap,
-             int threads) {
-            GreyBoxFit fit;
-            fit.point = point;
-            fit.level_information = level_information;
-            GreyBoxOptions options;
-            options.free = free;
-            options.held = std::move(held);
-            options.cap = cap;
-            options.threads = threads;
-            std::vector<FittedParameter> found;
-            {
-              const py::gil_scoped_release release;
-              found = box.intervals(fit, options);
-            }
-            return toList(found);
-          },
-          py::arg("point"), py::arg("level_information"), py::arg("free"),
-          py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
-          py::arg("threads") = 1)
+      .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
+           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
+           py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
+      .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"),
+           py::arg("free"), py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
+           py::arg("threads") = 1)
       .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1,
            py::call_guard<py::gil_scoped_release>())
-      .def(
-          "scores",
-          [](const GreyBox& box, const GreyBoxPoint& point,
-             const std::vector<std::string>& parameters, double cap, double block, int threads) {
-            GreyBoxScores found;
-            {
-              const py::gil_scoped_release release;
-              found = box.scores(point, parameters, cap, block, threads);
-            }
-            py::dict d;
-            d["scale"] = found.scale;
-            d["score"] = found.score;
-            d["run"] = found.run;
-            d["information"] = found.information;
-            return d;
-          },
-          py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0, py::arg("block") = 1.0,
-          py::arg("threads") = 1)
-      .def(
-          "residuals",
-          [](const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
-             const Eigen::MatrixXd& acting, const std::vector<int>& channels) {
-            GreyBoxResiduals found;
-            {
-              const py::gil_scoped_release release;
-              found = box.residuals(point, run, cap, acting, channels);
-            }
-            py::dict d;
-            d["whitened"] = found.whitened;
-            d["scored"] = found.scored;
-            d["wrench"] = found.wrench;
-            d["constants"] = found.constants;
-            d["responses"] = found.responses;
-            return d;
-          },
-          py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-          py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>())
-      .def(
-          "forecast",
-          [](const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
-             std::vector<double> horizons, bool unknown_loudness, std::vector<std::string> free,
-             const Eigen::MatrixXd& information, std::vector<double> scale, double part, int draws,
-             const Vector3<double>& velocity_noise, double cap, unsigned seed) {
-            const ForecastOptions options{
-                std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
-                information,       std::move(scale),    part,             draws,
-                velocity_noise,    cap,                 seed};
-            std::vector<Forecast> found;
-            {
-              const py::gil_scoped_release release;
-              found = box.forecast(point, run, options);
-            }
-            py::list result;
-            for (const Forecast& forecast : found) {
-              py::dict d;
-              d["first"] = forecast.first;
-              d["mean"] = forecast.mean;
-              d["deviation"] = forecast.deviation;
-              d["low"] = forecast.low;
-              d["high"] = forecast.high;
-              result.append(d);
-            }
-            return result;
-          },
-          py::arg("point"), py::arg("run"), py::arg("starts"), py::arg("horizons"),
-          py::arg("unknown_loudness") = false, py::arg("free") = std::vector<std::string>(),
-          py::arg("information") = Eigen::MatrixXd(), py::arg("scale") = std::vector<double>(),
-          py::arg("part") = 0.9, py::arg("draws") = 99,
-          py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
-          py::arg("seed") = 1,
-          "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"
-          "(sample), and mean, deviation, low and high (n, 6) of x, y [m], psi [rad], u, v [m/s],\n"
-          "r [rad/s] as measured, from the start on; low and high hold `part` of the draws.");
+      .def("scores", &scoresAt, py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0,
+           py::arg("block") = 1.0, py::arg("threads") = 1)
+      .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
+           py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>())
+      .def("forecast", &forecastFrom, py::arg("point"), py::arg("run"), py::arg("starts"),
+           py::arg("horizons"), py::arg("unknown_loudness") = false,
+           py::arg("free") = std::vector<std::string>(), py::arg("information") = Eigen::MatrixXd(),
+           py::arg("scale") = std::vector<double>(), py::arg("part") = 0.9, py::arg("draws") = 99,
+           py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
+           py::arg("seed") = 1,
+           "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"
+           "(sample), and mean, deviation, low and high (n, 6) of x, y [m], psi [rad], u, v [m/s],\n"
+           "r [rad/s] as measured, from the start on; low and high hold `part` of the draws.");
 }
 
 }  // namespace ground

@@ -56,26 +56,7 @@ py::dict toDict(const FitResult& result) {
   return d;
 }
 
-}  // namespace
-
-py::list toList(const std::vector<FittedParameter>& parameters) {
-  py::list list;
-  for (const FittedParameter& p : parameters) {
-    py::dict d;
-    d["name"] = p.name;
-    d["unit"] = p.unit;
-    d["start"] = p.start;
-    d["value"] = p.value;
-    d["ci95"] = py::make_tuple(p.lower, p.upper);
-    d["deviation"] = p.deviation;
-    d["at_bound"] = p.at_bound;
-    d["identified"] = p.identified;
-    list.append(d);
-  }
-  return list;
-}
-
-void bindIdentification(py::module_& module) {
+void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = RunData().poses,
@@ -124,7 +105,9 @@ void bindIdentification(py::module_& module) {
                       }));
   module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
              py::arg("end"), py::arg("length"), py::arg("max_gap") = 0.1);
+}
 
+void defSimulationError(py::module_& module) {
   py::enum_<FitOptions::Objective>(module, "Objective")
       .value("least_squares", FitOptions::Objective::kLeastSquares)
       .value("thesis", FitOptions::Objective::kThesis);
@@ -175,7 +158,9 @@ void bindIdentification(py::module_& module) {
           py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
           py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
           py::arg("initial") = std::vector<Eigen::VectorXd>());
+}
 
+void defPrediction(py::module_& module) {
   module.def(
       "predict",
       [](const Model& model, const RunData& run, const std::vector<Window>& windows,
@@ -192,7 +177,9 @@ void bindIdentification(py::module_& module) {
       },
       py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
       "Windows from the measured pose and the given measured velocity, a row each, uncorrected.");
+}
 
+void defWrenchFilter(py::module_& module) {
   py::enum_<WrenchNature>(module, "WrenchNature")
       .value("random_walk", WrenchNature::kRandomWalk)
       .value("white", WrenchNature::kWhite);
@@ -242,6 +229,32 @@ void bindIdentification(py::module_& module) {
           "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
       .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
       .def_property_readonly("stretches", &WrenchFilter::stretches);
+}
+
+}  // namespace
+
+py::list toList(const std::vector<FittedParameter>& parameters) {
+  py::list list;
+  for (const FittedParameter& p : parameters) {
+    py::dict d;
+    d["name"] = p.name;
+    d["unit"] = p.unit;
+    d["start"] = p.start;
+    d["value"] = p.value;
+    d["ci95"] = py::make_tuple(p.lower, p.upper);
+    d["deviation"] = p.deviation;
+    d["at_bound"] = p.at_bound;
+    d["identified"] = p.identified;
+    list.append(d);
+  }
+  return list;
+}
+
+void bindIdentification(py::module_& module) {
+  defRecording(module);
+  defSimulationError(module);
+  defPrediction(module);
+  defWrenchFilter(module);
 }
 
 }  // namespace ground

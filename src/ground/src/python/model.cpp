@@ -77,18 +77,7 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   return d;
 }
 
-}  // namespace
-
-InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
-  if (rows.cols() != 4) throw std::invalid_argument("inputs need columns time, left, right, lift");
-  if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
-  InputSequence inputs;
-  for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
-  return inputs;
-}
-
-void bindModel(py::module_& module) {
+void defProvenance(py::module_& module) {
   py::class_<Provenance>(module, "Provenance")
       .def(py::init<>())
       .def_readwrite("date", &Provenance::date)
@@ -98,7 +87,9 @@ void bindModel(py::module_& module) {
       .def_readwrite("error_after", &Provenance::error_after)
       .def_readwrite("confidence_95", &Provenance::confidence_95)
       .def_readwrite("not_identified", &Provenance::not_identified);
+}
 
+void defDisturbance(py::module_& module) {
   py::class_<Disturbance>(module, "Disturbance",
                           "A random wrench beside the model: X, Y [N], N [N m], body.")
       .def(py::init<>())
@@ -113,6 +104,9 @@ void bindModel(py::module_& module) {
                      "Standard deviation, from run to run, of a factor on the thrust.")
       .def("empty", &Disturbance::empty)
       .def("validate", &Disturbance::validate, "What is wrong; empty when nothing is.");
+}
+
+void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
       .def_readwrite("name", &Model::name)
@@ -151,7 +145,9 @@ void bindModel(py::module_& module) {
       .def("format", &formatModel, "The model file's text.")
       .def(py::pickle([](const Model& m) { return formatModel(m); },
                       [](const std::string& text) { return parseModel(text, "a pickle"); }));
+}
 
+void defFiles(py::module_& module) {
   module.def(
       "load_model", [](const std::string& path) { return loadModel(path); }, py::arg("path"));
   module.def(
@@ -168,6 +164,9 @@ void bindModel(py::module_& module) {
   module.def("read_effect_file", &readEffectFile, py::arg("path"));
   module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
              py::arg("overwrite") = false);
+}
+
+void defEffects(py::module_& module) {
   module.def(
       "effects",
       [] {
@@ -185,6 +184,9 @@ void bindModel(py::module_& module) {
       },
       "The effects of the library by name. A diagnosis tries those with `opt_in` only when it is "
       "asked to.");
+}
+
+void defSimulation(py::module_& module) {
   module.def(
       "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
@@ -196,6 +198,26 @@ void bindModel(py::module_& module) {
              py::arg("records") = Eigen::MatrixX2d(0, 2),
              "When drives began [s], the origins of the model's t: by commands in order of time "
              "and by records (k, 2), began and as of when, in order. Empty without any lift.");
+}
+
+}  // namespace
+
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
+  if (rows.cols() != 4) throw std::invalid_argument("inputs need columns time, left, right, lift");
+  if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
+  InputSequence inputs;
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
+  return inputs;
+}
+
+void bindModel(py::module_& module) {
+  defProvenance(module);
+  defDisturbance(module);
+  defModel(module);
+  defFiles(module);
+  defEffects(module);
+  defSimulation(module);
 }
 
 }  // namespace ground

@@ -80,9 +80,7 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), doc);
 }
 
-}  // namespace
-
-void bindSimulation(py::module_& module) {
+void defParams(py::module_& module) {
   py::class_<MocapParams>(module, "MocapParams", "Quality of the simulated motion capture.")
       .def(py::init<>())
       .def_readwrite("rate", &MocapParams::rate)
@@ -118,6 +116,9 @@ void bindSimulation(py::module_& module) {
       .def(py::init<>())
       .def_readwrite("design", &ExcitationParams::design)
       .def_readwrite("returns", &ExcitationParams::returns);
+}
+
+void defExperiments(py::module_& module) {
   module.def(
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
@@ -145,6 +146,13 @@ void bindSimulation(py::module_& module) {
   defExperiment(module, "excite", "excitation", &excite,
                 "The same with an input design; besides, marks (time, number, whether a burst or a "
                 "return begins, why).");
+}
+
+}  // namespace
+
+void bindSimulation(py::module_& module) {
+  defParams(module);
+  defExperiments(module);
 }
 
 }  // namespace ground

@@ -141,11 +141,14 @@ class ControllerLifecycle {
  private:
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
+  /// Lift is on: it lifts or drives.
+  bool flying() const { return state_ == State::kLifting || driving(); }
   std::string stateProblem(Instant now) const;
   bool stateIsFinite() const;
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
   std::string fenceProblem(Instant now) const;
+  void act(Instant now);
   void schedule(double elapsed);
   void begin(Instant now);
   void control(Instant now, double stamp);

@@ -71,6 +71,10 @@ class TrajectoryOptimizer {
   /// The craft one step on, the k-th of the horizon.
   State advance(int k, const State& state, const Vector2<double>& input) const;
   void linearize(int k);
+  void addStateCost(int k, State& gradient, Square& curvature) const;
+  void addWallCost(const State& state, State& gradient, Square& curvature) const;
+  static Gain feedback(const Eigen::Matrix2d& damped, const Gain& Qux,
+                       const std::array<bool, 2>& free);
   bool backward();
   double stateCost(int k, const State& state) const;
   double inputCost(const Vector2<double>& input) const;

@@ -86,6 +86,7 @@ class WrenchFilter {
     double dt;
   };
   struct Pass;
+  class Lineariser;
 
   void linearise(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses);
   Matrix9 initialCovariance(WrenchNature nature, const WrenchNoise& noise) const;

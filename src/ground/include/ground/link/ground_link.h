@@ -123,6 +123,10 @@ class GroundLink {
   void refuse(const std::string& why, bool of_controller);
   void watch(double now);
   std::string stateProblem(double now) const;
+  std::string craftMissing(double now) const;
+  std::string stateMissing(double now) const;
+  std::string commandMissing(double now) const;
+  void watchState(double now);
   bool craftSilent(double now) const;
   bool deaf() const;
   void enter(State state, const std::string& reason);

@@ -14,6 +14,9 @@ struct RigidState {
   Vector3<T> nu = Vector3<T>::Zero();   ///< u, v [m/s], r [rad/s], body
 };
 
+template <typename T, bool kPose, typename H>
+struct Stages;
+
 /// Equations of motion (2.3), (2.4) with the model's effects inside, for one set of parameters.
 /// Instantiated for the scalar types of types.h. One thread at a time.
 template <typename T>
@@ -81,6 +84,8 @@ class Dynamics {
     int state;  ///< offset of its states
   };
 
+  void add(const Model::Entry& entry, const T* p);
+
   /// What the thrusters do as long as their input stays.
   struct Drive {
     Vector2<T> input, thrust;  ///< for effects: thrust is that before they change it [N]
@@ -89,6 +94,9 @@ class Dynamics {
   /// `input` is of T or ValueOf<T>.
   template <typename I>
   Drive drive(const Vector2<I>& input) const;
+  template <bool kFirst, bool kLast, bool kPose, typename H>
+  void take(Stages<T, kPose, H>& stages, const T& t, const H& after, const H& share, const H& to,
+            const Drive& drive, const ValueOf<T>& lift, T* states, bool remembers) const;
   template <bool kPose, typename H>
   void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
            const ValueOf<T>& lift, T* states, const H& h, int count) const;

@@ -46,6 +46,9 @@ class LanePlan {
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Take& take) const;
 
  private:
+  void settle(const std::vector<Lane>& lanes,
+              const std::vector<std::vector<Stepping::Held>>& before);
+
   std::vector<Step> settling_, steps_;
   std::vector<Sample> samples_;
   std::vector<int> behind_;  ///< a visit's samples

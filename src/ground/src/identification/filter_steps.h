@@ -1,0 +1,229 @@
+// Steps of the disturbance filter's recursion: covariances, gains, deviations of the state.
+#pragma once
+
+#include <cmath>
+
+#include "disturbance_filter.h"
+#include "ground/model/measurement.h"
+#include "ground/model/simulation.h"
+
+namespace ground::detail {
+
+constexpr int kN = kFilterStates;
+// From pose to pose errors stay far below their noise; twice the step of a simulation.
+constexpr double kFilterStep = 0.01;  // [s]
+// Standard deviations of a stretch's first state, generously: pose as measured, velocity smoothed.
+constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, kFirstYawRate = 3.0;
+
+/// Levels as the recursion needs them, of one set (double) or eight side by side (Lanes).
+template <typename V>
+struct Random {
+  V variance[3], time[3], white[3];  ///< of X, Y, N: stationary variance, [s], density
+  V noise[3];                        ///< variance of x, y, psi
+  V constant[4];                     ///< variance of the constant states
+
+  /// Over a step of length h [s]: what is left of the wrench, its mean over the step, noise.
+  struct Step {
+    V left[3], mean[3], added[3], density[3];
+  };
+  Step over(double h) const {
+    Step step;
+    for (int i = 0; i < 3; ++i) {
+      using std::exp;
+      const V part = V(h) / time[i];
+      step.left[i] = exp(-part);
+      step.mean[i] = (1.0 - step.left[i]) / part;
+      step.added[i] = variance[i] * (1.0 - step.left[i] * step.left[i]);
+      step.density[i] = white[i] * V(1 / h);
+    }
+    return step;
+  }
+};
+
+inline Random<double> randomOf(const DisturbanceLevels& levels, const Vector3<double>& noise) {
+  Random<double> random;
+  const double factor[3] = {levels.position, levels.position, levels.heading};
+  for (int i = 0; i < 3; ++i) {
+    random.variance[i] = levels.sigma(i) * levels.sigma(i);
+    random.time[i] = levels.time(i);
+    random.white[i] = levels.white(i) * levels.white(i);
+    random.noise[i] = std::pow(factor[i] * noise(i), 2);
+    random.constant[i] = levels.trim(i) * levels.trim(i);
+  }
+  random.constant[3] = levels.thrust * levels.thrust;
+  return random;
+}
+
+/// Covariance of the filter's state, whole and symmetric.
+template <typename V>
+struct Covariance {
+  V P[kN][kN];
+
+  /// Pose and velocity anew; `first`: also what is constant.
+  void start(const Random<V>& random, bool first) {
+    const int known = first ? kN : 9;
+    for (int i = 0; i < kN; ++i)
+      for (int j = 0; j < kN; ++j)
+        if (i < known || j < known) P[i][j] = V(0.0);
+    const double sigma[6] = {kFirstPosition, kFirstPosition, kFirstHeading,
+                             kFirstSpeed,    kFirstSpeed,    kFirstYawRate};
+    for (int i = 0; i < 6; ++i) P[i][i] = V(sigma[i] * sigma[i]);
+    for (int i = 0; i < 3; ++i) P[6 + i][6 + i] = random.variance[i];
+    for (int i = 9; first && i < kN; ++i) P[i][i] = random.constant[i - 9];
+  }
+
+  /// S = H P H' + R and P H'.
+  void see(const FilterSample& s, const Random<V>& random, V PH[kN][3], V S[3][3]) const {
+    for (int i = 0; i < kN; ++i)
+      for (int a = 0; a < 3; ++a) {
+        V sum = P[i][0] * V(s.seen[a][0]);
+        for (int j = 1; j < 6; ++j) sum += P[i][j] * V(s.seen[a][j]);
+        PH[i][a] = sum;
+      }
+    for (int a = 0; a < 3; ++a)
+      for (int b = 0; b < 3; ++b) {
+        V sum = V(s.seen[a][0]) * PH[0][b];
+        for (int j = 1; j < 6; ++j) sum += V(s.seen[a][j]) * PH[j][b];
+        S[a][b] = a == b ? sum + random.noise[a] : sum;
+      }
+  }
+
+  void correct(const V K[kN][3], const V PH[kN][3]) {
+    for (int i = 0; i < kN; ++i)
+      for (int j = i; j < kN; ++j) {
+        P[i][j] -= K[i][0] * PH[j][0] + K[i][1] * PH[j][1] + K[i][2] * PH[j][2];
+        P[j][i] = P[i][j];
+      }
+  }
+
+  void move(const FilterSample& s, const typename Random<V>::Step& step) {
+    V top[6][kN];
+    moveOnce(s, step, top);
+    moveMotion(s, step, top);
+    moveWrench(s, step, top);
+  }
+
+ private:
+  /// Covariance of the moved pose and velocity with the state before.
+  void moveOnce(const FilterSample& s, const typename Random<V>::Step& step, V top[6][kN]) const {
+    V push[3][kN];  // covariance of the wrench that acts with the state
+    for (int j = 0; j < kN; ++j) {
+      for (int i = 0; i < 3; ++i)
+        push[i][j] = step.mean[i] * P[6 + i][j] + P[9 + i][j];
+      for (int i = 0; i < 6; ++i) {
+        V sum = V(s.motion[i][0]) * P[0][j];
+        for (int k = 1; k < 6; ++k) sum += V(s.motion[i][k]) * P[k][j];
+        for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k][j];
+        top[i][j] = sum + V(s.by_thrust[i]) * P[12][j];
+      }
+    }
+  }
+
+  /// Covariance of pose and velocity, with the noise that comes in on the way.
+  void moveMotion(const FilterSample& s, const typename Random<V>::Step& step,
+                  const V top[6][kN]) {
+    V pushed[6][3];  // covariance with the wrench that acts, and a third of its noise
+    for (int i = 0; i < 6; ++i)
+      for (int k = 0; k < 3; ++k)
+        pushed[i][k] = (step.mean[k] * top[i][6 + k] + top[i][9 + k]) +
+                       V(s.response[i][k]) * (step.added[k] * V(1.0 / 3) + step.density[k]);
+    for (int i = 0; i < 6; ++i)
+      for (int j = i; j < 6; ++j) {
+        V sum = top[i][12] * V(s.by_thrust[j]);
+        for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
+        for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
+        P[i][j] = P[j][i] = sum;
+      }
+  }
+
+  /// Covariances with the wrench and with what is constant.
+  void moveWrench(const FilterSample& s, const typename Random<V>::Step& step,
+                  const V top[6][kN]) {
+    for (int i = 0; i < 6; ++i) {
+      for (int k = 0; k < 3; ++k) {
+        const V half = V(s.response[i][k]) * step.added[k] * V(0.5);  // of the noise on the way
+        P[i][6 + k] = P[6 + k][i] = top[i][6 + k] * step.left[k] + half;
+      }
+      for (int k = 9; k < kN; ++k) P[i][k] = P[k][i] = top[i][k];
+    }
+    for (int i = 0; i < 3; ++i) {
+      for (int j = i; j < 3; ++j) {
+        P[6 + i][6 + j] = P[6 + i][6 + j] * step.left[i] * step.left[j];
+        P[6 + j][6 + i] = P[6 + i][6 + j];
+      }
+      P[6 + i][6 + i] += step.added[i];
+      for (int k = 9; k < kN; ++k) P[6 + i][k] = P[k][6 + i] = P[6 + i][k] * step.left[i];
+    }
+  }
+};
+
+/// Inverse of a symmetric matrix by its adjugate.
+template <typename V>
+void invert(const V S[3][3], V inverse[3][3]) {
+  const V a = S[1][1] * S[2][2] - S[1][2] * S[1][2], b = S[0][2] * S[1][2] - S[0][1] * S[2][2],
+          c = S[0][1] * S[1][2] - S[0][2] * S[1][1];
+  const V over = V(1.0) / (S[0][0] * a + S[0][1] * b + S[0][2] * c);
+  inverse[0][0] = over * a;
+  inverse[0][1] = inverse[1][0] = over * b;
+  inverse[0][2] = inverse[2][0] = over * c;
+  inverse[1][1] = over * (S[0][0] * S[2][2] - S[0][2] * S[0][2]);
+  inverse[1][2] = inverse[2][1] = over * (S[0][1] * S[0][2] - S[0][0] * S[1][2]);
+  inverse[2][2] = over * (S[0][0] * S[1][1] - S[0][1] * S[0][1]);
+}
+
+template <typename V>
+void gainOf(const V PH[kN][3], const V inverse[3][3], V K[kN][3]) {
+  for (int i = 0; i < kN; ++i)
+    for (int a = 0; a < 3; ++a)
+      K[i][a] = PH[i][0] * inverse[0][a] + PH[i][1] * inverse[1][a] + PH[i][2] * inverse[2][a];
+}
+
+/// Moves deviations of the filter's state, a row a state, each row `count` long.
+template <typename V>
+void moveDeviation(const FilterSample& s, const V left[3], const V mean[3], V* x, int count) {
+  const auto at = [&](int i) { return x + i * count; };
+  for (int j = 0; j < count; ++j) {
+    V push[3], next[6];
+    for (int i = 0; i < 3; ++i) push[i] = mean[i] * at(6 + i)[j] + at(9 + i)[j];
+    for (int i = 0; i < 6; ++i) {
+      V sum = V(s.by_thrust[i]) * at(12)[j];
+      for (int k = 0; k < 6; ++k) sum += V(s.motion[i][k]) * at(k)[j];
+      for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k];
+      next[i] = sum;
+    }
+    for (int i = 0; i < 6; ++i) at(i)[j] = next[i];
+    for (int i = 0; i < 3; ++i) at(6 + i)[j] = left[i] * at(6 + i)[j];
+  }
+}
+
+/// Starts a stretch anew: only what is constant is carried over.
+template <typename V>
+void forgetDeviation(V* x, int count) {
+  for (int i = 0; i < 9 * count; ++i) x[i] = V(0.0);
+}
+
+/// Lets actuators follow their commands while the motion is not known.
+inline void passGap(Simulation<Jet>& simulation, double until) {
+  simulation.state() = {};
+  simulation.advance(until);
+}
+
+/// The part of a change of the innovation that is left of it as whitened; and the state's.
+inline void correctDeviation(const FilterSample& s, const double* unseen, double* x, double* white,
+                      int count) {
+  for (int j = 0; j < count; ++j) {
+    double change[3];
+    for (int a = 0; a < 3; ++a) {
+      change[a] = unseen ? -unseen[a * count + j] : 0;
+      for (int i = 0; i < 6; ++i) change[a] -= s.seen[a][i] * x[i * count + j];
+    }
+    for (int i = 0; i < kN; ++i)
+      x[i * count + j] +=
+          s.gain[i][0] * change[0] + s.gain[i][1] * change[1] + s.gain[i][2] * change[2];
+    for (int a = 0; a < 3; ++a)
+      white[a * count + j] = s.whitening[a][0] * change[0] + s.whitening[a][1] * change[1] +
+                             s.whitening[a][2] * change[2];
+  }
+}
+
+}  // namespace ground::detail
