@@ -8,9 +8,7 @@ from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.recordings import bags as bag_files
-from ground.recordings import findings, quality, settings
-from ground.recordings import recording as recordings
+from ground.recordings import findings, quality, readers, settings
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -36,7 +34,7 @@ def read(
     ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
     """
     paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
-    listed = bag_files.listed([os.fspath(path) for path in paths])
+    listed = readers.listed([os.fspath(path) for path in paths])
     return tuple(reading(listed, axes, heading_offset))
 
 
@@ -46,7 +44,7 @@ def reading(
     """The recordings in bags, which are read when the first one is asked for."""
     found = []
     for path in bags:
-        found.append(recordings.read_bag(path, axes, heading_offset))
+        found.append(readers.read(path, axes, heading_offset))
         for warning in found[-1].warnings:
             warn("%s: %s" % (path, warning), RecordingWarning)
     names = [r.name for r in found]
@@ -73,7 +71,7 @@ def taken(given: Recordings) -> List[Recording]:
         if isinstance(item, Recording):
             found.append(item)
         elif os.path.isdir(item):
-            inside = bag_files.listed([os.fspath(item)])
+            inside = readers.listed([os.fspath(item)])
             found += [next(from_bags) for _ in inside]
         else:
             found.append(next(from_bags))

@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from ground import files
 from ground.annotations import Document, Message
 from ground.errors import GroundError, sentence
-from ground.recordings import bags
+from ground.recordings import codecs, readers, topics
 from ground.reports import words
 
 Status = IdentificationStatus
@@ -46,8 +46,8 @@ class LiveBuffer:
     """The last seconds of poses and commands, and of when the drive began, as they came, with the settings
     of the mocap."""
 
-    TOPICS = {bags.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
-    REQUIRED = [bags.POSE.lstrip("/"), "controls"]
+    TOPICS = {topics.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
+    REQUIRED = [topics.POSE.lstrip("/"), "controls"]
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -60,7 +60,7 @@ class LiveBuffer:
             for topic, kind in self.TOPICS.items()
         ]
         self._settings_subscriber = rospy.Subscriber(
-            bags.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
+            topics.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
         )
 
     def _take_settings(self, message: MocapSettings) -> None:
@@ -91,8 +91,6 @@ class LiveBuffer:
 
     def write(self, path: str, last: float) -> None:
         """Writes the last seconds to a bag; GroundError when there are not as many."""
-        import rosbag
-
         if last > self.seconds:
             raise GroundError(
                 "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
@@ -107,9 +105,9 @@ class LiveBuffer:
         newest = chosen[-1][0]
         chosen = [row for row in chosen if (newest - row[0]).to_sec() <= last]
         with files.new_file(path) as temporary:
-            with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
+            with codecs.installed().bag_writer(temporary) as bag:
                 for message in settings:
-                    bag.write(bags.SETTINGS, message, chosen[0][0])
+                    bag.write(topics.SETTINGS, message, chosen[0][0])
                 for at, topic, message in chosen:
                     bag.write("/" + topic, message, at)
 
@@ -213,7 +211,7 @@ class IdentificationNode:
             self.live.write(path, request.last)
             return [path]
         paths = [os.path.expanduser(path) for path in request.bags or [self._bag_dir]]
-        return [_existing(path, "bag") for path in bags.listed(paths)]
+        return [_existing(path, "bag") for path in readers.listed(paths)]
 
     def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)

@@ -33,8 +33,10 @@ import numpy as np
 
 from ground.annotations import Indices, Message, Time
 from ground.errors import GroundError
+from ground.recordings import codecs
 
 MAGIC = b"#ROSBAG V2.0\n"
+ANY_MAGIC = MAGIC[:7]  # of any format
 FILE_OP, INDEX_OP, CHUNK_OP, INFO_OP, CONNECTION_OP = 3, 4, 5, 6, 7
 NEEDED = {  # a field that every record of a kind has
     FILE_OP: b"index_pos",
@@ -48,7 +50,7 @@ MESSAGE = re.compile(
     rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
 )
 OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # of records that are not inside of chunks
-# What a line of a message's definition may be: genpy makes Python of definitions and runs it, whatever
+# What a line of a message's definition may be: codecs make Python of definitions and run it, whatever
 # the constants in it are called.
 DEFINITION = re.compile(
     r"""(\#.*|=+|MSG:\s*\w+/\w+
@@ -64,7 +66,9 @@ MOST_OPEN = 16  # chunks whose contents are kept
 LARGEST_BLOCK = 4 << 20  # of LZ4 [bytes]
 LONGEST_CHUNK_HEADER = 200  # [bytes]
 BZ2_MAGIC, LZ4_MAGIC = b"BZh9", b"\x04\x22\x4d\x18"
-LZ4_HEADER = 7  # of a frame [bytes]
+LZ4_HEADER = 7  # of a frame that says no size of its contents [bytes]
+LZ4_FLAGS, LZ4_HAS_SIZE, LZ4_HAS_CHECKSUM = 4, 0x08, 0x04  # where the flags are, and two of them
+LZ4_SIZE = 8  # of the size of the contents, where a frame says it [bytes]
 
 Data = Union[bytes, mmap.mmap]
 
@@ -134,7 +138,7 @@ class BagReader:
         with open(path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 file.seek(0)
-                old = file.read(7) == MAGIC[:7]
+                old = file.read(len(ANY_MAGIC)) == ANY_MAGIC
                 raise GroundError(
                     "%s: %s"
                     % (path, "a bag, but not of format 2.0: see rosbag fix" if old else "not a bag")
@@ -168,9 +172,8 @@ class BagReader:
         return Topics({t: Topic(" and ".join(sorted(k)), counts[t]) for t, k in kinds.items()})
 
     def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
-        """Yields topic, message and time of receipt (genpy.Time), in the order of receipt."""
-        import genpy
-
+        """Yields topic, message and time of receipt (the codec's Time), in the order of receipt."""
+        received = codecs.installed().Time
         chosen = [n for n, c in self._connections.items() if c.topic in topics and n in self._found]
         if not chosen:
             return
@@ -178,16 +181,15 @@ class BagReader:
         numbers = np.repeat(chosen, [len(t) for t in tables])
         rows = np.column_stack([np.concatenate(tables), numbers])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        kinds = {n: message_class(self._connections[n]) for n in chosen}
+        decode = {n: decoder(self._connections[n]) for n in chosen}
         unreadable = 0
         for time, chunk, offset, size, number in rows.tolist():
             try:
-                message = kinds[number]()
-                message.deserialize(self._contents(chunk)[offset : offset + size])
-            except Exception:  # genpy raises whatever its parsing meets
+                message = decode[number](self._contents(chunk)[offset : offset + size])
+            except Exception:  # decoders raise whatever their parsing meets
                 unreadable += 1
                 continue
-            yield self._connections[number].topic, message, genpy.Time(*divmod(time, 10**9))
+            yield self._connections[number].topic, message, received(*divmod(time, 10**9))
         if unreadable:
             self.warnings.append(
                 "the bag is damaged: messages that do not fit their type were left out (%d)"
@@ -423,31 +425,25 @@ class BagReader:
             self.warnings.append("the bag is damaged: it says different things of one topic")
 
 
-def message_class(connection: Connection) -> Any:
-    """The class of a connection's messages: the installed one where it is the same, else one made from
-    the definition in the bag; None where neither can be."""
-    import genpy.dynamic
-    import roslib.message
-
-    try:
-        installed = roslib.message.get_message_class(connection.msg_type)
-    except Exception:  # of a name that is no type's
-        installed = None
-    if installed is not None and installed._md5sum == connection.md5sum:
-        return installed
+def decoder(connection: Connection) -> Optional[codecs.Decode]:
+    """What makes messages of a connection's bytes: by the installed type where it is the same, else by the
+    definition in the bag; None where neither can be."""
+    codec = codecs.installed()
+    known = codec.known(connection.msg_type)
+    if known and known.md5sum == connection.md5sum:
+        return known.decode
     lines = connection.definition.split("\n")
     if not all(DEFINITION.fullmatch(line.strip()) for line in lines) or not TYPE.fullmatch(
         connection.msg_type
     ):
         return None
     try:
-        made = genpy.dynamic.generate_dynamic(connection.msg_type, connection.definition)
-        made = made[connection.msg_type]
-    except Exception:  # genpy raises whatever its parsing meets
+        defined = codec.defined(connection.msg_type, connection.definition)
+    except Exception:  # parsers raise whatever they meet
         return None
-    if installed is not None and installed._md5sum == made._md5sum:
-        return installed
-    return made if made._md5sum == connection.md5sum else None
+    if known and known.md5sum == defined.md5sum:
+        return known.decode
+    return defined.decode if defined.md5sum == connection.md5sum else None
 
 
 def _agreed(claims: Sequence[Claim]) -> Connection:
@@ -521,17 +517,25 @@ def _from_bz2(packed: bytes, _: bool) -> Tuple[bytes, State]:
 
 def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
     """What an LZ4 frame holds, as far as it goes, and its State."""
-    import roslz4
-
-    blocks, position, size = [], LZ4_HEADER, -1
+    flags = packed[LZ4_FLAGS] if len(packed) > LZ4_FLAGS else 0
+    checksum = 4 if flags & LZ4_HAS_CHECKSUM else 0  # [bytes]
+    blocks, size = [], -1
+    position = LZ4_HEADER + (LZ4_SIZE if flags & LZ4_HAS_SIZE else 0)
     while size and position + 4 <= len(packed):
         size = _number(packed[position : position + 4]) & 0x7FFFFFFF
         blocks.append(position)
         position += 4 + size
-    if size == 0 and position + 4 <= len(packed):  # what follows the end mark is the checksum
+    whole = size == 0 and position + checksum <= len(packed)  # the end mark and what follows it
+    if whole:
         try:
-            return roslz4.decompress(packed), State.CHECKED
-        except (OSError, ValueError, MemoryError):  # the checksum is wrong, or what it is of
+            contents = codecs.installed().unpack_lz4(packed)
+            return contents, State.CHECKED if checksum else State.PLAIN
+        except (
+            OSError,
+            ValueError,
+            MemoryError,
+            RuntimeError,
+        ):  # wrong checksum, contents, or kind of frame
             is_last = False
     unpacked = bytearray()
     for at in blocks:
@@ -541,6 +545,9 @@ def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
             unpacked += block  # is not compressed
         elif not _unpack_block(block, unpacked):
             break
+    else:
+        if whole and not checksum:
+            return bytes(unpacked), State.PLAIN
     return bytes(unpacked), State.CHECKED if is_last else State.DOUBTFUL
 
 

@@ -1,18 +1,15 @@
-"""Recordings: poses and commands as they were measured, from bags and CSV files."""
+"""Recordings: poses and commands as they were measured, and how they come from a bag."""
 
-import csv
 import functools
-import math
 import os
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ground import files
 from ground.annotations import Array, ArrayLike, Message
 from ground.errors import GroundError
-from ground.recordings import bags, flown, live_changes, plausibility
+from ground.recordings import flown, live_changes, plausibility
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 
@@ -21,12 +18,8 @@ if TYPE_CHECKING:
 
     from ground.recordings import quality
 
-CSV_RECEIVED = "%time"
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
-CSV_STAMP = "field.header.stamp"
 JUMP_BACK = 0.5  # no message is late by more [s]
 FARTHEST = 1e4  # that a pose can be away [m]
-CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,9 +122,9 @@ def read_bag(
                 drives[message.began.to_sec()] = stamp
                 continue
             if topic == control_topic:
-                controls.append((stamp,) + _control(message))
+                controls.append((stamp,) + _control(info[topic].msg_type, message))
             else:
-                pose = _pose(message, settings)
+                pose = _pose(kind, message, settings)
                 if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
                     lost += 1
                     continue
@@ -157,11 +150,11 @@ def read_bag(
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    checked = _checked(path, poses, controls, source, warnings)
+    found = checked(path, poses, controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
     ordered = sorted(drives.items(), key=lambda row: float(row[1]))
     return replace(
-        checked,
+        found,
         path=str(path),
         drives=np.array(ordered, float).reshape(-1, 2),
         settings=settings,
@@ -234,7 +227,6 @@ def _choose(
 
 
 def _pose(message: Message, settings: measured.Settings) -> Optional[Tuple[float, ...]]:
-    kind = message._type
     if kind == "geometry_msgs/PoseStamped":
         p, q = message.pose.position, message.pose.orientation
         mapping = settings.mapping(message.header.stamp)
@@ -247,14 +239,16 @@ def _pose(message: Message, settings: measured.Settings) -> Optional[Tuple[float
 
 
 def _control(message: Message) -> Tuple[float, ...]:
-    if message._type == "geometry_msgs/PointStamped":
+    if kind == "geometry_msgs/PointStamped":
         return (message.point.x, message.point.y, message.point.z)
     return (message.left, message.right, message.lift)
 
 
-def _checked(
+def checked(
     path: str, poses: ArrayLike, controls: ArrayLike, source: str, warnings: List[str]
 ) -> Recording:
+    """A Recording of rows of stamp, x, y, psi and of stamp, left, right, lift. GroundError names `path`
+    and what is wrong with them."""
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
@@ -305,79 +299,3 @@ def _checked(
         source=source,
         warnings=warnings,
     )
-
-
-def read_csv(path: str) -> Tuple[List[int], List[int], Array]:
-    """Stamps, times of receipt [integer ns] and points (n, 3) of a `rostopic echo -p` export."""
-    try:
-        with open(path, newline="") as file:
-            reader = csv.DictReader(file)
-            missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
-            if missing:
-                raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
-            stamps: List[int] = []
-            received: List[int] = []
-            points: List[List[float]] = []
-            for row in reader:
-                try:
-                    stamp = int(row[CSV_STAMP])
-                    receipt = int(row.get(CSV_RECEIVED) or stamp)
-                    point = [float(row[c]) for c in CSV_COLUMNS[1:]]
-                except (TypeError, ValueError):
-                    raise GroundError(
-                        "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
-                    )
-                if not all(0 < t < LATEST for t in (stamp, receipt)):
-                    raise GroundError(
-                        "%s, line %d: a stamp is not a time between 1970 and 2106 in nanoseconds"
-                        % (path, reader.line_num)
-                    )
-                if not all(map(math.isfinite, point)):
-                    raise GroundError(
-                        "%s, line %d: a value is not finite" % (path, reader.line_num)
-                    )
-                if stamps and stamp < stamps[-1]:
-                    raise GroundError(
-                        "%s, line %d: the stamp is %.6f s before that of the row above"
-                        % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
-                    )
-                stamps.append(stamp)
-                received.append(receipt)
-                points.append(point)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise GroundError("%s: cannot be read (%s)" % (path, error))
-    if len(stamps) < 2:
-        raise GroundError("%s: only %d rows" % (path, len(stamps)))
-    return stamps, received, np.array(points)
-
-
-def import_csv(
-    controls_path: str, pose_path: str, bag_path: str, force: bool = False
-) -> Dict[str, int]:
-    """Writes a pair of CSV exports to a bag that read_bag reads."""
-    import genpy
-    import rosbag
-    from geometry_msgs.msg import PointStamped
-
-    series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
-    for topic, path in (("pose", pose_path), ("controls", controls_path)):
-        stamps, _, points = series[topic]
-        rows = np.column_stack([np.array(stamps) * 1e-9, points])
-        other = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
-        pair = (rows, other) if topic == "pose" else (other, rows)
-        _checked(path, pair[0], pair[1], "", [])
-    spans = [(min(r), max(r)) for _, r, _ in series.values()]
-    if max(s[0] for s in spans) > min(s[1] for s in spans):
-        raise GroundError(
-            "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
-        )
-    with files.new_file(bag_path, force) as temporary:
-        with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
-            for topic, columns in series.items():
-                for sequence, (stamp, receipt, point) in enumerate(zip(*columns)):
-                    message = PointStamped()
-                    message.header.seq = sequence
-                    message.header.stamp = genpy.Time(stamp // 10**9, stamp % 10**9)
-                    message.point.x, message.point.y, message.point.z = point
-                    bag.write(topic, message, genpy.Time(receipt // 10**9, receipt % 10**9))
-    return {topic: len(columns[0]) for topic, columns in series.items()}

@@ -83,9 +83,9 @@ class SimulatedRun(Recording):
     def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Gives the number of messages by
         topic. GroundError when it cannot be written, or exists and `force` is not set."""
-        from ground.recordings import bags
+        from ground.simulation import bag_writer
 
-        return bags.write(self, os.fspath(path), self.axes, self.heading_offset, force)
+        return bag_writer.write(self, os.fspath(path), self.axes, self.heading_offset, force)
 
 
 @dataclass

@@ -11,8 +11,7 @@ from ground import errors
 from ground.annotations import Say
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import bags as bag_files
-from ground.recordings import settings
+from ground.recordings import readers, settings
 from ground.recordings.recording import Recording
 
 
@@ -28,7 +27,7 @@ class Bags(argparse.Action):
     ) -> None:
         """Sets the list of bags; exits with status 1 when a folder has none."""
         try:
-            setattr(namespace, self.dest, bag_files.listed(values))
+            setattr(namespace, self.dest, readers.listed(values))
         except GroundError as error:
             parser.exit(1, "%s: %s\n" % (parser.prog, error))
 

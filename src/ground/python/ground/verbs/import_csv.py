@@ -4,7 +4,7 @@ import argparse
 
 from ground import files
 from ground.annotations import Document
-from ground.recordings import recording as recordings
+from ground.recordings import csv_exports
 from ground.verbs import common
 
 NAME = "import"
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Document:
     """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
-    counts = recordings.import_csv(
+    counts = csv_exports.write_bag(
         arguments.controls, arguments.pose, arguments.output, arguments.force
     )
     common.say(
