@@ -12,7 +12,6 @@ import mmap
 import re
 from collections import Counter, OrderedDict
 from typing import (
-    Any,
     Dict,
     Iterable,
     Iterator,
@@ -425,9 +424,9 @@ class BagReader:
             self.warnings.append("the bag is damaged: it says different things of one topic")
 
 
-def decoder(connection: Connection) -> Optional[codecs.Decode]:
+def decoder(connection: Connection) -> codecs.Decode:
     """What makes messages of a connection's bytes: by the installed type where it is the same, else by the
-    definition in the bag; None where neither can be."""
+    definition in the bag; where neither can be, it raises ValueError."""
     codec = codecs.installed()
     known = codec.known(connection.msg_type)
     if known and known.md5sum == connection.md5sum:
@@ -436,14 +435,18 @@ def decoder(connection: Connection) -> Optional[codecs.Decode]:
     if not all(DEFINITION.fullmatch(line.strip()) for line in lines) or not TYPE.fullmatch(
         connection.msg_type
     ):
-        return None
+        return _undecodable
     try:
         defined = codec.defined(connection.msg_type, connection.definition)
     except Exception:  # parsers raise whatever they meet
-        return None
+        return _undecodable
     if known and known.md5sum == defined.md5sum:
         return known.decode
-    return defined.decode if defined.md5sum == connection.md5sum else None
+    return defined.decode if defined.md5sum == connection.md5sum else _undecodable
+
+
+def _undecodable(_: bytes) -> Message:
+    raise ValueError("messages of an unknown type")
 
 
 def _agreed(claims: Sequence[Claim]) -> Connection:

@@ -2,10 +2,12 @@
 
 import csv
 import math
+from typing import Dict, List, Tuple
 
 import numpy as np
 
 from ground import files
+from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import codecs
 from ground.recordings.recording import checked
@@ -16,7 +18,7 @@ CSV_STAMP = "field.header.stamp"
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
-def read_csv(path):
+def read_csv(path: str) -> Tuple[List[int], List[int], Array]:
     """Stamps, times of receipt [integer ns] and points (n, 3) of a `rostopic echo -p` export."""
     try:
         with open(path, newline="") as file:
@@ -24,7 +26,9 @@ def read_csv(path):
             missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
             if missing:
                 raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
-            stamps, received, points = [], [], []
+            stamps: List[int] = []
+            received: List[int] = []
+            points: List[List[float]] = []
             for row in reader:
                 try:
                     stamp = int(row[CSV_STAMP])
@@ -58,8 +62,10 @@ def read_csv(path):
     return stamps, received, np.array(points)
 
 
-def write_bag(controls_path, pose_path, bag_path, force=False):
-    """Writes a pair of CSV exports to a bag."""
+def write_bag(
+    controls_path: str, pose_path: str, bag_path: str, force: bool = False
+) -> Dict[str, int]:
+    """Writes a pair of CSV exports to a bag; gives the number of messages by topic."""
     codec = codecs.installed()
     series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
     for topic, path in (("pose", pose_path), ("controls", controls_path)):
@@ -75,11 +81,11 @@ def write_bag(controls_path, pose_path, bag_path, force=False):
         )
     with files.new_file(bag_path, force) as temporary:
         with codec.bag_writer(temporary) as bag:
-            for topic, rows in series.items():
-                for sequence, (stamp, receipt, point) in enumerate(zip(*rows)):
+            for topic, columns in series.items():
+                for sequence, (stamp, receipt, point) in enumerate(zip(*columns)):
                     message = codec.new("geometry_msgs/PointStamped")
                     message.header.seq = sequence
                     message.header.stamp = codec.Time(*divmod(stamp, 10**9))
                     message.point.x, message.point.y, message.point.z = point
                     bag.write(topic, message, codec.Time(*divmod(receipt, 10**9)))
-    return {topic: len(rows[0]) for topic, rows in series.items()}
+    return {topic: len(columns[0]) for topic, columns in series.items()}

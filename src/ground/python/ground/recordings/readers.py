@@ -32,10 +32,12 @@ class Bag:
     name, suffix = "bag", ".bag"
 
     def can_read(self, path: str) -> bool:
+        """See Reader."""
         with open(path, "rb") as file:
             return file.read(len(bag_reader.ANY_MAGIC)) == bag_reader.ANY_MAGIC
 
     def read(self, path: str, axes: Optional[str], heading_offset: Optional[float]) -> Recording:
+        """See Reader."""
         return read_bag(path, axes, heading_offset)
 
 
@@ -66,7 +68,7 @@ def listed(paths: Iterable[str]) -> List[str]:
     return found
 
 
-def _inside(folder):
+def _inside(folder: str) -> List[str]:
     files: List[str] = []
     for reader in READERS:
         files += glob.glob(os.path.join(glob.escape(folder), "*" + reader.suffix))

@@ -226,7 +226,9 @@ def _choose(
     return same[0]
 
 
-def _pose(message: Message, settings: measured.Settings) -> Optional[Tuple[float, ...]]:
+def _pose(
+    kind: str, message: Message, settings: measured.Settings
+) -> Optional[Tuple[float, ...]]:
     if kind == "geometry_msgs/PoseStamped":
         p, q = message.pose.position, message.pose.orientation
         mapping = settings.mapping(message.header.stamp)
@@ -238,7 +240,7 @@ def _pose(message: Message, settings: measured.Settings) -> Optional[Tuple[float
     return tuple(message.eta) if message.valid else None
 
 
-def _control(message: Message) -> Tuple[float, ...]:
+def _control(kind: str, message: Message) -> Tuple[float, ...]:
     if kind == "geometry_msgs/PointStamped":
         return (message.point.x, message.point.y, message.point.z)
     return (message.left, message.right, message.lift)

@@ -64,7 +64,7 @@ def _time(seconds: float) -> Time:
     return codecs.installed().Time(*divmod(int(round(seconds * NS)), NS))
 
 
-def _new(kind, **fields):
+def _new(kind: str, **fields: Any) -> Message:
     return codecs.installed().new(kind, **fields)
 
 

@@ -5,10 +5,12 @@ import functools
 import glob
 import os
 from dataclasses import dataclass, field
+from typing import Any, Dict, Iterator, Mapping, Optional
 
 import numpy as np
 
 import ground
+from ground.annotations import Message
 from ground.recordings import codecs
 from ground.recordings.topics import CHUNK
 
@@ -26,19 +28,21 @@ class Time:
     sec: int = 0
     nanosec: int = 0
 
-    def to_sec(self):
+    def to_sec(self) -> float:
+        """In seconds."""
         return float(self.sec) + float(self.nanosec) / 1e9
 
-    def to_nsec(self):
+    def to_nsec(self) -> int:
+        """In nanoseconds."""
         return self.sec * 10**9 + self.nanosec
 
 
-def _name(kind):
+def _name(kind: str) -> str:
     """ "ground_msgs/Controls" as rosbags has it."""
     return "/msg/".join(kind.split("/"))
 
 
-def _store(definitions):
+def _store(definitions: Mapping[str, Any]) -> Any:
     """A Typestore of definitions as rosbags parses them."""
     from rosbags.typesys import get_types_from_msg
     from rosbags.typesys.store import Typestore
@@ -52,7 +56,7 @@ def _store(definitions):
 
 
 @functools.lru_cache(maxsize=None)
-def _installed():
+def _installed() -> Any:
     """The Typestore of ground's messages, which the wheel brings, and those that they are made of."""
     from rosbags.typesys import get_types_from_msg
     from rosbags.typesys.stores import ros1_noetic
@@ -69,24 +73,27 @@ def _installed():
     return _store(definitions)
 
 
-def _kind(store, kind):
+def _kind(store: Any, kind: str) -> codecs.Kind:
     name = _name(kind)
     md5sum = store.generate_msgdef(name)[1]
     return codecs.Kind(md5sum, lambda data: store.deserialize_ros1(data, name))
 
 
-def known(kind):
+def known(kind: str) -> Optional[codecs.Kind]:
+    """See codecs.Codec."""
     store = _installed()
     return _kind(store, kind) if _name(kind) in store.types else None
 
 
-def defined(kind, definition):
+def defined(kind: str, definition: str) -> codecs.Kind:
+    """See codecs.Codec."""
     from rosbags.typesys import get_types_from_msg
 
     return _kind(_store(get_types_from_msg(definition, _name(kind))), kind)
 
 
-def new(kind, **fields):
+def new(kind: str, **fields: Any) -> Message:
+    """See codecs.Codec."""
     plain = {
         name: np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
         for name, value in fields.items()
@@ -94,12 +101,12 @@ def new(kind, **fields):
     return _new(_name(kind), plain)
 
 
-def _new(name, fields):
+def _new(name: str, fields: Mapping[str, Any]) -> Message:
     definition = _installed().get_msgdef(name)
     return definition.cls(**{**{n: _empty(*of) for n, of in definition.fields}, **fields})
 
 
-def _empty(node, of):
+def _empty(node: Any, of: Any) -> Any:
     """The value of a field that nobody has set; node, of: as rosbags describes its type."""
     from rosbags.interfaces import Nodetype
 
@@ -118,10 +125,11 @@ def _empty(node, of):
 class _Bag:
     """A bag that is written."""
 
-    writer: object
-    connections: dict = field(default_factory=dict)  # by topic
+    writer: Any
+    connections: Dict[str, Any] = field(default_factory=dict)  # by topic
 
-    def write(self, topic, message, time):
+    def write(self, topic: str, message: Message, time: Time) -> None:
+        """Adds a message that was received at `time`."""
         store, name = _installed(), message.__msgtype__
         if topic not in self.connections:
             definition, md5sum = store.generate_msgdef(name)
@@ -133,7 +141,8 @@ class _Bag:
 
 
 @contextlib.contextmanager
-def bag_writer(path):
+def bag_writer(path: str) -> Iterator[_Bag]:
+    """See codecs.Codec."""
     import lz4.frame
     from rosbags.rosbag1 import Writer
 
@@ -150,7 +159,8 @@ def bag_writer(path):
         yield _Bag(writer)
 
 
-def unpack_lz4(frame):
+def unpack_lz4(frame: bytes) -> Any:
+    """See codecs.Codec."""
     import lz4.frame
 
     return lz4.frame.decompress(frame)
