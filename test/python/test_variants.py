@@ -40,7 +40,7 @@ def plain_folder():
     """Where the plain core lies in a build for this processor only, or None."""
     for prefix in os.environ["CMAKE_PREFIX_PATH"].split(":"):
         folder = os.path.join(prefix, "lib", "plain")
-        if os.path.isdir(folder):
+        if os.path.isfile(os.path.join(folder, "libground_model.so")):
             return folder
     return None
 

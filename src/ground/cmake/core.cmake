@@ -42,6 +42,13 @@ if(GROUND_WIDE)
     endif()
   endforeach()
 endif()
+# An earlier build with another choice may have left libraries that would be loaded instead.
+file(GLOB ground_left ${ground_lib_output}/plain/libground_*.so
+  ${ground_lib_output}/glibc-hwcaps/*/libground_*.so)
+if(ground_left AND NOT GROUND_WIDE STREQUAL "${ground_wide_before}")
+  file(REMOVE ${ground_left})
+endif()
+set(ground_wide_before ${GROUND_WIDE} CACHE INTERNAL "GROUND_WIDE when it was last configured")
 # The library of a folder once more, in a folder below lib.
 function(ground_core_again folder kind where)
   get_target_property(sources ground_${folder} SOURCES)
