@@ -3,33 +3,29 @@
 SHELL := /bin/bash
 # ROS 1 lives in the system's Python, whichever python3 comes first in PATH.
 export PATH := /usr/bin:$(PATH)
-# It does not wait for libraries to compile what uses them, and tells little.
-export CMAKE_GENERATOR ?= Ninja
 MAKEFLAGS += --no-print-directory
 
-jobs := $(shell nproc)
-tests_at_once := $(shell echo $$(($(jobs) + 1)))  # one of them mostly waits
+tests_at_once := $(shell echo $$(($$(nproc) + 1)))  # one of them mostly waits
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
+configured := build/.configured
 SEED ?= 1
-# Kinds of processor that the core is built for besides any: NATIVE, ON (all) or OFF
-WIDE ?= NATIVE
-# ON compiles several files as one, which takes less for all of them; OFF takes less after a change
-UNITY ?= ON
+# Options of CMake besides those of the preset "default" (CMakePresets.json)
+options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
 
-build: build/CMakeCache.txt
-	@cmake --build build --parallel $(jobs)
+build: $(configured)
+	@.ci/build build
 
 demo: build
 	@$(in_workspace) rosrun ground demo --out build/demo --seed $(SEED)
 
-test: build
-	@cmake --build build --target tests --parallel $(jobs)
+test: $(configured)
+	@.ci/build build all tests
 	@rm -rf build/test_results build/Testing  # ctest would remember other costs than CMakeLists.txt
 	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
@@ -40,42 +36,11 @@ lint: $(if $(TIDY),build)
 
 # All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
 sanitize: $(installed)
-	@for kind in address,undefined thread; do \
-	  folder=build/sanitize/$${kind%,*}; \
-	  $(in_ros) cmake -S . -B $$folder -DCMAKE_BUILD_TYPE=RelWithDebInfo -DGROUND_WIDE=OFF \
-	    -DCMAKE_CXX_FLAGS="-O1 -fsanitize=$$kind -fno-sanitize-recover=all \
-	      -fno-omit-frame-pointer -Wno-error=maybe-uninitialized" \
-	    > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }; \
-	  cmake --build $$folder --target ground_unit_tests --parallel $(jobs) || exit 1; \
-	  for test in $$(cat $$folder/ground_unit_tests.txt); do \
-	    TSAN_OPTIONS=suppressions=$(CURDIR)/test/sanitizer/thread.txt UBSAN_OPTIONS=print_stacktrace=1 \
-	      $$folder/devel/lib/ground/$$test --gtest_brief=1 || exit 1; \
-	  done; \
-	done
+	@$(in_ros) .ci/sanitize
 
 # All that reads what others have written, fed with nonsense: FUZZ_SECONDS for each.
-FUZZ_SECONDS ?= 60
-fuzz: $(installed)
-	@.ci/install-dependencies .ci/debian-packages-fuzz.txt
-	@$(in_ros) cmake -S . -B build/fuzz -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo -DGROUND_WIDE=OFF \
-	  -Dground_warnings=-w -DCMAKE_CXX_FLAGS="-fsanitize=fuzzer-no-link,address,undefined \
-	  -fno-sanitize-recover=all" > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
-	@cmake --build build/fuzz --target ground_fuzzers --parallel $(jobs)
-	@for fuzzer in datagrams model_files tables; do \
-	  mkdir -p build/fuzz/corpus/$$fuzzer; \
-	  build/fuzz/devel/lib/ground/fuzz_$$fuzzer -max_total_time=$(FUZZ_SECONDS) -timeout=10 \
-	    -rss_limit_mb=2048 -print_final_stats=1 -artifact_prefix=build/fuzz/found_$${fuzzer}_ \
-	    build/fuzz/corpus/$$fuzzer test/fuzz/seeds/$$fuzzer || exit 1; \
-	done
-	@$(MAKE) --no-print-directory build
-	@[ -x build/atheris/bin/python ] || { /usr/bin/python3 -m venv --system-site-packages build/atheris && \
-	  build/atheris/bin/python -m pip install -q atheris; }
-	@$(in_workspace) for what in csv bag options; do \
-	  mkdir -p build/fuzz/corpus/$$what; seeds=$(CURDIR)/test/fuzz/seeds/$$what; \
-	  build/atheris/bin/python test/fuzz/python_inputs.py $$what -max_total_time=$(FUZZ_SECONDS) \
-	    -timeout=30 -rss_limit_mb=3000 -artifact_prefix=$(CURDIR)/build/fuzz/found_$${what}_ \
-	    $(CURDIR)/build/fuzz/corpus/$$what $$([ -d $$seeds ] && echo $$seeds) || exit 1; \
-	done
+fuzz: build
+	@$(in_ros) FUZZ_SECONDS=$(FUZZ_SECONDS) .ci/fuzz
 
 # The thesis's table 3.1, then times of everything, beside peers, as a table and as build/bench.json.
 # OPTIONS="--only steps fit"
@@ -85,7 +50,7 @@ bench: bench-table
 
 # The thesis's table 3.1 over 200 draws of noise.
 bench-table: build
-	@cmake --build build --target ground_benchmarks --parallel $(jobs)
+	@.ci/build build ground_benchmarks
 	@$(in_workspace) rosrun ground table_3_1
 
 # Every fault three times, and its worst case.
@@ -138,9 +103,8 @@ docs: build
 	@docs/check_math.py build/docs/html
 	@echo "build/docs/html/index.html"
 
-build/CMakeCache.txt: $(installed)
-	@$(in_ros) cmake -S . -B build -DGROUND_WIDE=$(WIDE) -DCMAKE_UNITY_BUILD=$(UNITY) \
-	  > build/configure.log 2>&1 || { cat build/configure.log; exit 1; }
+$(configured): $(installed)
+	@$(in_ros) .ci/configure default $(options)
 	@touch $@
 
 $(installed): .ci/debian-packages.txt .ci/install-dependencies

@@ -5,6 +5,7 @@ Small bags of one run as they are written by the recorder, by rosbag with lz4 in
 compression. Counts tracebacks, runs that take too long, and fits that move by more than 3 standard errors
 without a word on standard error; exit status 1 when there is any.
 """
+
 import argparse
 import collections
 import contextlib
@@ -21,11 +22,11 @@ import numpy as np
 
 import rosbag
 from ground import cli
-from ground.recordings import bags
+from ground.recordings import topics
 
 MODEL = pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 KINDS = {
-    "recorder": dict(compression="lz4", chunk_threshold=bags.CHUNK),
+    "recorder": dict(compression="lz4", chunk_threshold=topics.CHUNK),
     "lz4": dict(compression="lz4"),
     "plain": dict(),
 }
@@ -118,7 +119,7 @@ def write(folder):
         paths[kind] = os.path.join(folder, kind + ".bag")
         with rosbag.Bag(source) as bag, rosbag.Bag(paths[kind], "w", **options) as out:
             for topic, message, at in bag.read_messages():
-                if topic in (bags.POSE, bags.CONTROLS):
+                if topic in (topics.POSE, topics.CONTROLS):
                     out.write(topic, message, at)
     return paths
 

@@ -48,12 +48,14 @@ def run_case(job):
 
 
 def run_white(case):
-    """The same of a case in white noise, and the held-out error of the refitted truth."""
+    """The same of a case in white noise, and the held-out error of the refitted truth of one effect."""
     truth, runs = white.recorded(case)
     outside = case["kind"] == "white_outside"
     found = hidden_engine.diagnose(runs, (), _core.load_model(white.MODEL), thorough=outside)
     known = {p["name"]: truth.value(p["name"]) for p in truth.parameters()}
     _add_truth(found, lambda name: known[name] if name in known else white.neutral(name))
+    if outside:  # its formula takes long to fit
+        return dict(case, found=found)
     error = study.Study(runs, threads=1).fit(truth, study.free_parameters(truth)).heldout.sum()
     return dict(case, true_error=float(error), found=found)
 

@@ -3,6 +3,7 @@
 import time
 
 from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis.conclusion import conclude
 from ground.errors import GroundError
 
 
@@ -29,7 +30,7 @@ def diagnose(runs, heldout, model, thorough=False):
     try:
         found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=1)
         found.grow()
-        conclusion = found.conclude(heldout)
+        conclusion = conclude(found, heldout)
     except GroundError as error:
         return {"failed": str(error)}
     told = {

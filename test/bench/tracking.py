@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Controllers in closed loop: nominal, with noise and delay, with a wrong model, with every effect
 hidden in the craft before and after diagnose has improved the model."""
+
 import argparse
 import json
 import os
@@ -111,6 +112,72 @@ def hidden(model_path, effect, values, folder):
     return {"effect": effect, "found": report["improved"]["effects"], "errors": errors}
 
 
+def told_tables(model, starts, seed):
+    """The tables of controllers and references, printed row by row."""
+    rows = []
+    print(
+        "%-22s%-11s%-13s%30s%11s%11s%8s%18s"
+        % (
+            "controller",
+            "reference",
+            "condition",
+            "rms 5/50/95% [mm]",
+            "max [mm]",
+            "sat.",
+            "effort",
+            "ms, 50/99.9%",
+        )
+    )
+    for row in tables(model, starts, seed):
+        rows.append(row)
+        q, ms = row["rms_quantiles"], row["compute_ms"]
+        print(
+            "%-22s%-11s%-13s%30s%11.2f%10.1f%%%8.3f%18s"
+            % (
+                row["controller"],
+                row["reference"],
+                row["condition"],
+                "%.2f / %.2f / %.2f" % tuple(1e3 * q[k] for k in ("p05", "median", "p95")),
+                1e3 * row["max"],
+                100 * row["saturated_fraction"],
+                row["effort"],
+                "%.3f / %.3f" % (ms["median"], ms["p999"]),
+            ),
+            (
+                "after the stop %.2f mm" % (1e3 * row["after_stop_max"])
+                if row["reference"] == "line"
+                else ""
+            ),
+            flush=True,
+        )
+    reached = anywhere(model, 200, seed)
+    print(
+        "predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200"
+        % (100 * reached)
+    )
+    return {"tables": rows, "anywhere": reached}
+
+
+def told_effects(model, effects, strength):
+    """What hidden effects cost before and after a diagnosis, printed row by row."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for effect in effects:
+            sizes = hidden_white.STRENGTHS[effect].items()
+            values = {n: hidden_white.scaled(effect, n, s, strength) for n, s in sizes}
+            row = hidden(model, effect, values, folder)
+            rows.append(row)
+            print(
+                "%-24s found %-44s" % (effect, ", ".join(row["found"]) or "-")
+                + "; ".join(
+                    "%s %.3f -> %.3f mm" % (kind, 1e3 * e["before"], 1e3 * e["after"])
+                    for kind, e in row["errors"].items()
+                ),
+                flush=True,
+            )
+    return rows
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
@@ -130,59 +197,9 @@ def main():
     model = _core.load_model(arguments.model)
     found = {"tables": [], "hidden": []}
     if not arguments.only_effects:
-        print(
-            "%-22s%-11s%-13s%30s%11s%11s%8s%18s"
-            % (
-                "controller",
-                "reference",
-                "condition",
-                "rms 5/50/95% [mm]",
-                "max [mm]",
-                "sat.",
-                "effort",
-                "ms, 50/99.9%",
-            )
-        )
-        for row in tables(model, arguments.starts, arguments.seed):
-            found["tables"].append(row)
-            q, ms = row["rms_quantiles"], row["compute_ms"]
-            print(
-                "%-22s%-11s%-13s%30s%11.2f%10.1f%%%8.3f%18s"
-                % (
-                    row["controller"],
-                    row["reference"],
-                    row["condition"],
-                    "%.2f / %.2f / %.2f" % tuple(1e3 * q[k] for k in ("p05", "median", "p95")),
-                    1e3 * row["max"],
-                    100 * row["saturated_fraction"],
-                    row["effort"],
-                    "%.3f / %.3f" % (ms["median"], ms["p999"]),
-                ),
-                "after the stop %.2f mm" % (1e3 * row["after_stop_max"])
-                if row["reference"] == "line"
-                else "",
-                flush=True,
-            )
-        found["anywhere"] = anywhere(model, 200, arguments.seed)
-        print(
-            "predictive, from rest within 3 m at any heading: reaches the circle in %.1f%% of 200"
-            % (100 * found["anywhere"])
-        )
+        found.update(told_tables(model, arguments.starts, arguments.seed))
     effects = hidden_white.strengths() if arguments.effects is None else arguments.effects
-    with tempfile.TemporaryDirectory() as folder:
-        for effect in effects:
-            sizes = hidden_white.STRENGTHS[effect].items()
-            values = {n: hidden_white.scaled(effect, n, s, arguments.strength) for n, s in sizes}
-            row = hidden(arguments.model, effect, values, folder)
-            found["hidden"].append(row)
-            print(
-                "%-24s found %-44s" % (effect, ", ".join(row["found"]) or "-")
-                + "; ".join(
-                    "%s %.3f -> %.3f mm" % (kind, 1e3 * e["before"], 1e3 * e["after"])
-                    for kind, e in row["errors"].items()
-                ),
-                flush=True,
-            )
+    found["hidden"] = told_effects(arguments.model, effects, arguments.strength)
     if arguments.json:
         files.write_json(arguments.json, found)
 

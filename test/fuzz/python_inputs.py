@@ -4,6 +4,7 @@
 Whatever is wrong has to be said as an GroundError, or as bad usage; anything else is a crash. First
 argument: what; the rest is libFuzzer's.
 """
+
 import contextlib
 import io
 import os
@@ -15,7 +16,7 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.errors import GroundError
-    from ground.recordings import quality, recording
+    from ground.recordings import csv_exports, quality, recording
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
@@ -37,7 +38,7 @@ def csv(data):
     controls, _, poses = data.partition(b"\0")
     bag = os.path.join(FOLDER.name, "run.bag")
     with contextlib.suppress(GroundError):
-        recording.import_csv(path("c.csv", controls), path("p.csv", poses), bag, force=True)
+        csv_exports.write_bag(path("c.csv", controls), path("p.csv", poses), bag, force=True)
         quality.Run(recording.read_bag(bag))
 
 
@@ -52,7 +53,7 @@ def short_bag():
     if not os.path.exists(name):
         with open(ROOT + "/test/fuzz/seeds/csv/exports", "rb") as file:
             controls, _, poses = file.read().partition(b"\0")
-        recording.import_csv(path("c.csv", controls), path("p.csv", poses), name)
+        csv_exports.write_bag(path("c.csv", controls), path("p.csv", poses), name)
     return name
 
 

@@ -1,4 +1,5 @@
 """Bags that are cut or damaged are read as far as they can be, and it is said what is lost."""
+
 import bz2
 import io
 
@@ -8,13 +9,14 @@ from conftest import MODEL, write_bag
 
 import rosbag
 from ground import cli
-from ground.recordings import bag_reader, bags, recording
+from ground.errors import GroundError
+from ground.recordings import bag_reader, codecs, recording, topics
 
 KINDS = {
     "plain": dict(),
     "bz2": dict(compression="bz2"),
     "lz4": dict(compression="lz4"),
-    "small": dict(compression="lz4", chunk_threshold=bags.CHUNK),
+    "small": dict(compression="lz4", chunk_threshold=topics.CHUNK),
 }
 
 
@@ -194,7 +196,8 @@ def test_a_definition_in_a_bag_runs_no_code(monkeypatch, line):
 
     monkeypatch.setattr(builtins, "planted", [], raising=False)
     claim = bag_reader.Connection("pose", "some_msgs/Pose", "0" * 32, line + "\nfloat64 x\n")
-    assert bag_reader.message_class(claim) is None
+    with pytest.raises(ValueError, match="unknown type"):
+        bag_reader.decoder(claim)(b"")
     assert builtins.planted == []
 
 
@@ -211,3 +214,19 @@ def test_a_type_that_is_not_installed_is_read_by_its_definition(tmp_path):
     with bag_reader.BagReader(str(path)) as bag:
         ((topic, message, time),) = bag.read_messages(["pose"])
     assert (topic, message.x, message.rest, time.secs) == ("pose", 0.5, b"ab", 7)
+
+
+def test_lz4_without_a_checksum_is_read_as_far_as_it_goes():
+    """Frames of rosbags say the size of their contents, which ROS does not know, and have no checksum."""
+    contents = bytes(range(200))
+    header = b"\x04\x22\x4d\x18\x68\x40" + len(contents).to_bytes(8, "little") + b"\x00"
+    block = (len(contents) | 1 << 31).to_bytes(4, "little") + contents  # not compressed
+    frame = header + block + bytes(4)
+    assert bag_reader._from_lz4(frame, False) == (contents, bag_reader.State.PLAIN)
+    assert bag_reader._from_lz4(frame[:100], True) == (contents[:81], bag_reader.State.CHECKED)
+    assert bag_reader._from_lz4(frame[:100], False)[1] is bag_reader.State.DOUBTFUL
+
+
+def test_bags_need_a_codec():
+    with pytest.raises(GroundError, match="pip install rosbags"):
+        codecs.installed(())

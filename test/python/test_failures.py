@@ -1,4 +1,5 @@
 """Whatever fails in reading and writing ends in one line and status 1; only --debug shows a traceback."""
+
 import contextlib
 import os
 import resource
@@ -13,7 +14,7 @@ from test_identify import write_csv
 
 import rosbag
 from ground import cli, errors
-from ground.recordings import bags
+from ground.recordings import topics
 from ground.verbs import info, track, tune
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
@@ -24,7 +25,7 @@ def sample(tmp_path_factory):
     """A folder with a run of 3 s, as a plain bag, as the recorder writes it, and as CSV; and a model."""
     folder = tmp_path_factory.mktemp("sample")
     write_bag(folder / "plain.bag", duration=3, seed=2)
-    options = dict(compression="lz4", chunk_threshold=bags.CHUNK)
+    options = dict(compression="lz4", chunk_threshold=topics.CHUNK)
     with rosbag.Bag(str(folder / "plain.bag")) as source:
         with rosbag.Bag(str(folder / "small.bag"), "w", **options) as bag:
             for topic, message, time in source.read_messages():
@@ -180,7 +181,10 @@ def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
     [
         (MemoryError(), "memory"),
         (KeyboardInterrupt(), "interrupted"),
-        (OSError(28, "No space left on device", "there/x"), "there/x: No space left on device; make"),
+        (
+            OSError(28, "No space left on device", "there/x"),
+            "there/x: No space left on device; make",
+        ),
         (ZeroDivisionError("some\ndefect"), "unexpected ZeroDivisionError: some defect; --debug"),
     ],
 )
@@ -207,7 +211,9 @@ def script(monkeypatch, name, *arguments):
     return ended.value.code or 0
 
 
-@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "track", "tune"])
+@pytest.mark.parametrize(
+    "name", ["identification", "parameters", "record", "demo", "track", "tune"]
+)
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out

@@ -297,10 +297,12 @@ def test_the_bench_goes_on_where_it_stopped(tmp_path):
 
 @pytest.fixture(scope="module")
 def results():
-    """What the bench finds for one seed of each kind of case in white noise."""
-    seeds = {"white_single": range(1, 1 + len(hidden_white.strengths())), "white_null": range(1, 7)}
+    """What the bench finds in white noise for every other effect and a case or more of each other kind;
+    `make bench-hidden` tries all of them, 20 times."""
+    seeds = {"white_single": range(1, 1 + len(hidden_white.strengths()), 2)}
+    seeds["white_null"] = range(1, 4)
     seeds["white_outside"] = range(1, 1 + len(hidden_white.OUTSIDE))
-    seeds["white_ambiguous"] = range(4, 10)
+    seeds["white_ambiguous"] = range(4, 7)
     jobs = [(kind, seed, {}) for kind in seeds for seed in seeds[kind]]
     with concurrent.futures.ProcessPoolExecutor() as pool:
         found = list(pool.map(hidden.run_case, jobs))
@@ -312,9 +314,9 @@ def of(results, kind):
     return [r for r in results if r["kind"] == kind]
 
 
-def test_every_effect_is_found_first(results):
+def test_an_effect_is_found_first(results):
     single = of(results, "white_single")
-    assert {r["hidden"][0] for r in single} == set(hidden_white.strengths())
+    assert {r["hidden"][0] for r in single} == set(list(hidden_white.strengths())[::2])
     missed = [r["hidden"] for r in single if not hidden_score.is_first(r)]
     assert len(missed) <= 1, missed
 
@@ -326,12 +328,12 @@ def test_with_the_effect_the_error_is_that_of_the_truth(results):
 
 def test_intervals_hold_the_truth(results):
     inside = [i for r in of(results, "white_single") for i in hidden_score.intervals(r)]
-    assert len(inside) > 25
+    assert len(inside) > 12
     assert sum(inside) >= 0.85 * len(inside)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(results):
-    assert [r["found"]["verdict"] for r in of(results, "white_null")] == ["complete"] * 6
+    assert [r["found"]["verdict"] for r in of(results, "white_null")] == ["complete"] * 3
 
 
 def test_what_runs_cannot_tell_apart_an_experiment_can(results):

@@ -1,5 +1,6 @@
 """The search for effects under a random disturbance, on crafts of the hidden-effect bench."""
 
+import functools
 import sys
 
 import numpy as np
@@ -9,17 +10,19 @@ from conftest import ROOT
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 
 
-def diagnosed(kind, seed, **options):
+@functools.lru_cache(maxsize=None)
+def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
     from ground.analysis import candidates, diagnosis
+    from ground.analysis.conclusion import conclude
 
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    found = diagnosis.Diagnosis(fitted, model, candidates.library(model), **options)
+    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
     found.grow()
-    return case, found, found.conclude(held)
+    return case, found, conclude(found, held)
 
 
 def names(found):
@@ -64,6 +67,7 @@ def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monk
 
     import hidden_cases
     from ground.analysis import candidates, diagnosis
+    from ground.analysis.conclusion import conclude
 
     case = hidden_cases.make("disturbed_single", 8)
     fitted, held = hidden_cases.record(case)
@@ -78,7 +82,7 @@ def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monk
         return factor * honest(runs, cut, likelihood, fit)
 
     monkeypatch.setattr(study, "calibrated_errors", worse)
-    conclusion = found.conclude(held)
+    conclusion = conclude(found, held)
     assert names(found) == [] and conclusion.verdict != "missing"
     (dropped,) = found.dropped
     assert dropped.trial.name == case.hidden[0] and "runs held out" in dropped.why

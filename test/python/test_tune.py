@@ -23,7 +23,7 @@ REFERENCES = {
 
 @pytest.fixture(scope="module")
 def errors():
-    """(gains, reference) to the errors [m rms] from 100 fresh starts."""
+    """(gains, reference) to the errors [m rms] from 40 fresh starts (`make bench-tracking`: more)."""
     from ground import _core
     from ground.simulation import gains, tracking
 
@@ -37,10 +37,10 @@ def errors():
                 model,
                 choice,
                 tracking.task(kind, **settings),
-                tracking.starts(100, FRESH),
+                tracking.starts(40, FRESH),
                 max_error=np.inf,
             )
-            found[name, reference] = np.sort([run.numbers["rms"] for run in runs])
+            found[name, reference] = [run.numbers["rms"] for run in runs]
     return found
 
 
@@ -53,7 +53,8 @@ def test_the_tuned_gains_are_ten_times_better_on_the_circle(errors, thesis):
 @pytest.mark.parametrize("thesis", ["thesis_4_11", "thesis_4_12"])
 @pytest.mark.parametrize("reference", REFERENCES)
 def test_the_tuned_gains_are_better_everywhere(errors, thesis, reference):
-    assert errors["tiny_whoover", reference][95] < errors[thesis, reference][95]
+    tuned, others = (errors[gains, reference] for gains in ("tiny_whoover", thesis))
+    assert np.quantile(tuned, 0.95) < np.quantile(others, 0.95)
 
 
 def test_a_search_finds_better_gains_and_writes_them(tmp_path):

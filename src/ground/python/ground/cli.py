@@ -1,12 +1,15 @@
 """The command lines: rosrun ground identify VERB, and programs of one verb, rosrun ground track."""
+
 import argparse
 import json
 import sys
+from types import ModuleType
+from typing import Iterator, Optional, Sequence
 
 from ground import errors, files, verbs
 
 
-def main(argv=None):
+def main(argv: Optional[Sequence[str]] = None) -> int:
     """Runs one verb of identify; exit status 0 done, 1 could not, 2 bad usage."""
     arguments, unknown = _parser().parse_known_args(argv)
     if unknown:  # the verb's usage helps, not that of all verbs
@@ -14,15 +17,15 @@ def main(argv=None):
     return _run("identify " + arguments.verb, arguments)
 
 
-def program(verb, argv=None):
+def program(verb: ModuleType, argv: Optional[Sequence[str]] = None) -> int:
     """Runs a program that has this verb only; exit status alike."""
     parser = argparse.ArgumentParser(prog=verb.NAME, description=verb.SUMMARY)
     _configure(parser, verb)
     return _run(verb.NAME, parser.parse_args(argv))
 
 
-def _run(name, arguments):
-    def work():
+def _run(name: str, arguments: argparse.Namespace) -> int:
+    def work() -> int:
         with files.protect(_inputs(arguments)), errors.warnings_as_lines():
             try:
                 result = arguments.run(arguments)
@@ -39,7 +42,7 @@ def _run(name, arguments):
 OUTPUTS = {"output", "picture"}  # arguments that name what is written; all others name what is read
 
 
-def _inputs(arguments):
+def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
     """Every argument that could name a file to read; of FILE.csv:NAME=NUMBER the file as well."""
     for name, value in vars(arguments).items():
         if name in OUTPUTS:
@@ -50,7 +53,7 @@ def _inputs(arguments):
                 yield text.partition(":")[0]
 
 
-def _parser():
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="identify", description="Identifies the hovercraft from recordings."
     )
@@ -62,7 +65,7 @@ def _parser():
     return parser
 
 
-def _configure(parser, verb):
+def _configure(parser: argparse.ArgumentParser, verb: ModuleType) -> None:
     parser.set_defaults(run=verb.run, refuse=parser.error)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     errors.add_debug(parser)

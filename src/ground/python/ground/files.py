@@ -1,16 +1,19 @@
 """Writing so that nothing is half there, nothing is overwritten, and no input is lost."""
+
 import contextlib
 import json
 import math
 import os
 import tempfile
-from typing import Any, Iterable, Iterator, Sequence
+from typing import Any, Dict, Iterable, Iterator, Optional, Sequence, Tuple
 
 import yaml
 
 from ground.errors import GroundError, reason
 
-_kept = None  # inside protect: files that must not be replaced, (device, inode) -> why
+_kept: Optional[Dict[Tuple[int, int], str]] = (
+    None  # inside protect: files that must not be replaced, (device, inode) -> why
+)
 _FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
 
 
@@ -28,7 +31,7 @@ def protect(paths: Iterable[str]) -> Iterator[None]:
         _kept = before
 
 
-def _keep(path, why):
+def _keep(path: str, why: str) -> None:
     with contextlib.suppress(OSError, ValueError):
         status = os.stat(path)
         if _kept is not None:
@@ -86,7 +89,7 @@ def new_file(path: str, force: bool = False) -> Iterator[str]:
             os.unlink(temporary)
 
 
-def _move(temporary, path):
+def _move(temporary: str, path: str) -> None:
     """Renames a file to a name that must not exist; GroundError when it does."""
     try:
         try:
@@ -107,7 +110,7 @@ def _move(temporary, path):
 
 
 def plain(value: Any) -> Any:
-    """The same with None for numbers that JSON has no word for: infinite ones and NaN."""
+    """The value with None in place of numbers that JSON cannot write: infinite ones and NaN."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -116,6 +119,7 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: str, value: Any, force: bool = False) -> None:
+    """Writes a value as JSON, None for numbers that are not finite; GroundError as from new_file."""
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
@@ -123,6 +127,7 @@ def write_json(path: str, value: Any, force: bool = False) -> None:
 
 
 def write_yaml(path: str, value: Any, force: bool = False) -> None:
+    """Writes a value as YAML, keys in their order; GroundError as from new_file."""
     with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             yaml.safe_dump(value, file, sort_keys=False)

@@ -1,4 +1,5 @@
 """Where a result comes from: all that is needed to make it again."""
+
 import datetime
 import hashlib
 import os
@@ -16,11 +17,12 @@ def command() -> str:
 
 
 def now() -> str:
+    """The time in UTC, ISO 8601, to the second."""
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
 def versions() -> Dict[str, str]:
-    """Of the programs that took part, by name."""
+    """Versions of the programs that took part, by name."""
     from ground import _core
 
     found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}

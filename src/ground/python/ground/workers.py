@@ -1,17 +1,23 @@
 """Independent pieces of work: on all cores, or on the machines of a Dask cluster."""
+
+import argparse
 import copyreg
 import os
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Sequence, Tuple, Type, TypeVar
 
 from ground import _core
 from ground.errors import GroundError
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 
 RETRIES = 3  # of a piece of work whose worker died or that failed there
 PATIENCE = 10  # with a scheduler [s]
 
 
-def takes_scheduler(parser):
+def takes_scheduler(parser: argparse.ArgumentParser) -> None:
+    """Adds --scheduler."""
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
@@ -37,7 +43,8 @@ class Workers:
         count: Optional[int] = None,
         modules: Sequence[str] = (),
     ) -> None:
-        self._client = self._pool = None
+        self._client: Any = None
+        self._pool: Optional[Executor] = None
         if scheduler:
             self._client = _connect(scheduler)
             for path in modules:
@@ -52,12 +59,12 @@ class Workers:
     def __exit__(self, *_: Any) -> None:
         if self._client:
             self._client.close()
-        else:
+        if self._pool:
             self._pool.shutdown()
 
-    def map(self, work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+    def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
         """Yields work(item) in the order of the items; what one raises is raised in its place."""
-        if not self._client:
+        if self._pool:
             yield from self._pool.map(work, items)
             return
         from distributed import KilledWorker
@@ -74,7 +81,7 @@ class Workers:
             self._client.cancel(futures)
 
 
-def _connect(address):
+def _connect(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
@@ -91,14 +98,14 @@ def _connect(address):
     return client
 
 
-def _restore(kind, values):
+def _restore(kind: Type[_T], values: Dict[str, Any]) -> _T:
     made = kind()
     for name, value in values.items():
         setattr(made, name, value)
     return made
 
 
-def _reduce(params):
+def _reduce(params: object) -> Tuple[Callable[..., Any], Tuple[Any, ...]]:
     kind = type(params)
     names = [n for n, v in vars(kind).items() if isinstance(v, property) and v.fset]
     return _restore, (kind, {name: getattr(params, name) for name in names})

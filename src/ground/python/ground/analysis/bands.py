@@ -9,14 +9,17 @@ is not known: it is integrated over by its prior about the other runs' mean, and
 of the run's own poses up to each start. Parameters are drawn by their information, which widens the
 bands by 2% on the recordings of 2019, and to the triple on a few calm seconds.
 """
+
 from dataclasses import dataclass
-from typing import Any, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
 
 from ground import _core
+from ground.analysis import held_out, likelihood
 from ground.analysis.likelihood import CAP, call
+from ground.annotations import Array, Document, Each, Flags
 from ground.errors import GroundError
 from ground.recordings import repair, windows
 
@@ -34,14 +37,14 @@ TOLERANCE = 0.05  # by which the last sample before a horizon may miss it [s]
 class Prediction:
     """A prediction from one start: a row for each sample, a column for each of CHANNELS (UNITS)."""
 
-    times: np.ndarray  # (n,) on the run's clock; the first is the start [s]
-    mean: np.ndarray  # (n, 6)
-    deviation: np.ndarray  # (n, 6) standard deviation
-    low: np.ndarray  # (n, 6) ends of the band
-    high: np.ndarray  # (n, 6)
-    measured: np.ndarray  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
+    times: Array  # (n,) on the run's clock; the first is the start [s]
+    mean: Array  # (n, 6)
+    deviation: Array  # (n, 6) standard deviation
+    low: Array  # (n, 6) ends of the band
+    high: Array  # (n, 6)
+    measured: Array  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
 
-    def sample(self, horizon):
+    def sample(self, horizon: float) -> Optional[int]:
         """Row at a horizon [s]; None where the prediction ends before."""
         at = int(np.searchsorted(self.times, self.times[0] + horizon, side="right")) - 1
         return at if self.times[at] - self.times[0] > horizon - TOLERANCE else None
@@ -51,10 +54,10 @@ class Prediction:
 class Bands:
     """Predictions of one run by a model that was not fitted to it."""
 
-    run: Any  # _core.RunData
+    run: _core.RunData
     predictions: Tuple[Prediction, ...]  # by their starts
 
-    def tiled(self, horizon):
+    def tiled(self, horizon: float) -> List[Tuple[Array, Array, Array]]:
         """Predictions that follow each other, each cut off at a horizon [s].
 
         Returns a list of times (n,) [s], low (n, 6) and high (n, 6).
@@ -69,7 +72,7 @@ class Bands:
             end = one.times[inside][-1]
         return tiles
 
-    def at(self, horizon):
+    def at(self, horizon: float) -> Tuple[Array, Flags]:
         """At a horizon [s]: standard deviations (k, 6), and whether the band holds the measured."""
         deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
         for prediction in self.predictions:
@@ -82,7 +85,7 @@ class Bands:
         return deviation, held
 
 
-def of_folds(folds, fit):
+def of_folds(folds: held_out.Folds, fit: likelihood.Fit) -> List[Bands]:
     """Bands of the runs that a likelihood.Fit was fitted to, each by a refit without the run.
 
     folds: held_out.Folds of these runs. The levels stay those of the fit; the expected loudness is
@@ -92,22 +95,24 @@ def of_folds(folds, fit):
     models, runs = folds.models(fit), folds.runs
     if len(runs) > 1:
 
-        def one(i):
+        def one(i: int) -> Bands:
             fold = i % folds.count
             cut = [w for w in folds.cut if w.run == i]
             return _predict(runs[i], models[fold], cut, _loudness(fit, fold, folds.count))
 
         return list(folds.each(one, range(len(runs))))
 
-    def quarter(i):
+    def quarter(i: int) -> Tuple[Prediction, ...]:
         cut = [w for w, fold in zip(folds.cut, folds.fold_of) if fold == i]
         return _predict(runs[0], models[i], cut, _loudness(fit)).predictions
 
     found = [p for part in folds.each(quarter, range(folds.count)) for p in part]
-    return [Bands(runs[0], tuple(sorted(found, key=lambda p: p.times[0])))]
+    return [Bands(runs[0], tuple(sorted(found, key=lambda p: float(p.times[0]))))]
 
 
-def of_others(runs, fit, most, each=map):
+def of_others(
+    runs: Sequence[_core.RunData], fit: likelihood.Fit, most: float, each: Each = map
+) -> List[Bands]:
     """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
 
     most: windows that predictions start in, about, spread evenly over the runs; each: maps a
@@ -115,19 +120,21 @@ def of_others(runs, fit, most, each=map):
     """
     cut = windows.spread(windows.cut(runs), most)
 
-    def one(i):
+    def one(i: int) -> Bands:
         return _predict(runs[i], fit, [w for w in cut if w.run == i], _loudness(fit))
 
     return list(each(one, range(len(runs))))
 
 
-def _loudness(fit, fold=None, count=1):
+def _loudness(fit: likelihood.Fit, fold: Optional[int] = None, count: int = 1) -> float:
     """The loudness to expect of a new run: the mean of those that are known, a fold left out."""
     known = [value for i, value in enumerate(fit.loudness) if i % count != fold]
     return float(np.mean(known)) if known else 0.0
 
 
-def _predict(run, fit, cut, loudness):
+def _predict(
+    run: _core.RunData, fit: likelihood.Fit, cut: Sequence[_core.Window], loudness: float
+) -> Bands:
     """Bands of a run from starts in its windows; without predictions if a motion is not finite."""
     times = np.array(run.times)
     starts, horizons = _starts(times, cut)
@@ -158,14 +165,12 @@ def _predict(run, fit, cut, loudness):
         # The filter may be whole turns away.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
         predictions.append(
-            Prediction(
-                times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth
-            )
+            Prediction(times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth)
         )
     return Bands(run, tuple(predictions))
 
 
-def _starts(times, cut):
+def _starts(times: Array, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
     """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
     one every SHORT seconds inside. From a stretch's first poses the filter only learns the motion.
     """
@@ -183,7 +188,7 @@ def _starts(times, cut):
     return starts, [found[start] for start in starts]
 
 
-def _measured(run):
+def _measured(run: _core.RunData) -> Array:
     """(n, 6) of CHANNELS; headings are unwrapped as the smoothed ones are."""
     eta, poses = np.array(run.eta), np.array(run.poses)
     if len(poses):
@@ -191,17 +196,17 @@ def _measured(run):
     return np.column_stack([eta, np.array(run.nu)])
 
 
-def _smoothed_noise(run):
+def _smoothed_noise(run: _core.RunData) -> Array:
     """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: of the
     difference that new noise makes to the velocities of the smoothed poses."""
     times, eta, noise = np.array(run.times), np.array(run.eta), np.array(run.noise)
     noisy = eta + noise * np.random.default_rng(1).normal(size=eta.shape)
     levels = noise[0], noise[2]
     with_it, without = (repair.smooth(times, poses, levels)["nu"] for poses in (noisy, eta))
-    return np.std(with_it - without, axis=0)
+    return np.asarray(np.std(with_it - without, axis=0))
 
 
-def coverage(bands):
+def coverage(bands: Sequence[Bands]) -> List[Document]:
     """What share of the measurements the Bands of runs hold.
 
     Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, unit,
@@ -234,14 +239,14 @@ def coverage(bands):
     return rows
 
 
-def _interval(share, half):
+def _interval(share: float, half: float) -> List[float]:
     return [max(0.0, float(share - half)), min(1.0, float(share + half))]
 
 
-def _half_width(off, counts):
+def _half_width(off: Array, counts: Array) -> Optional[Array]:
     """Half of the 95% interval of shares; off: (clusters, n) counts minus expected ones."""
     clusters = len(counts)
     if clusters < 2:
         return None
     error = np.sqrt(clusters / (clusters - 1) * (off**2).sum(axis=0)) / counts.sum()
-    return stats.t.ppf(0.975, clusters - 1) * error
+    return np.asarray(stats.t.ppf(0.975, clusters - 1) * error)

@@ -7,11 +7,14 @@ leave. Independent parts add in squares.
 """
 
 from dataclasses import dataclass
+from typing import Dict, Mapping, Sequence
 
 import numpy as np
 
-from ground.analysis import study
+from ground import _core
+from ground.analysis import likelihood, study
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Random
 
 SEEDS = (1, 2, 3)  # artificial recordings that the errors are means of
 
@@ -26,24 +29,32 @@ class Budget:
     trim: float  # with the constant wrench and thrust of each run as well
     measured: float  # of the real recordings
 
-    def parts(self):
+    def parts(self) -> Dict[str, float]:
         """Squares of what each part adds, as shares of the measured error's: noise, disturbance,
         trim, and the rest, which is negative where the levels leave more than was measured."""
         edges = np.array([0.0, self.noise, self.disturbance, self.trim, self.measured]) ** 2
         return dict(zip(("noise", "disturbance", "trim", "rest"), np.diff(edges) / edges[-1]))
 
 
-def budget(runs, cut, fit):
+def budget(
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], fit: likelihood.Fit
+) -> Budget:
     """The Budget of a likelihood.Fit on runs (_core.RunData) over windows of them."""
-    errors = [
+    noise, disturbance, trim = (
         float(np.mean([_error_of(runs, cut, fit, parts, seed) for seed in SEEDS]))
         for parts in ((), ("disturbance",), ("disturbance", "trim"))
-    ]
+    )
     measured = float(study.channel_errors(runs, cut, fit.model).sum())
-    return Budget(*errors, measured)
+    return Budget(noise, disturbance, trim, measured)
 
 
-def _error_of(runs, cut, fit, parts, seed):
+def _error_of(
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    fit: likelihood.Fit,
+    parts: Sequence[str],
+    seed: int,
+) -> float:
     """Error of artificial recordings that have some parts besides the poses' noise."""
     random = np.random.default_rng(seed)
     factors = np.exp(fit.loudness) if fit.loudness else np.ones(len(runs))
@@ -56,10 +67,10 @@ def _error_of(runs, cut, fit, parts, seed):
             wrench += np.array(trim["wrench"])
             thrust = trim["thrust"]
         artificial.append(study.recorded(run, fit.model, random, wrench, thrust))
-    return study.channel_errors(artificial, cut, fit.model, truth=runs).sum()
+    return float(study.channel_errors(artificial, cut, fit.model, truth=runs).sum())
 
 
-def wrench_of(run, levels, random):
+def wrench_of(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Array:
     """An Ornstein-Uhlenbeck and white wrench (n, 3) of some levels at a run's samples [N], [N m]."""
     steps = np.diff(np.array(run.times), append=run.times[-1] + 1e-3)
     steps = np.maximum(steps, 1e-4)

@@ -1,12 +1,15 @@
 """Effects that a model may lack: those of the library, and one's own from YAML files."""
+
 import math
 import os
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Sequence
+from typing import Callable, Dict, Iterator, List, Sequence
 
 import yaml
 
 from ground import _core
+from ground.annotations import Document
+from ground.core_types import EffectInfo, ModelParameter
 from ground.errors import GroundError
 
 # Angles all round have several minima: they are sought from several starts [rad].
@@ -18,16 +21,18 @@ class Candidate:
     """An effect that can be added to a model."""
 
     name: str
-    add: Callable  # of a _core.Model, gives a copy with the effect in it
+    add: Callable[
+        [_core.Model], _core.Model
+    ]  # of a _core.Model, gives a copy with the effect in it
 
-    def neutral(self, model):
+    def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""
         extended = self.add(model)
         for parameter in parameters_of(extended, self.name):
             extended.set_value(parameter["name"], parameter["neutral"])
         return extended
 
-    def starts(self, model):
+    def starts(self, model: _core.Model) -> Iterator[_core.Model]:
         """The model with the effect at the values from which it is worth to seek the best ones."""
         neutral, given = self.neutral(model), self.add(model)
         names = [p["name"] for p in parameters_of(neutral, self.name)]
@@ -39,7 +44,7 @@ class Candidate:
 def of_library(name: str) -> Candidate:
     """The Candidate of that name; GroundError naming all known ones when there is none."""
 
-    def add(model):
+    def add(model: _core.Model) -> _core.Model:
         extended = model.copy()
         try:
             extended.add_effect(name)
@@ -50,7 +55,7 @@ def of_library(name: str) -> Candidate:
     return Candidate(name, add)
 
 
-def effects() -> Dict[str, Dict[str, Any]]:
+def effects() -> Dict[str, EffectInfo]:
     """The effects of the library by name, as _core.effects() has them; GroundError where a library of
     GROUND_EFFECT_LIBRARIES cannot be used."""
     try:
@@ -64,7 +69,7 @@ def on_request() -> List[str]:
     return [name for name, effect in effects().items() if effect["opt_in"]]
 
 
-def library(model: Any, wanted: Sequence[str] = ()) -> List[Candidate]:
+def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
     """Candidates for the effects of the library that the model does not have; for those that a
     diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
     return [
@@ -85,13 +90,13 @@ def from_file(path: str) -> Candidate:
         raise GroundError("%s: cannot be read (%s)" % (path, error))
 
 
-def from_entry(entry, source):
+def from_entry(entry: Document, source: str) -> Candidate:
     """The Candidate of an effect as a model file lists it; `source` is named when it is wrong."""
     return _from_text(yaml.safe_dump(entry, sort_keys=False), source)
 
 
-def _from_text(text, source):
-    def add(model):
+def _from_text(text: str, source: str) -> Candidate:
+    def add(model: _core.Model) -> _core.Model:
         try:
             return _core.with_effect(model, text, source)
         except RuntimeError as error:
@@ -106,7 +111,7 @@ def named(effect: str) -> Candidate:
     return from_file(effect) if is_file else of_library(effect)
 
 
-def turned(model, free):
+def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
     """The model, and others whose free angles start elsewhere."""
     yield model
     for name, angles in STARTS.items():
@@ -117,17 +122,17 @@ def turned(model, free):
                 yield other
 
 
-def parameters_of(model, effect):
+def parameters_of(model: _core.Model, effect: str) -> List[ModelParameter]:
     """Descriptions of an effect's parameters in a model that has it."""
     return [p for p in model.parameters() if p["name"].split(".")[0] == effect]
 
 
-def values(model):
+def values(model: _core.Model) -> Dict[str, float]:
     """Values of all parameters by name."""
     return {p["name"]: model.value(p["name"]) for p in model.parameters()}
 
 
-def carried_over(fitted: Any, extended: Any) -> Any:
+def carried_over(fitted: _core.Model, extended: _core.Model) -> _core.Model:
     """The extended model with the values of the fitted one, which may lack some parameters."""
     model = extended.copy()
     known = values(model)

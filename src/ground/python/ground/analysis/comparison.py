@@ -1,10 +1,12 @@
 """Model against measurement: error numbers, as docs/theory/identification.md defines them."""
+
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
 from ground import _core
+from ground.annotations import Array, Document, Indices
 from ground.recordings import repair, windows
 
 START = 0.4  # of a window, to find the initial velocities of the pure prediction [s]
@@ -15,7 +17,7 @@ CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
-def thesis_objective(run: Any, model: Any) -> Optional[float]:
+def thesis_objective(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """(3.4) over one window, the first 4 s of the run; None when the run is shorter."""
     start = run.times[0]
     # One simulation, also through a gap: only the measurement is missing there.
@@ -26,10 +28,10 @@ def thesis_objective(run: Any, model: Any) -> Optional[float]:
     return problem.simulate(model, _core.Objective.thesis)["objective"]
 
 
-def mean_thesis_objective(runs: Sequence[Any], model: Any) -> Optional[float]:
+def mean_thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> Optional[float]:
     """The mean over runs that are long enough; None when none is."""
-    values = [thesis_objective(run, model) for run in runs]
-    values = [v for v in values if v is not None]
+    found = [thesis_objective(run, model) for run in runs]
+    values = [v for v in found if v is not None]
     return float(np.mean(values)) if values else None
 
 
@@ -37,24 +39,26 @@ def mean_thesis_objective(runs: Sequence[Any], model: Any) -> Optional[float]:
 class Evaluation:
     """One run simulated by one model, and what is needed to pool it with others."""
 
-    pieces: List[dict]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
-    sigma: np.ndarray  # (3,) standard deviations of u, v, r in the run
-    predicted: np.ndarray  # (m, 3) errors of the pure prediction [standard deviations]
+    pieces: List[
+        Document
+    ]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
+    sigma: Array  # (3,) standard deviations of u, v, r in the run
+    predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
-    horizons: List[dict]  # per horizon: seconds, errors (k, 5): u, v, r [sigma], [mm], [deg]
+    horizons: List[Document]  # per horizon: seconds, errors (k, 5): u, v, r [sigma], [mm], [deg]
 
     @property
-    def residual(self):
+    def residual(self) -> Array:
         """Measured minus simulated velocities of all windows, (n, 3)."""
         return np.vstack([p["measured"] - p["nu"] for p in self.pieces])
 
     @property
-    def index(self):
+    def index(self) -> Indices:
         """Samples of the run that `residual` belongs to, (n,)."""
         return np.concatenate([p["index"] for p in self.pieces])
 
 
-def evaluate(run: Any, model: Any) -> Evaluation:
+def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
     """Simulates the run's windows and predicts over all horizons.
 
     Raises GroundError on runs that are too short, RuntimeError on models whose motion is not
@@ -86,7 +90,9 @@ def evaluate(run: Any, model: Any) -> Evaluation:
     )
 
 
-def _predict(run, model, cut, sigma):
+def _predict(
+    run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window], sigma: Array
+) -> Array:
     """Errors after the first 0.4 s of windows, the only part that initial velocities may suit."""
     times, nu = np.array(run.times), np.array(run.nu)
     starts, scored = [], []
@@ -106,7 +112,7 @@ def _predict(run, model, cut, sigma):
     return np.vstack(errors)
 
 
-def _predict_horizons(run, model, sigma):
+def _predict_horizons(run: _core.RunData, model: _core.Model, sigma: Array) -> List[Document]:
     """Errors one sample and HORIZONS after many starts at the measured state."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
@@ -140,7 +146,7 @@ def _predict_horizons(run, model, sigma):
     return rows
 
 
-def numbers(evaluations: Sequence[Evaluation]) -> Dict[str, Any]:
+def numbers(evaluations: Sequence[Evaluation]) -> Document:
     """Error numbers of one run, or pooled over several: every sample counts alike."""
     normalised = np.vstack([e.residual / e.sigma for e in evaluations])
     predicted = np.vstack([e.predicted for e in evaluations])
@@ -163,19 +169,19 @@ def numbers(evaluations: Sequence[Evaluation]) -> Dict[str, Any]:
     }
 
 
-def _squares_about_mean(evaluation):
+def _squares_about_mean(evaluation: Evaluation) -> Array:
     measured = np.vstack([p["measured"] for p in evaluation.pieces])
-    return ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
+    return np.asarray(((measured - measured.mean(axis=0)) ** 2).sum(axis=0))
 
 
-def _by_channel(values):
+def _by_channel(values: Iterable[float]) -> Dict[str, float]:
     return dict(zip(CHANNELS, map(float, values)))
 
 
-def _horizon_numbers(rows):
+def _horizon_numbers(rows: Sequence[Document]) -> Document:
     errors = np.vstack([r["errors"] for r in rows])
     seconds = float(np.median([r["seconds"] for r in rows]))
-    found = {"seconds": seconds, "starts": len(errors)}
+    found: Document = {"seconds": seconds, "starts": len(errors)}
     for column, name in enumerate(("u_sigma", "v_sigma", "r_sigma", "position_mm", "heading_deg")):
         values = errors[:, column]
         found[name] = {

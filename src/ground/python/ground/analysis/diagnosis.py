@@ -9,44 +9,35 @@ be large enough to matter. What the grown model leaves is looked at last
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
-import numpy as np
-
+from ground import _core
 from ground.analysis import (
-    bands,
-    budget,
     held_out,
     look_alikes,
     memory,
-    remains,
-    repeats,
     study,
     trials,
+    varying,
 )
-from ground.analysis import varying
 from ground.analysis.candidates import Candidate
-from ground.analysis.likelihood import Likelihood
-from ground.analysis.score_tests import UNSEEN
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Criteria, Search
 from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
-from ground.recordings import windows
+from ground.core_types import Estimate
 
-EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
 # An effect that the likelihood sees matters from one of these sizes on; more data make it more
 # certain, not larger. Its change of the motion, in parts of what the poses' noise leaves ...
 MIN_INFLUENCE = 0.3
 # ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a
 # PRBS, 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
-REFUSED = "it raises the error on the runs held out"
 MOST = 0.75  # least share of the held-out parts that memory has to make likelier
 WAITING = 4  # threads that hand work to the pool and wait for it
 ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
-FLOORS = 5  # simulations that the noise floor is the mean of
 
 
 @dataclass(frozen=True)
@@ -54,48 +45,8 @@ class Step:
     """An effect that was added."""
 
     added: str
-    fit: Any  # held_out.Judged of the model with it
+    fit: held_out.Judged  # of the model with it
     group: Tuple[str, ...]  # effects that the data cannot tell from it, itself first
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """What a diagnosis comes to."""
-
-    verdict: str  # complete, missing, varies, memory or unexplained
-    improved: Any  # _core.Model, refitted
-    parameters: List[dict]  # of the improved model: name, unit, value, ci95, ...
-    noise_floor: float
-    heldout: List[float]  # error on held-out runs: nominal, then after each step
-    heldout_floor: float  # noise floor of the runs that those are of
-    varies: List[dict] = field(default_factory=list)  # what differs between runs
-    memory: Any = None  # memory.Memory
-    history: Any = None  # remains.Remains
-    state: Any = None  # remains.Remains
-    diagnosis: Any = None  # that it is of
-    tested: Any = ()  # _core.RunData that the user held out
-
-    # What the verdict does not need is computed when it is asked for.
-
-    @cached_property
-    def nested(self):
-        """The last of `heldout` by folds in which the choice was made again."""
-        return self.diagnosis.nested(self.tested)
-
-    @cached_property
-    def budget(self):
-        """budget.Budget of the grown model's error."""
-        return budget.budget(self.diagnosis.runs, self.diagnosis.cut, self.diagnosis.fit)
-
-    @cached_property
-    def repeats(self):
-        """repeats.Repeats of the improved model's error."""
-        return repeats.repeats(self.diagnosis.runs, self.diagnosis.cut, self.improved)
-
-    @cached_property
-    def bands(self):
-        """bands.Bands of the grown model, one of each run held out."""
-        return self.diagnosis.bands(self.tested)
 
 
 class Diagnosis:
@@ -109,8 +60,8 @@ class Diagnosis:
 
     def __init__(
         self,
-        runs: Sequence[Any],
-        model: Any,
+        runs: Sequence[_core.RunData],
+        model: _core.Model,
         candidates: List[Candidate],
         budget: Optional[int] = None,
         threads: int = 0,
@@ -124,26 +75,27 @@ class Diagnosis:
         self.budget = budget
         self.say = progress or (lambda text: None)
         self.kept = kept or Unfinished()
-        threads = threads or os.cpu_count()
+        threads = threads or os.cpu_count() or 1
         self.pool = ThreadPoolExecutor(threads)
         # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING if threads > 1 else 1)
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
-        self.chosen = []  # Candidates, in the order of their choice
-        self.steps = []
-        self.dropped = []
-        self.slight = None  # trials.Trial that the poses prefer and that is too small to matter
-        self.slight_sets = None  # of effects, with it and without
-        self.tried = []  # trials.Trials beside the nominal model, best first
-        self.memory = None  # memory.Memory beside the grown model
+        self.chosen: List[Candidate] = []  # in the order of their choice
+        self.steps: List[Step] = []
+        self.dropped: List[Dropped] = []
+        # that the poses prefer and that is too small to matter
+        self.slight: Optional[trials.Trial] = None
+        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # of effects, with it and without
+        self.tried: List[trials.Trial] = []  # beside the nominal model, best first
+        self.memory: Optional[memory.Memory] = None  # beside the grown model
         self.say("fitting %s as it is" % model.name)
         self.varied = Likelihood(runs, model)  # with all that may differ between runs
         fit = self.varied.fit(model, study.free_parameters(model))
         self._begin(varying.differences(self.varied, fit), fit)
 
-    def _begin(self, differences, near):
+    def _begin(self, differences: Sequence[varying.Difference], near: Fit) -> None:
         """Starts a search that has what differs between runs as random effects."""
         self.differences = differences
         levels = [d.kind.level for d in differences]
@@ -160,30 +112,31 @@ class Diagnosis:
             self.kept,
             lambda better, current: self._refuted(better, current) is None,
         )
-        self.judged = {}  # by set of effects
+        self.judged: Dict[FrozenSet[str], held_out.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
 
     @property
-    def names(self):
+    def names(self) -> FrozenSet[str]:
         """The set of effects that were chosen."""
         return frozenset(c.name for c in self.chosen)
 
     @property
-    def fit(self):
+    def fit(self) -> Fit:
         """likelihood.Fit of the grown model."""
         return self.search.fits[self.names]
 
     @property
-    def model(self):
+    def model(self) -> _core.Model:
+        """The grown model."""
         return self.fit.model
 
     @property
-    def best(self):
+    def best(self) -> held_out.Judged:
         """held_out.Judged of the grown model."""
         return self.judged[self.names]
 
-    def judge(self, names):
+    def judge(self, names: FrozenSet[str]) -> held_out.Judged:
         """held_out.Judged of a set of effects that was fitted."""
         if names not in self.judged:
             fit = self.search.fits[names]
@@ -197,13 +150,15 @@ class Diagnosis:
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
-                self._drop(better, name, self._refuted(better, found))
+                why = self._refuted(better, found)
+                if why:
+                    self._drop(better, name, why)
         found = self._deserving(found)
         found = self._remembering(found)
         self._order(found)
         self._mark_equals()
 
-    def _found(self):
+    def _found(self) -> FrozenSet[str]:
         """The likeliest set of effects. What differs between runs is tested again beside it: a
         missing effect may have looked like it, or hidden it."""
         found = self.search.run()
@@ -224,7 +179,7 @@ class Diagnosis:
 
     # --- Which of the effects found earn their place
 
-    def _deserving(self, found):
+    def _deserving(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that do not hold on what they were not fitted to, or do not
         matter."""
         while found:
@@ -242,13 +197,13 @@ class Diagnosis:
             found = found - {name}
         return found
 
-    def _objection(self, found, name):
+    def _objection(self, found: FrozenSet[str], name: str) -> Optional[str]:
         """What speaks against an effect of a set; None if nothing does."""
         rest = self.search.without(found, name)
         why = self._refuted(found, rest)
         return why if why or self._matters(found, rest) else "slight"
 
-    def _refuted(self, found, rest):
+    def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """What runs that they were not fitted to say against a set in the place of a smaller one."""
         with_it, without = self.judge(found), self.judge(rest)
         gain, error = held_out.gain(with_it, without)
@@ -258,27 +213,27 @@ class Diagnosis:
             return "it raises the error on runs that it was not fitted to"
         return None
 
-    def _matters(self, found, rest):
+    def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
         """Whether an effect changes the motion by what is not lost in the noise of the poses. The
         likelihood of long runs sees a millisecond of a network as a delay."""
         return self._larger(self.search.fits[found], self.search.fits[rest])
 
-    def _larger(self, with_it, without):
-        """The same of two Fits."""
+    def _larger(self, with_it: Fit, without: Fit) -> bool:
+        """Whether a Fit changes the motion by more than the noise of the poses hides."""
         ratio = 2 * (with_it.log_posterior - without.log_posterior)
         return (
             ratio >= MIN_NOISE_POWER * self.samples
             or self._influence(with_it, without) >= MIN_INFLUENCE
         )
 
-    def _influence(self, with_it, without):
+    def _influence(self, with_it: Fit, without: Fit) -> float:
         a, b = without.model, with_it.model
         change = study.change(self.runs, self.cut, a, b).sum()
         return float(change / study.noise_floor(self.runs, b).sum())
 
-    def _drop(self, found, name, why):
+    def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
-        trial = self._trial_in(found, name)
+        trial = self.trial_in(found, name)
         if why == "slight":
             influence = self._influence(self.search.fits[found], self.search.fits[found - {name}])
             self.slight = replace(trial, influence=influence)
@@ -290,7 +245,7 @@ class Diagnosis:
         told = "it is too small to matter" if why == "slight" else why
         self.say("%s is left out: %s" % (name, told))
 
-    def _remembering(self, found):
+    def _remembering(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only stood for what depends on the past, which is sought
         here."""
         self.say("does the past matter?")
@@ -310,7 +265,7 @@ class Diagnosis:
             if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
                 why = "it stands for what depends on the past (%s)" % remembered.kind.name
                 smaller = self.search.without(rest, name)
-                stand_ins.append(Dropped(self._trial_in(rest, name), why))
+                stand_ins.append(Dropped(self.trial_in(rest, name), why))
                 rest, remembered = smaller, replace(remembered, fit=without)
         # One part alone may hold what the others cannot tell, such as a lift of its own.
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
@@ -320,11 +275,12 @@ class Diagnosis:
         self.memory, self.dropped = remembered, self.dropped + stand_ins
         return rest
 
-    def _order(self, found):
+    def _order(self, found: FrozenSet[str]) -> None:
         """The steps by which the error falls: the effect that the set can best do without comes
         last, and so on backwards. Forwards, an effect that does little until another is there
         would come too early."""
-        path, current = [], found
+        path: List[str] = []
+        current = found
         while current:
             fit = self.search.fits[current]
             name = min(sorted(current), key=fit.ratio_without)
@@ -336,7 +292,7 @@ class Diagnosis:
             self.steps.append(Step(name, judged, (name,)))
             self.say("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
 
-    def _mark_equals(self):
+    def _mark_equals(self) -> None:
         """Groups of effects that the data cannot tell from a chosen one."""
         rivals = self.waiting.map(
             lambda step: self.search.rivals(self.names, step.added), self.steps
@@ -351,7 +307,7 @@ class Diagnosis:
 
     # --- Effects beside the nominal model
 
-    def _trials(self):
+    def _trials(self) -> List[trials.Trial]:
         """Trials of all effects beside the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
         found = [self._trial(c, tests) for c in self.candidates]
@@ -360,16 +316,16 @@ class Diagnosis:
             found = sorted(found, key=lambda t: -t.gain)[: self.budget]
         return sorted(found, key=lambda t: t.delta_bic)
 
-    def _trial(self, candidate, tests):
+    def _trial(self, candidate: Candidate, tests: ScoreTests) -> trials.Trial:
         name, names = candidate.name, frozenset([candidate.name])
         if names in self.search.fits:
-            return self._trial_in(names, name)
+            return self.trial_in(names, name)
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters = tests.estimates(model, name, step)
         return self._as_trial(name, model, parameters, gain, tests.seen(name) > UNSEEN, False)
 
-    def _trial_in(self, found, name):
+    def trial_in(self, found: FrozenSet[str], name: str) -> trials.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit = self.search.fits[found]
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
@@ -378,18 +334,26 @@ class Diagnosis:
             name, fit.model, parameters, self.search.ratio(found, found - {name}), seen, True
         )
 
-    def _as_trial(self, name, model, parameters, gain, seen, refitted):
+    def _as_trial(
+        self,
+        name: str,
+        model: _core.Model,
+        parameters: Sequence[Estimate],
+        gain: float,
+        seen: bool,
+        refitted: bool,
+    ) -> trials.Trial:
         tried = len(self.candidates)
         return trials.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
 
-    def judged_of(self, trial):
+    def judged_of(self, trial: trials.Trial) -> Optional[held_out.Judged]:
         """held_out.Judged of a refitted Trial beside the nominal model; None of another."""
         names = frozenset([trial.name])
         return self.judge(names) if names in self.search.fits else None
 
     # --- Effects that these runs cannot show
 
-    def unseen(self):
+    def unseen(self) -> List[look_alikes.LookAlike]:
         """Effects in no group that the grown model does without and that these runs could not
         show: a list of look_alikes.LookAlikes."""
         found = self.pool.map(
@@ -397,126 +361,7 @@ class Diagnosis:
         )
         return [f for f in found if f]
 
-    def hidden_names(self):
+    def hidden_names(self) -> List[str]:
         """Effects in no group that are, to first order, a change of the grown model's parameters."""
         told = self.names.union(*(step.group for step in self.steps))
         return look_alikes.names(self.search, self.names, told)
-
-    # --- The end
-
-    def conclude(self, heldout: Sequence[Any] = ()) -> Conclusion:
-        """Judges what was found: the verdict, and the model that improves on the given one.
-
-        heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
-        out and told. Without any, each run is tested by a fit to the others, or each quarter of
-        a single one. Returns a Conclusion.
-        """
-        self.say("what is left")
-        fullest = self._with_slight()
-        history = remains.of_history(self.likelihood, fullest)
-        state = remains.of_state(self.likelihood, fullest)
-        if heldout:
-            self._obey(heldout)
-        floors = [study.noise_floor(self.runs, self.best.model, seed) for seed in range(FLOORS)]
-        floor = float(np.mean([f.sum() for f in floors]))
-        reached = float(study.noise_floor(heldout, self.best.model).sum()) if heldout else floor
-        varies = self._varies()
-        explained = self.best.error.sum() < EXPLAINED * floor
-        return Conclusion(
-            self._verdict(explained, varies, history, state),
-            self.model,
-            self.likelihood.intervals(self.fit),
-            floor,
-            self._held_out(heldout),
-            reached,
-            varies,
-            self.memory,
-            history,
-            state,
-            self,
-            heldout,
-        )
-
-    def _with_slight(self):
-        """Fit of the grown model, with what is too small to matter: it is seen all the same."""
-        if self.slight and self.slight_sets[1] == self.names:
-            return self.search.fits[self.slight_sets[0]]
-        return self.fit
-
-    def nested(self, heldout):
-        """Error of windows held out from choice and fit alike: in each fold the choice is made
-        again, beginning with the effects found, each of which has to reach the threshold there."""
-        if heldout or not self.chosen:
-            return self._held_out(heldout)[-1]
-
-        def choose(likelihood):
-            search = Search(
-                likelihood,
-                self.given,
-                study.free_parameters,
-                self.candidates,
-                self.search.criteria,
-                self.pool.map,
-            )
-            search.nominal(replace(self.search.nominal(), loudness=()))
-            return search.fits[search.run(near=replace(self.fit, loudness=()))]
-
-        return float(self.folds.nested(choose, self.waiting.map).sum())
-
-    def bands(self, heldout):
-        """bands.Bands of the grown model, one of each run held out."""
-        if heldout:
-            return bands.of_others(heldout, self.fit, len(self.cut), self.pool.map)
-        return bands.of_folds(self.folds, self.fit)
-
-    def _varies(self):
-        """What differs between runs, as the grown model has it: a list of dictionaries."""
-        sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in self.fit.trims])
-        return [
-            {
-                "parameter": d.kind.parameter,
-                "unit": d.kind.unit,
-                "deviation": float(np.std(sizes[:, i], ddof=1)),
-                "p_value": d.p_value,
-                "by_run": sizes[:, i].tolist(),
-            }
-            for d in self.differences
-            for i in [varying.KINDS.index(d.kind)]
-        ]
-
-    def _verdict(self, explained, varies, history, state):
-        if self.memory or (history.found and history.gain > state.gain):
-            return "memory"
-        # Where the likelihood asks for an effect that does not hold elsewhere, what is missing is open.
-        open_still = self.dropped and not self.chosen and not varies
-        if not explained and (state.found or open_still):
-            return "unexplained"
-        if self.chosen:
-            return "missing"
-        return "varies" if varies else "complete"
-
-    def _obey(self, heldout):
-        """Takes out the last effects as long as they raise the error on runs that the user held
-        out."""
-        while self.chosen:
-            errors = self._held_out(heldout)
-            if errors[-1] <= min(errors):
-                return
-            last = self.chosen.pop()
-            found = self.names | {last.name}
-            self.dropped.append(Dropped(self._trial_in(found, last.name), REFUSED))
-            self.steps.pop()
-
-    def _held_out(self, heldout):
-        """Errors on runs held out, of the nominal model and after each step. What differs between
-        runs is told by the poses before each window, as in the folds."""
-        if not heldout:
-            judged = [self.nominal] + [step.fit for step in self.steps]
-            return [float(fit.heldout.sum()) for fit in judged]
-        cut = windows.cut(heldout)
-        likelihood = Likelihood(heldout, self.given, self.likelihood.varying)
-        samples = [w.last - w.first + 1 for w in cut]
-        names = [c.name for c in self.chosen]
-        fits = [self.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
-        errors = [study.calibrated_errors(heldout, cut, likelihood, fit) for fit in fits]
-        return [float(np.average(e, axis=0, weights=samples).sum()) for e in errors]

@@ -1,10 +1,25 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
 import dataclasses
-from typing import Any, Dict, Sequence
+from typing import Dict, Iterable, List, Optional, Sequence, Union
 
-from ground.analysis import bands, candidates, next_experiment, study, unexplained
-from ground.analysis.diagnosis import Conclusion, Diagnosis
+from ground import _core
+from ground.analysis import (
+    bands,
+    budget,
+    candidates,
+    held_out,
+    likelihood,
+    look_alikes,
+    next_experiment,
+    remains,
+    study,
+    unexplained,
+)
+from ground.analysis.conclusion import Conclusion
+from ground.analysis.diagnosis import Diagnosis
+from ground.annotations import Document
+from ground.core_types import Estimate
 
 SCHEMA = "ground/diagnosis/1"
 # What is refitted for the report only is bounded, so that the work grows with the data, not faster.
@@ -16,10 +31,10 @@ def of(
     diagnosis: Diagnosis,
     conclusion: Conclusion,
     model_name: str,
-    heldout: Sequence[Any] = (),
+    heldout: Sequence[_core.RunData] = (),
     thorough: bool = False,
-    room: Any = None,
-) -> Dict[str, Any]:
+    room: Optional[_core.RoomPlan] = None,
+) -> Document:
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
     thorough: errors of all effects in the table and the next experiment beside all runs, however
@@ -67,14 +82,16 @@ def of(
     return report
 
 
-def _errors(fit, heldout=None):
+def _errors(
+    fit: Union[held_out.Judged, study.Fit, None], heldout: Optional[float] = None
+) -> Document:
     if fit is None:
         return {"fit": None, "heldout": None}
     heldout = fit.heldout.sum() if heldout is None else heldout
     return {"fit": float(fit.error.sum()), "heldout": float(heldout)}
 
 
-def _parameters(parameters, prefix=""):
+def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
     return {
         p["name"][len(prefix) :]: {
             "value": p["value"],
@@ -86,7 +103,7 @@ def _parameters(parameters, prefix=""):
     }
 
 
-def _remains(found):
+def _remains(found: remains.Remains) -> Document:
     return {
         "found": found.found,
         "p_value": found.p_value,
@@ -95,7 +112,7 @@ def _remains(found):
     }
 
 
-def _memory(conclusion):
+def _memory(conclusion: Conclusion) -> Document:
     """What a flexible function of the past explains, and the kind of memory that was found."""
     found, kind = conclusion.memory, None
     if found:
@@ -105,17 +122,17 @@ def _memory(conclusion):
     return dict(told, found=bool(found) or told["found"], kind=kind)
 
 
-def _budget(found):
+def _budget(found: budget.Budget) -> Document:
     """Errors that the parts would leave, one after the other added, and their shares of the square."""
     error = {"noise": found.noise, "disturbance": found.disturbance, "trim": found.trim}
     return {"error": dict(error, measured=found.measured), "share": found.parts()}
 
 
-def _disturbance(fit):
+def _disturbance(fit: likelihood.Fit) -> Document:
     """The fitted levels: of the wrench in the body's frame, of the poses, and between runs."""
     levels = fit.levels
 
-    def channels(kind):
+    def channels(kind: str) -> Dict[str, float]:
         return {c: levels["%s_%s" % (kind, c)] for c in "XYN"}
 
     return {
@@ -127,7 +144,9 @@ def _disturbance(fit):
     }
 
 
-def _candidates(diagnosis, alike, thorough):
+def _candidates(
+    diagnosis: Diagnosis, alike: Sequence[look_alikes.LookAlike], thorough: bool
+) -> List[Document]:
     """The effects as they were tried beside the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
     told = {t.name for i, t in enumerate(tried) if thorough or i < LEAST_JUDGED} | chosen
@@ -155,7 +174,7 @@ def _candidates(diagnosis, alike, thorough):
     ]
 
 
-def _dropped(diagnosis):
+def _dropped(diagnosis: Diagnosis) -> List[Document]:
     """Effects that the likelihood asks for and that were not added."""
     return [
         {
@@ -168,7 +187,7 @@ def _dropped(diagnosis):
     ]
 
 
-def _slight(diagnosis):
+def _slight(diagnosis: Diagnosis) -> Optional[Document]:
     """An effect that is seen and too small to matter; None without one."""
     trial = diagnosis.slight
     if trial is None:
@@ -183,11 +202,16 @@ def _slight(diagnosis):
     }
 
 
-def _next_experiment(diagnosis, alike, thorough, room):
+def _next_experiment(
+    diagnosis: Diagnosis,
+    alike: Sequence[look_alikes.LookAlike],
+    thorough: bool,
+    room: Optional[_core.RoomPlan],
+) -> Optional[Document]:
     """What would distinguish the first group of effects that the runs do not, or, where there is
     none, would show an effect that they cannot; None without one. What does not matter needs no
     experiment."""
-    each, runs = diagnosis.pool.map, diagnosis.runs
+    each, runs = diagnosis.pool.map, list(diagnosis.runs)
     if len(runs) > PLANNED_ON and not thorough:
         runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]
     for step in diagnosis.steps:
@@ -209,12 +233,12 @@ def _next_experiment(diagnosis, alike, thorough, room):
     return None
 
 
-def where_of(diagnosis):
+def where_of(diagnosis: Diagnosis) -> List[Document]:
     """What the wrench that the grown model still lacks depends on, most first."""
     return unexplained.explain(diagnosis.runs, diagnosis.best.model)[0]
 
 
-def _unexplained(diagnosis, conclusion):
+def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
     """How much of the error is above the noise, where it is, and a term that would lower it on
     held-out runs."""
     error = float(diagnosis.best.error.sum())
@@ -238,7 +262,7 @@ def _unexplained(diagnosis, conclusion):
     }
 
 
-def effect_entry(proposal: Dict[str, Any]) -> Dict[str, Any]:
+def effect_entry(proposal: Document) -> Document:
     """A proposal as model files list effects."""
     keys = ("name", "states", "expression", "parameters")
     return {key: proposal[key] for key in keys if key in proposal}

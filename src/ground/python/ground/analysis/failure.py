@@ -1,11 +1,13 @@
 """Where a model fails: its error and the wrench it lacks, against everything that was measured."""
+
 from dataclasses import dataclass
-from typing import Dict, List
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import residuals
+from ground.analysis import comparison, residuals
+from ground.annotations import Array, Document, Indices
 from ground.recordings import repair
 
 RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
@@ -23,6 +25,8 @@ NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
 MAP_CELLS = 5  # along each side
 AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
 
+Span = Tuple[float, float]  # start, end [s]
+
 CHANNELS = ("X", "Y", "N")
 CHANNEL_NAMES = {"X": "surge force X", "Y": "side force Y", "N": "yaw moment N"}
 CHANNEL_UNITS = {"X": "N", "Y": "N", "N": "N m"}
@@ -35,14 +39,15 @@ class Variable:
     name: str
     label: str
     unit: str
-    centres: List  # of the bins; pairs x, y for the map
-    index: np.ndarray  # (n,) bin of each sample, -1 for none
+    centres: List[Any]  # of the bins; pairs x, y for the map
+    index: Indices  # (n,) bin of each sample, -1 for none
 
-    def indicators(self):
-        return (self.index[:, None] == np.arange(len(self.centres))).astype(float)
+    def indicators(self) -> Array:
+        """(n, bins): 1 where a sample is in a bin, else 0."""
+        return np.asarray((self.index[:, None] == np.arange(len(self.centres))).astype(float))
 
 
-def variables(run, input_max=1.0):
+def variables(run: _core.RunData, input_max: float = 1.0) -> Dict[str, Variable]:
     """All variables of a run, by name; inputs as shares of the largest."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     commands = residuals.held(run, times) / input_max
@@ -58,7 +63,7 @@ def variables(run, input_max=1.0):
         _binned("u", "surge u", "m/s", nu[:, 0]),
         _binned("v", "sway v", "m/s", nu[:, 1]),
         _binned("r", "yaw rate r", "rad/s", nu[:, 2]),
-        _binned("heading", "heading", "deg", heading, np.arange(-180, 181, 30)),
+        _binned("heading", "heading", "deg", heading, np.arange(-180.0, 181.0, 30.0)),
         _binned("x", "world x", "m", eta[:, 0]),
         _binned("y", "world y", "m", eta[:, 1]),
         _map(eta),
@@ -66,7 +71,9 @@ def variables(run, input_max=1.0):
     return {v.name: v for v in found}
 
 
-def _binned(name, label, unit, values, edges=None):
+def _binned(
+    name: str, label: str, unit: str, values: Array, edges: Optional[Array] = None
+) -> Variable:
     levels = np.unique(np.round(values, 6))
     if edges is None and len(levels) <= BINS:
         index = np.argmin(np.abs(values[:, None] - levels), axis=1)
@@ -80,7 +87,7 @@ def _binned(name, label, unit, values, edges=None):
     return Variable(name, label, unit, centres, _renumbered(index, present))
 
 
-def _map(eta):
+def _map(eta: Array) -> Variable:
     sides = []
     for values in eta[:, :2].T:
         edges = np.linspace(values.min(), values.max(), MAP_CELLS + 1)
@@ -93,19 +100,19 @@ def _map(eta):
     return Variable("position", "place (x, y)", "m", centres, _renumbered(index, present))
 
 
-def _without_rare(index, count):
+def _without_rare(index: Indices, count: int) -> Indices:
     """Bins with less than 1% of the samples say nothing."""
     share = np.bincount(index[index >= 0], minlength=count) / len(index)
     return np.where(share[index] < 0.01, -1, index)
 
 
-def _renumbered(index, present):
+def _renumbered(index: Indices, present: Sequence[int]) -> Indices:
     table = np.full(max(present, default=0) + 2, -1)
     table[present] = np.arange(len(present))
     return table[index]
 
 
-def share_explained(design, values):
+def share_explained(design: Array, values: Array) -> Dict[str, float]:
     """Share of the variance of a series that the columns of `design` explain.
 
     Both drift slowly, so some of it is chance: the share that remains when one is shifted in time
@@ -130,7 +137,7 @@ def share_explained(design, values):
     }
 
 
-def regress(design, values, ridge=0.0):
+def regress(design: Array, values: Array, ridge: float = 0.0) -> Tuple[Array, Array, Array]:
     """Least squares coefficients, their standard errors and the coefficients without each block.
 
     Standard errors by jackknife over blocks of time. `ridge`, as a share of the mean square of the
@@ -142,8 +149,8 @@ def regress(design, values, ridge=0.0):
     weight = ridge * np.trace(normal.sum(axis=0)) / design.shape[1]
     prior = weight * np.eye(design.shape[1])
 
-    def solve(a, b):
-        return np.linalg.lstsq(a + prior, b, rcond=None)[0]
+    def solve(a: Array, b: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(a + prior, b, rcond=None)[0])
 
     whole = solve(normal.sum(axis=0), right.sum(axis=0))
     others = np.array(
@@ -153,11 +160,12 @@ def regress(design, values, ridge=0.0):
     return whole, spread, others
 
 
-def stride_of(times):
+def stride_of(times: Array) -> int:
+    """Step in samples that leaves about RATE samples per second; times: (n,) [s]."""
     return max(1, int(round(1 / RATE / max(1e-6, np.median(np.diff(times))))))
 
 
-def of_error(evaluation, found):
+def of_error(evaluation: comparison.Evaluation, found: Mapping[str, Variable]) -> Document:
     """Error per channel against each variable, and the share of it that each explains."""
     size = np.abs(evaluation.residual) / evaluation.sigma
     index = evaluation.index
@@ -181,13 +189,15 @@ def of_error(evaluation, found):
     return result
 
 
-def full_scale(model):
+def full_scale(model: _core.Model) -> Array:
     """What full thrust gives: X, Y [N], N [N m]."""
     force = 2 * model.value("k") * model.input_max
     return np.array([force, force, force * model.value("l")])
 
 
-def undisturbed(model, run):
+def undisturbed(
+    model: _core.Model, run: _core.RunData
+) -> Tuple[_core.WrenchFilter, _core.RunData, List[Span]]:
     """Filter and run without what no input explains, and the disturbances [(start, end) s].
 
     Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
@@ -199,16 +209,16 @@ def undisturbed(model, run):
     usual = 1.4826 * np.median(size, axis=0)
     disturbed = (size > np.maximum(IMPOSSIBLE * full_scale(model), OUTLYING * usual)).any(axis=1)
     times = np.array(run.times)
-    events = []
+    found: List[List[float]] = []
     for time in times[disturbed]:
-        if events and time - EVENT_MARGIN <= events[-1][1]:
-            events[-1][1] = time + EVENT_MARGIN
+        if found and time - EVENT_MARGIN <= found[-1][1]:
+            found[-1][1] = time + EVENT_MARGIN
         else:
-            events.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
+            found.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
     keep = np.ones(len(times), bool)
-    for start, end in events:
+    for start, end in found:
         keep &= (times < start) | (times > end)
-    if not events or keep.mean() < 0.5:
+    if not found or keep.mean() < 0.5:
         return whole, run, []
     rest = _core.RunData(
         run.name,
@@ -220,7 +230,7 @@ def undisturbed(model, run):
         run.noise,
         run.drives,
     )
-    events = [(max(a, times[0]), min(b, times[-1])) for a, b in events]
+    events = [(max(a, times[0]), min(b, times[-1])) for a, b in found]
     return _core.WrenchFilter(model, rest, repair.MAX_GAP), rest, events
 
 
@@ -228,15 +238,21 @@ def undisturbed(model, run):
 class Missing:
     """The wrench that a model lacks along a run."""
 
-    times: np.ndarray  # (n,) [s]
-    wrench: np.ndarray  # (n, 3) X, Y [N], N [N m], body
-    sigma: np.ndarray  # (n, 3) standard deviations of its estimate
-    heading: np.ndarray  # (n,) [rad]
-    position: np.ndarray  # (n, 2) [m]
-    numbers: Dict
+    times: Array  # (n,) [s]
+    wrench: Array  # (n, 3) X, Y [N], N [N m], body
+    sigma: Array  # (n, 3) standard deviations of its estimate
+    heading: Array  # (n,) [rad]
+    position: Array  # (n, 2) [m]
+    numbers: Document
 
 
-def of_wrench(wrench_filter, run, model, events, other=None):
+def of_wrench(
+    wrench_filter: _core.WrenchFilter,
+    run: _core.RunData,
+    model: _core.Model,
+    events: Sequence[Span],
+    other: Optional[_core.Model] = None,
+) -> Missing:
     """Infers the missing wrench along an undisturbed run and says what it follows.
 
     The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
@@ -262,7 +278,7 @@ def of_wrench(wrench_filter, run, model, events, other=None):
         accounted = wrench - still
     every = slice(None, None, stride_of(times))
     responses = smoothed["responses"][every].reshape(-1, 3, acting.shape[1])
-    result = {
+    result: Document = {
         "disturbances": [{"start": float(a), "end": float(b)} for a, b in events],
         "noise": residuals.noise_levels(noise, "N/sqrt(s)", "N m/sqrt(s)"),
         "channels": {},
@@ -292,7 +308,7 @@ def of_wrench(wrench_filter, run, model, events, other=None):
     return Missing(times, wrench, sigma, eta[:, 2], eta[:, :2], result)
 
 
-def _against(values, responses, found):
+def _against(values: Array, responses: Array, found: Mapping[str, Variable]) -> Document:
     """Means of a channel of the wrench in the bins of each variable, and its share of variance."""
     result = {}
     for name, variable, design in _designs(responses, found):
@@ -308,7 +324,9 @@ def _against(values, responses, found):
     return result
 
 
-def _designs(responses, found):
+def _designs(
+    responses: Array, found: Mapping[str, Variable]
+) -> Iterator[Tuple[str, Variable, Array]]:
     """Name, variable, and what the smoother makes of each of its bins (n, bins)."""
     at = 0
     for name, variable in found.items():
@@ -316,7 +334,9 @@ def _designs(responses, found):
         at += len(variable.centres)
 
 
-def _accounted(values, accounted, responses, found):
+def _accounted(
+    values: Array, accounted: Array, responses: Array, found: Mapping[str, Variable]
+) -> Document:
     """Share of a channel's mean square that another model accounts for, and its means in the bins."""
     total = (values**2).sum()
     rest = ((values - accounted) ** 2).sum()
@@ -327,7 +347,9 @@ def _accounted(values, accounted, responses, found):
     return {"share": float(1 - rest / total) if total > 0 else 0.0, "mean": means}
 
 
-def thrust_direction(wrench, responses, model_thrust, totals, nu):
+def thrust_direction(
+    wrench: Array, responses: Array, model_thrust: Array, totals: Array, nu: Array
+) -> Optional[Document]:
     """Direction and size of the force that follows the thrust command, by model and in truth.
 
     The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS,
@@ -339,16 +361,16 @@ def thrust_direction(wrench, responses, model_thrust, totals, nu):
         return None
     constant = np.ones(len(wrench))
     lags = len(COMMAND_LAGS)
-    own, missing, jackknife = [], [], []
+    by_model, missing, jackknife = [], [], []
     for i in (0, 1):
         coefficients = regress(np.column_stack([totals, constant]), model_thrust[:, i])[0]
-        own.append(coefficients[:lags].sum())
+        by_model.append(coefficients[:lags].sum())
         columns = np.column_stack([responses[:, i], constant, nu[:, 0], nu[:, 1]])
         scale = np.sqrt((columns**2).mean(axis=0))
         coefficients, _, others = regress(columns / scale, wrench[:, i])
         missing.append((coefficients / scale)[:lags].sum())
         jackknife.append((others / scale)[:, :lags].sum(axis=1))
-    own = np.array(own)
+    own = np.array(by_model)
     measured = own + missing
     others = own[:, None] + np.array(jackknife)
     angle = np.degrees(np.arctan2(measured[1], measured[0]))
@@ -371,18 +393,18 @@ def thrust_direction(wrench, responses, model_thrust, totals, nu):
     }
 
 
-def is_named(share):
+def is_named(share: Mapping[str, float]) -> bool:
     """Whether a share is large enough, and too large for chance, to be spoken of."""
     return share["share"] >= CLEAR and share["p"] <= CHANCE
 
 
-def is_nothing(channel):
+def is_nothing(channel: Document) -> bool:
     """Whether a channel of the missing wrench is no larger than its uncertainty, or next to
     nothing."""
-    return channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"])
+    return bool(channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"]))
 
 
-def best_variable(against, what="share"):
+def best_variable(against: Document, what: str = "share") -> Tuple[str, Document]:
     """The variable that explains most, with its corrected share."""
-    name = max(against, key=lambda n: against[n][what]["share"])
+    name = max(against, key=lambda n: float(against[n][what]["share"]))
     return name, against[name][what]

@@ -2,14 +2,16 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Dict, Tuple
+from typing import Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import study
-from ground.analysis.likelihood import Likelihood
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Each
+from ground.core_types import FittedParameter
 from ground.errors import GroundError
 
 FOLDS = 4  # largest number of parts that are held out one after the other
@@ -20,13 +22,15 @@ FOLDS = 4  # largest number of parts that are held out one after the other
 class Judged:
     """A fitted model and its errors."""
 
-    model: Any  # _core.Model
-    parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
-    error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows of all runs
-    heldout: np.ndarray  # (3,) the same, each window by a fit to the other parts that is told what
+    model: _core.Model
+    parameters: Dict[
+        str, FittedParameter
+    ]  # by name: value, unit, ci95, deviation, identified, at_bound
+    error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
+    heldout: Array  # (3,) the same, each window by a fit to the other parts that is told what
     # differs from run to run by the run's poses before the window (study.calibrated_errors)
-    by_window: np.ndarray  # (windows,) their sum in each window, held out
-    likelihood: Tuple[np.ndarray, ...]  # log-likelihood of blocks of time, held out, of each part
+    by_window: Array  # (windows,) their sum in each window, held out
+    likelihood: Tuple[Array, ...]  # log-likelihood of blocks of time, held out, of each part
 
 
 class Folds:
@@ -36,7 +40,14 @@ class Folds:
     each: maps a function over items, side by side if it can.
     """
 
-    def __init__(self, runs, whole, craft, cut, each=map):
+    def __init__(
+        self,
+        runs: Sequence[_core.RunData],
+        whole: Likelihood,
+        craft: _core.Model,
+        cut: Sequence[_core.Window],
+        each: Each = map,
+    ) -> None:
         self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
         self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
         self.count = min(FOLDS, len(self.parts))
@@ -52,22 +63,22 @@ class Folds:
             )
         self.fold_of = np.array([self._fold_of(w) for w in cut])
 
-    def _fold_of(self, window):
+    def _fold_of(self, window: _core.Window) -> int:
         if len(self.runs) > 1:
             return window.run % self.count
         ends = [part[-1].times[-1] for part in self.parts]
         middle = self.runs[0].times[(window.first + window.last) // 2]
         return min(int(np.searchsorted(ends, middle)), self.count - 1)
 
-    def models(self, fit):
+    def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, from a Fit to all runs whose levels are kept."""
         return list(self.each(lambda i: self._without(fit, i), range(self.count)))
 
-    def _without(self, fit, fold):
+    def _without(self, fit: Fit, fold: int) -> Fit:
         near = dataclasses.replace(fit, loudness=())
         return self.fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
 
-    def judge(self, fit):
+    def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs."""
         refitted = self.models(fit)
         heldout = self._errors(refitted)
@@ -83,13 +94,13 @@ class Folds:
             ),
         )
 
-    def nested(self, choose, each=map):
+    def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
         """Mean |e|/s (3,) of each window by a model that neither choice nor fit has seen it:
         choose(likelihood) gives the Fit for the Likelihood of the other parts; each maps it."""
         chosen = each(choose, self.fitted)
-        return np.average(self._errors(list(chosen)), axis=0, weights=self._samples())
+        return np.asarray(np.average(self._errors(list(chosen)), axis=0, weights=self._samples()))
 
-    def _errors(self, fits):
+    def _errors(self, fits: Sequence[Fit]) -> Array:
         """Errors (windows, 3), each window by the Fit to the parts without it."""
         heldout = np.zeros((len(self.cut), 3))
         for fold, fit in enumerate(fits):
@@ -102,11 +113,11 @@ class Folds:
                     heldout[inside] = np.inf
         return heldout
 
-    def _samples(self):
+    def _samples(self) -> List[int]:
         return [w.last - w.first + 1 for w in self.cut]
 
 
-def gain(better, worse):
+def gain(better: Judged, worse: Judged) -> Tuple[float, float]:
     """Rise of the held-out log-likelihood from one Judged to another, and its standard error."""
     rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
     return float(rise.sum()), (
@@ -114,20 +125,20 @@ def gain(better, worse):
     )
 
 
-def share_raised(better, worse):
+def share_raised(better: Judged, worse: Judged) -> float:
     """Share of the parts held out that are likelier by one Judged than by another."""
     rises = [b.sum() - w.sum() for b, w in zip(better.likelihood, worse.likelihood)]
     return float(np.mean(np.array(rises) > 0))
 
 
-def quarters(run, count=4):
+def quarters(run: _core.RunData, count: int = 4) -> List[List[_core.RunData]]:
     """A run parted into as many stretches of time: lists of one _core.RunData."""
     times = np.array(run.times)
     edges = np.linspace(0, len(times), count + 1).astype(int)
     return [[_stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]
 
 
-def _stretch(run, times, part):
+def _stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
     poses = np.array(run.poses)
     return _core.RunData(
         run.name,

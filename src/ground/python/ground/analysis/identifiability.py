@@ -1,13 +1,17 @@
 """What a fit does not tell, in words."""
-from typing import Any, Dict, Iterator, List
+
+from typing import Iterator, List
 
 import numpy as np
+
+from ground.annotations import Document
+from ground.core_types import Fit
 
 POORLY = 0.03  # a parameter known better than this is known [of its value]
 MUCH_BETTER = 0.5  # a combination that is known so much better than its parts is worth a word
 
 
-def weak_directions(fit: Dict[str, Any]) -> List[Dict[str, Any]]:
+def weak_directions(fit: Fit) -> List[Document]:
     """Parameters of a fit's result that only their ratio or product tells, strongest first.
 
     Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
@@ -37,10 +41,10 @@ def weak_directions(fit: Dict[str, Any]) -> List[Dict[str, Any]]:
                     "strength": float(worse / max(known, 1e-9)),
                 }
             )
-    return sorted(found, key=lambda w: -w["strength"])
+    return sorted(found, key=lambda w: float(-w["strength"]))
 
 
-def sentences(fit: Dict[str, Any]) -> Iterator[str]:
+def sentences(fit: Fit) -> Iterator[str]:
     """What to tell the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:

@@ -7,14 +7,18 @@ Parameters and levels are fitted together.
 """
 
 from dataclasses import dataclass
-from typing import Any, Dict, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array
+from ground.core_types import FittedParameter, ModelParameter, RunTrim
 from ground.errors import GroundError
+
+_T = TypeVar("_T")
 
 CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
 BLOCK = 1.0  # of time, for standard errors [s]
@@ -27,25 +31,27 @@ VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of what 
 class Fit:
     """The likeliest parameters and levels."""
 
-    model: Any  # _core.Model
+    model: _core.Model
     levels: Dict[str, float]  # of all that is random (DisturbanceLevels)
     loudness: Tuple[float, ...]  # logarithm of the factor of the disturbance of each run
     free: Tuple[str, ...]  # names of the free parameters
     log_posterior: float  # log-likelihood and the levels' prior
-    by_run: np.ndarray  # (runs,) log-likelihood
-    information: np.ndarray  # (free, free) by coordinate / scale
-    scale: np.ndarray  # (free,) of the coordinates
-    parameters: Tuple[dict, ...]  # name, unit, value, ci95, deviation, at_bound, identified
-    level_information: np.ndarray  # of the logarithms of levels, then of the runs' loudness
-    trims: Tuple[dict, ...]  # of each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    by_run: Array  # (runs,) log-likelihood
+    information: Array  # (free, free) by coordinate / scale
+    scale: Array  # (free,) of the coordinates
+    parameters: Tuple[
+        FittedParameter, ...
+    ]  # name, unit, value, ci95, deviation, at_bound, identified
+    level_information: Array  # of the logarithms of levels, then of the runs' loudness
+    trims: Tuple[RunTrim, ...]  # of each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
 
     @property
-    def point(self):
-        """The same for the core: _core.GreyBoxPoint."""
+    def point(self) -> _core.GreyBoxPoint:
+        """Model, levels and loudness as the core takes them."""
         return _core.GreyBoxPoint(self.model, self.levels, list(self.loudness))
 
-    def ratio_without(self, effect):
+    def ratio_without(self, effect: str) -> float:
         """Log-likelihood ratio 2 (L1 - L0) to the model without an effect, by the information
         (Wald)."""
         at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect]
@@ -56,7 +62,7 @@ class Fit:
         return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
 
-def _from_neutral(parameter, model):
+def _from_neutral(parameter: ModelParameter, model: _core.Model) -> float:
     """Distance of a parameter's coordinate from where it does nothing."""
     value, neutral = model.value(parameter["name"]), parameter["neutral"]
     # the coordinate of what is neutral at infinity is its reciprocal
@@ -68,7 +74,13 @@ class Likelihood:
     full thrust the priors of the levels are in parts of; varying: levels of what may differ
     between runs; threads: of one fit."""
 
-    def __init__(self, runs, craft, varying=VARYING, threads=1):
+    def __init__(
+        self,
+        runs: Sequence[_core.RunData],
+        craft: _core.Model,
+        varying: Iterable[str] = VARYING,
+        threads: int = 1,
+    ) -> None:
         self.runs = [thinned(run) for run in runs]
         self.varying = frozenset(varying)
         self.threads = threads
@@ -76,7 +88,14 @@ class Likelihood:
         usual = self.box.start(craft).levels
         self.absent = {level: ABSENT * usual[level] for level in VARYING - self.varying}
 
-    def fit(self, model, free, near=None, levels=True, held=None):
+    def fit(
+        self,
+        model: _core.Model,
+        free: Sequence[str],
+        near: Optional[Fit] = None,
+        levels: bool = True,
+        held: Optional[Mapping[str, float]] = None,
+    ) -> Fit:
         """The likeliest values of the free parameters, sought from the model's own.
 
         near: a Fit whose levels are near; without it the search begins far away. levels: whether
@@ -84,8 +103,8 @@ class Likelihood:
         the model cannot be simulated.
         """
         held = {**self.absent, **(held or {})}
-        start = self.box.start(model) if near is None else near
-        start = _core.GreyBoxPoint(model, {**start.levels, **held}, list(start.loudness))
+        near_by = self.box.start(model) if near is None else near.point
+        start = _core.GreyBoxPoint(model, {**near_by.levels, **held}, near_by.loudness)
         found = call(
             self.box.fit,
             start,
@@ -111,7 +130,7 @@ class Likelihood:
             found["converged"],
         )
 
-    def intervals(self, fit):
+    def intervals(self, fit: Fit) -> List[FittedParameter]:
         """The fitted parameters, their 95% intervals allowing for how well the levels are known:
         a list of dictionaries as Fit has them."""
         return self.box.intervals(
@@ -123,19 +142,19 @@ class Likelihood:
             threads=self.threads,
         )
 
-    def blocks(self, fit, loudness=()):
+    def blocks(self, fit: Fit, loudness: Sequence[float] = ()) -> List[Array]:
         """Log-likelihood of blocks of time under another fit, one array a run."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
         return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
 
-    def constants(self, fit, run):
+    def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
         """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as its
         poses up to each time tell them under another fit: times [s], (times, 4)."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, [])
         found = self.box.residuals(point, run, cap=CAP)["constants"]
         return np.array(self.runs[run].times), np.array(found)
 
-    def scores(self, fit, model, names):
+    def scores(self, fit: Fit, model: _core.Model, names: Sequence[str]) -> Dict[str, Array]:
         """Derivatives of the log-likelihood at a fit by parameters of a model that extends the
         fit's at their neutral values: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
@@ -146,7 +165,7 @@ class Likelihood:
         return {key: np.array(value) for key, value in found.items()}
 
 
-def call(function, *arguments, **options):
+def call(function: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
     """The core's answer; GroundError in place of what it throws."""
     try:
         return function(*arguments, **options)

@@ -8,13 +8,15 @@ to.
 """
 
 from dataclasses import dataclass
-from typing import Any, Tuple
+from typing import Dict, Optional, Tuple
 
 from scipy import stats
 
 from ground.analysis import candidates
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Document
 from ground.errors import GroundError
 
 LEVEL = 0.001  # chance of finding memory where there is none
@@ -31,10 +33,10 @@ class Kind:
     unit: str  # of c
     scale: float  # of c
     times: Tuple[float, ...]  # tried [s]
-    states: dict
-    expression: dict
+    states: Dict[str, str]
+    expression: Dict[str, str]
 
-    def entry(self, time, size=0.0):
+    def entry(self, time: float, size: float = 0.0) -> Document:
         """The effect as model files list it, its tau at a time [s]; neutral at c = 0."""
         return {
             "name": self.name,
@@ -46,14 +48,14 @@ class Kind:
             },
         }
 
-    def at(self, time):
+    def at(self, time: float) -> candidates.Candidate:
         """The Candidate whose time is no parameter: for score tests of several times."""
         states = {s: f.replace("tau", repr(time)) for s, f in self.states.items()}
         entry = dict(self.entry(time), states=states, parameters={"c": self._size()})
         entry["name"] += "_%d" % round(1e3 * time)
         return candidates.from_entry(entry, self.name)
 
-    def _size(self):
+    def _size(self) -> Document:
         size = {"value": 0.0, "unit": self.unit, "neutral": 0.0, "scale": self.scale}
         return dict(size, lower=-1e3, upper=1e3)
 
@@ -86,24 +88,25 @@ class Memory:
 
     kind: Kind
     p_value: float  # of the best of all kinds and times
-    fit: Any  # likelihood.Fit with it
+    fit: Fit  # with it
 
     @property
-    def time(self):
+    def time(self) -> float:
         """After which it is forgotten [s]."""
         return self.fit.model.value(self.kind.name + ".tau")
 
     @property
-    def means(self):
+    def means(self) -> str:
+        """What is so, in words, with the time."""
         return self.kind.means % ("%.2g s" % self.time)
 
     @property
-    def entry(self):
+    def entry(self) -> Document:
         """The effect as model files list it, its parameters fitted."""
         return self.kind.entry(self.time, self.fit.model.value(self.kind.name + ".c"))
 
 
-def find(likelihood, fit):
+def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     """The likeliest Memory beside a likelihood.Fit; None where it does no more than chance would."""
     kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
     tried = {
@@ -111,7 +114,7 @@ def find(likelihood, fit):
     }
     tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
     gains = {name: tests.test((name,))[0] for name in tried}
-    best = max(gains, key=gains.get)
+    best = max(gains, key=gains.__getitem__)
     chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
     if chance > LEVEL or gains[best] < NEEDED:
         return None
@@ -123,7 +126,9 @@ def find(likelihood, fit):
     return Memory(kind, chance, timed)
 
 
-def _fitted(likelihood, fit, kind, time, size):
+def _fitted(
+    likelihood: Likelihood, fit: Fit, kind: Kind, time: float, size: float
+) -> Optional[Fit]:
     """The Fit with a kind of memory, first its size and then its time as well; None where that
     fails."""
     start = candidates.from_entry(kind.entry(time), kind.name).neutral(fit.model)

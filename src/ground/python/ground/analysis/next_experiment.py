@@ -4,12 +4,13 @@ import dataclasses
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Likelihood
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.annotations import Array, Document, Each
 from ground.errors import GroundError
 from ground.simulation import experiments
 
@@ -24,13 +25,15 @@ REFITTED, TOGETHER = 12, 4  # experiments at most, and at a time
 LEAST = 1.0  # standard deviations between rivals that make an experiment worth while
 SURE = 6.0  # standard deviations that tell rivals apart in nearly all cases
 
+Options = Tuple[Tuple[str, Any], ...]  # (name, value) of _core.DesignParams
+
 
 @dataclass
 class Rival:
     """A model that does on the recorded runs what another one does."""
 
     name: str
-    fit: Any  # likelihood.Fit to the recorded runs
+    fit: Fit  # to the recorded runs
 
 
 @dataclass(frozen=True)
@@ -39,27 +42,27 @@ class Experiment:
 
     input: str  # in words
     design: str  # its name (_core.design_table)
-    options: tuple  # (name, value) of _core.DesignParams
+    options: Options
     lift: float = 1.0
 
-    def arguments(self):
-        """Those of identify simulate, without a room."""
+    def arguments(self) -> str:
+        """Arguments of identify simulate that play it, without a room."""
         options = ["--%s %s" % (name, _listed(value)) for name, value in self.options]
         lift = [] if self.lift == 1.0 else ["--lift %g" % self.lift]
         return " ".join(["--input %s" % self.design] + options + lift)
 
-    def launch(self):
+    def launch(self) -> str:
         """The line by which the real craft flies it, in its room."""
         options = ["%s:='%s'" % (name, _listed(value)) for name, value in self.options]
         options.append("lift:=%g duration:=%g" % (self.lift, IN_ROOM))
         return "roslaunch ground room_prbs.launch design:=%s %s" % (self.design, " ".join(options))
 
-    def schedule(self):
+    def schedule(self) -> experiments.Schedule:
         """The Schedule of it played open loop."""
         rows = experiments.rows(self.design, DURATION, **dict(self.options))
         return experiments.with_lift(rows, DURATION, self.lift)
 
-    def schedule_in(self, room, model):
+    def schedule_in(self, room: _core.RoomPlan, model: _core.Model) -> experiments.Schedule:
         """The Schedule that a craft which moves by `model` is given in a _core.RoomPlan: bursts and
         returns. Raises ValueError when ModelPredictive cannot drive by the model, GroundError when
         the motion is not finite."""
@@ -76,11 +79,16 @@ class Experiment:
         return experiments.Schedule(log["commands"], log["frames"][-1, 0])
 
 
-def _listed(value):
+def _listed(value: Union[float, Tuple[float, ...]]) -> str:
     return " ".join("%g" % v for v in value) if isinstance(value, tuple) else "%g" % value
 
 
-def propose(rivals, runs, each=map, room=None):
+def propose(
+    rivals: Sequence[Rival],
+    runs: List[_core.RunData],
+    each: Each = map,
+    room: Optional[_core.RoomPlan] = None,
+) -> Optional[Document]:
     """Where Rivals, which the same runs were explained with, would diverge most.
 
     runs: _core.RunData that the rivals were fitted to. Each rival is run through each experiment
@@ -97,20 +105,21 @@ def propose(rivals, runs, each=map, room=None):
     [standard deviations], and `all`: every experiment with its disagreement open loop and before the
     refit, best first. None when no experiment distinguishes the rivals.
     """
-    room = room or _core.RoomPlan()
+    place = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())
     before = list(each(lambda e: _disagreement(rivals, e.schedule(), runs), choice))
-    found = sorted((p for p in zip(before, choice) if p[0]), key=lambda pair: -pair[0])
+    apart = [(disagreement, e) for disagreement, e in zip(before, choice) if disagreement]
+    found = sorted(apart, key=lambda pair: -pair[0])
 
-    def flown(experiment):
+    def flown(experiment: Experiment) -> Optional[float]:
         try:
-            schedule = experiment.schedule_in(room, rivals[0].fit.model)
+            schedule = experiment.schedule_in(place, rivals[0].fit.model)
             return _disagreement(rivals, schedule, runs, known)
         except (ValueError, GroundError):
             return None
 
-    best, proposed = 0.0, None
+    best, proposed = 0.0, choice[0]
     for at in range(0, min(REFITTED, len(found)), TOGETHER):
         some = [experiment for _, experiment in found[at : at + TOGETHER]]
         if found[at][0] <= best:
@@ -125,7 +134,7 @@ def propose(rivals, runs, each=map, room=None):
         "input": proposed.input,
         "arguments": proposed.arguments(),
         "launch": proposed.launch(),
-        "room": room.name,
+        "room": place.name,
         "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
         "repeat": math.ceil((SURE / best) ** 2),
         "expected_disagreement": best,
@@ -133,14 +142,14 @@ def propose(rivals, runs, each=map, room=None):
     }
 
 
-def schedule_of(arguments, model):
+def schedule_of(arguments: str, model: _core.Model) -> experiments.Schedule:
     """The Schedule that a craft which moves by `model` is given in a room of 4 x 4 m, of an experiment
     by the arguments that `propose` gave."""
     found = next(e for e in choices() if e.arguments() == arguments)
     return found.schedule_in(_core.RoomPlan(), model)
 
 
-def choices():
+def choices() -> Iterator[Experiment]:
     """All Experiments to choose from."""
     patterns = {
         "steps": ("both thrusters in steps from rest to full", (0.0, 0.25, 0.5, 0.75, 1.0)),
@@ -153,15 +162,20 @@ def choices():
         for clock in CLOCKS:
             for low, high in LEVELS:
                 words = "PRBS of %g Hz between %g and %g of full thrust" % (clock, low, high)
-                options = (("clock", float(clock)), ("levels", (low, high)))
+                options: Options = (("clock", float(clock)), ("levels", (low, high)))
                 yield Experiment(words + at_lift, "prbs", options, lift)
         for name, (words, levels) in patterns.items():
             options = (("hold", HOLD), ("levels", levels))
             yield Experiment(words + at_lift, name, options, lift)
 
 
-def _disagreement(rivals, schedule, runs, known=None):
-    """Of the pair that it is smallest of: what a new run adds to the difference of their costs.
+def _disagreement(
+    rivals: Sequence[Rival],
+    schedule: experiments.Schedule,
+    runs: List[_core.RunData],
+    known: Optional[Mapping[str, float]] = None,
+) -> Optional[float]:
+    """What a new run adds to the difference of two rivals' costs, of the pair where that is least.
     `known`: the costs of the runs, when rivals are refitted to them and the new run. None when
     one does not move on this input, or not finitely."""
     worst = np.inf
@@ -179,7 +193,7 @@ def _disagreement(rivals, schedule, runs, known=None):
     return worst
 
 
-def _run(model, schedule, noise):
+def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _core.RunData:
     """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the
     mean disagreement that is wanted; `noise` says how exact it is."""
     inputs = schedule.rows.copy()
@@ -193,8 +207,8 @@ def _run(model, schedule, noise):
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
-def _cost(rival, runs, refitted):
-    """Of poses under a rival, as it is or refitted, the levels of the disturbance kept."""
+def _cost(rival: Rival, runs: Sequence[_core.RunData], refitted: bool) -> float:
+    """Cost of poses under a rival, as it is or refitted; levels of the disturbance are kept."""
     on = Likelihood(runs, rival.fit.model)
     near = dataclasses.replace(rival.fit, loudness=())
     if refitted:

@@ -11,10 +11,12 @@ silence nor the zeros brake shows nothing but that braking cannot be seen here.
 """
 
 from dataclasses import dataclass, field
-from typing import Optional
+from typing import List, Optional
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
+
+from ground.annotations import Array
 
 PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
 
@@ -29,7 +31,7 @@ BLUR = 0.02  # standard deviation of T by filter, latency and the packets' perio
 TELEMETRY_AGREES = 0.2  # with the mocap's T [s]
 
 
-def _none():
+def _none() -> Array:
     return np.empty(0)
 
 
@@ -45,13 +47,13 @@ class Trial:
     telemetry_times, telemetry: arrival [s] and accelerometer of the craft, (n, 3), where it sends some
     """
 
-    times: np.ndarray
-    speeds: np.ndarray
-    valid: np.ndarray
+    times: Array
+    speeds: Array
+    valid: Array
     last_packet: float
     silence_end: float
-    telemetry_times: np.ndarray = field(default_factory=_none)
-    telemetry: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    telemetry_times: Array = field(default_factory=_none)
+    telemetry: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,12 @@ class Break:
     loss: float  # fall of the speed from the break to the end of the fit [m/s]
 
     @property
-    def brakes(self):
+    def brakes(self) -> bool:
+        """Whether the craft slows down by more than gliding does."""
         return self.braking >= MIN_BRAKING and self.loss >= MIN_LOSS
 
 
-def judge(trial):
+def judge(trial: Trial) -> Verdict:
     """The Verdict on a Trial."""
     silence = trial.silence_end - trial.last_packet
     wrong = _unusable(trial)
@@ -109,7 +112,7 @@ def judge(trial):
     return _went_on(trial, found, control, speed)
 
 
-def _braked(trial, found, speed):
+def _braked(trial: Trial, found: Break, speed: float) -> Verdict:
     uncertainty = 1.96 * float(np.hypot(found.deviation, BLUR))
     numbers = dict(
         stopped_after=found.time,
@@ -140,7 +143,7 @@ def _braked(trial, found, speed):
     return Verdict(PASSED, reason, **numbers)
 
 
-def _went_on(trial, found, control, speed):
+def _went_on(trial: Trial, found: Break, control: Break, speed: float) -> Verdict:
     t = trial.times - trial.silence_end
     end = float(np.median(trial.speeds[(t > -0.1) & (t <= 0)]))
     silence = trial.silence_end - trial.last_packet
@@ -164,7 +167,7 @@ def _went_on(trial, found, control, speed):
     return Verdict(FAILED, reason, speed=speed)
 
 
-def _unusable(trial):
+def _unusable(trial: Trial) -> str:
     """Why a trial cannot be judged; empty when it can."""
     silence = trial.silence_end - trial.last_packet
     if silence < 0.5:
@@ -184,7 +187,7 @@ def _unusable(trial):
     return ""
 
 
-def find_break(times, speeds, begin, end):
+def find_break(times: Array, speeds: Array, begin: float, end: float) -> Break:
     """The Break in the speeds between two times [s] that fits best."""
     within = (times >= begin) & (times <= end)
     t, s = times[within], speeds[within]
@@ -194,9 +197,11 @@ def find_break(times, speeds, begin, end):
         for at in np.arange(begin + 2 * step, end - step, 3 * step)
     ]
     times_of = np.arange(begin + 2 * step, end - step, 3 * step)
-    best = min(range(len(starts)), key=lambda i: starts[i].cost)
+    best = min(range(len(starts)), key=lambda i: float(starts[i].cost))
     s0, slope, braking = starts[best].x
-    fit = least_squares(lambda p: _shape(*p, t) - s, [s0, slope, times_of[best], braking])
+    fit = least_squares(
+        lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, times_of[best], braking]
+    )
     s0, slope, time, braking = fit.x
     at_break, last = _shape(s0, slope, time, braking, np.array([time, end]))
     return Break(
@@ -208,13 +213,13 @@ def find_break(times, speeds, begin, end):
     )
 
 
-def _shape(s0, slope, time, braking, t):
+def _shape(s0: float, slope: float, time: float, braking: float, t: Array) -> Array:
     before = s0 + slope * t
     after = np.maximum(0.0, s0 + slope * time - braking * (t - time))
     return np.where(t < time, before, after)
 
 
-def _guess(t, s, time):
+def _guess(t: Array, s: Array, time: float) -> List[float]:
     """Straight line through what is before a time, and the mean braking just after it."""
     before, soon = t < time, (t >= time) & (t < time + 0.3)
     slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
@@ -222,7 +227,7 @@ def _guess(t, s, time):
     return [s0, slope, braking]
 
 
-def _deviation(fit, index):
+def _deviation(fit: OptimizeResult, index: int) -> float:
     """Standard deviation of a parameter; residuals of a filter follow from each other."""
     r = fit.fun
     correlation = float(np.clip(np.sum(r[1:] * r[:-1]) / max(np.sum(r * r), 1e-30), 0.0, 0.95))
@@ -231,7 +236,7 @@ def _deviation(fit, index):
     return float(np.sqrt(covariance[index, index] * (1 + correlation) / (1 - correlation)))
 
 
-def _telemetry_change(trial, around):
+def _telemetry_change(trial: Trial, around: float) -> Optional[float]:
     """When the accelerometer changes its mean most clearly, until shortly after a time [s] since the
     last packet; None when it does not clearly."""
     t = trial.telemetry_times - trial.last_packet
@@ -240,7 +245,7 @@ def _telemetry_change(trial, around):
     n = len(t)
     if n < 12:
         return None
-    best, when = 0.0, None
+    best, when = 0.0, 0.0
     for i in range(5, n - 3):
         before, after = values[:i], values[i:]
         inner = ((before - before.mean(0)) ** 2).sum(0) + ((after - after.mean(0)) ** 2).sum(0)
@@ -248,5 +253,5 @@ def _telemetry_change(trial, around):
         rounding = n / 12.0  # numbers are integers
         gain = float(np.max(n * np.log((outer + rounding) / (inner + rounding))))
         if gain > best:
-            best, when = gain, 0.5 * (t[i - 1] + t[i])
-    return float(when) if best > 25 else None
+            best, when = gain, 0.5 * float(t[i - 1] + t[i])
+    return when if best > 25 else None

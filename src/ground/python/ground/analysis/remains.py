@@ -8,12 +8,15 @@ disturbance itself and seem to explain everything.
 """
 
 from dataclasses import dataclass
+from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
 
-from ground.analysis.likelihood import CAP
+from ground import _core
+from ground.analysis.likelihood import CAP, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Flags
 from ground.recordings import windows
 
 LEVEL = 0.01  # chance of finding what is not there
@@ -22,6 +25,11 @@ MEMORIES = (0.05, 0.2, 0.6, 2.0)  # time constants of the commands' past [s]
 WAVELENGTHS = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)  # over the floor [m]
 FEW = 3  # features of a sparse regression
 BLOCK = 120  # samples of a block of the test
+
+
+Gram = Tuple[Array, Array]  # D' D and D' t of a design D and targets t
+# Weights of features; takes Grams, designs, targets, and which of them are fitted to.
+Weigh = Callable[[Sequence[Gram], Sequence[Array], Sequence[Array], Sequence[int]], Array]
 
 
 @can_be_kept
@@ -34,29 +42,32 @@ class Remains:
     share: float  # of the innovations' power, on runs held out
 
     @property
-    def found(self):
+    def found(self) -> bool:
+        """Whether it gains more than chance would."""
         return bool(self.p_value < LEVEL and self.gain > 0)
 
 
-def of_state(likelihood, fit):
+def of_state(likelihood: Likelihood, fit: Fit) -> Remains:
     """What a flexible function of simulated state and commands would still explain."""
     return _explained(likelihood, fit, _state_features)
 
 
-def of_history(likelihood, fit):
+def of_history(likelihood: Likelihood, fit: Fit) -> Remains:
     """What the past of the commands would explain beyond the present."""
     return _explained(likelihood, fit, _history_features)
 
 
-def _explained(likelihood, fit, features):
+def _explained(
+    likelihood: Likelihood, fit: Fit, features: Callable[[_core.RunData, _core.Model], Array]
+) -> Remains:
     """The better of what all features together and a few of them explain."""
     designs, targets = [], []
     for i, run in enumerate(likelihood.runs):
         acting, channels, owner = _acting(features(run, fit.model), fit)
-        found = likelihood.box.residuals(fit.point, i, cap=CAP, acting=acting, channels=channels)
-        scored = np.repeat(np.array(found["scored"]), 3)
-        designs.append(np.array(found["responses"])[scored] @ owner)
-        targets.append(np.array(found["whitened"]).reshape(-1)[scored])
+        left = likelihood.box.residuals(fit.point, i, cap=CAP, acting=acting, channels=channels)
+        scored = np.repeat(np.array(left["scored"]), 3)
+        designs.append(np.array(left["responses"])[scored] @ owner)
+        targets.append(np.array(left["whitened"]).reshape(-1)[scored])
     if len(designs) == 1:  # a single run: quarters of its time
         designs, targets = np.array_split(designs[0], 4), np.array_split(targets[0], 4)
     designs = _scaled(designs)
@@ -71,21 +82,23 @@ def _explained(likelihood, fit, features):
         found.append(
             Remains(float(min(1.0, chance)), float(blocks.sum()), float(2 * blocks.sum() / power))
         )
-    return min(found, key=lambda f: f.p_value)
+    return min(found, key=lambda f: float(f.p_value))
 
 
-def _scaled(designs):
+def _scaled(designs: Sequence[Array]) -> List[Array]:
     size = np.sqrt(np.mean(np.concatenate([d**2 for d in designs]), axis=0))
     used = size > 1e-12
     return [d[:, used] / size[used] for d in designs]
 
 
-def _blocks(gains):
+def _blocks(gains: Array) -> Array:
     count = max(1, len(gains) // (3 * BLOCK))
     return np.array([part.sum() for part in np.array_split(gains, count)])
 
 
-def _held_out_gains(designs, targets, weigh):
+def _held_out_gains(
+    designs: Sequence[Array], targets: Sequence[Array], weigh: Weigh
+) -> List[Array]:
     """Half the fall of each squared innovation by a regression on the other runs."""
     grams = [(d.T @ d, d.T @ t) for d, t in zip(designs, targets)]
     gains = []
@@ -95,32 +108,43 @@ def _held_out_gains(designs, targets, weigh):
     return gains
 
 
-def _fall(design, target, weights):
+def _fall(design: Array, target: Array, weights: Array) -> Array:
     return 0.5 * (target**2 - (target - design @ weights) ** 2)
 
 
-def _ridge(grams, designs, targets, fitted):
+def _together(grams: Sequence[Gram], parts: Sequence[int]) -> Gram:
+    """The sum of some of the Grams."""
+    A, b = (np.sum([grams[j][k] for j in parts], axis=0) for k in (0, 1))
+    return A, b
+
+
+def _ridge(
+    grams: Sequence[Gram], designs: Sequence[Array], targets: Sequence[Array], fitted: Sequence[int]
+) -> Array:
     """Weights of all features, the penalty chosen by leaving out one after the other of the fitted."""
 
-    def weights(parts, penalty):
-        A, b = (sum(grams[j][k] for j in parts) for k in (0, 1))
+    def weights(parts: Sequence[int], penalty: float) -> Array:
+        A, b = _together(grams, parts)
         return np.linalg.solve(A + penalty * len(parts) * np.eye(len(A)), b)
 
-    def worth(penalty):
+    def worth(penalty: float) -> float:
         falls = [
             _fall(designs[j], targets[j], weights([k for k in fitted if k != j], penalty)).sum()
             for j in fitted
         ]
-        return sum(falls)
+        return float(sum(falls))
 
     best = max(PENALTIES, key=worth) if len(fitted) > 1 else PENALTIES[2]
     return weights(fitted, best)
 
 
-def _sparse(grams, designs, targets, fitted):
+def _sparse(
+    grams: Sequence[Gram], designs: Sequence[Array], targets: Sequence[Array], fitted: Sequence[int]
+) -> Array:
     """Weights of at most FEW features, each the one that gains most beside those before it."""
-    A, b = (sum(grams[j][k] for j in fitted) for k in (0, 1))
-    weights, chosen = np.zeros(len(b)), []
+    A, b = _together(grams, fitted)
+    weights = np.zeros(len(b))
+    chosen: List[int] = []
     for _ in range(min(FEW, len(b))):
         slope = b - A @ weights
         gain = slope**2 / np.maximum(np.diag(A), 1e-300)
@@ -134,7 +158,7 @@ def _sparse(grams, designs, targets, fitted):
     return weights
 
 
-def _acting(wrenches, fit):
+def _acting(wrenches: Array, fit: Fit) -> Tuple[Array, List[int], Array]:
     """Wrenches of features (n, 3, m), in parts of full thrust, as columns in a channel each; the
     channels; and which column is part of which feature (columns, m)."""
     full = 2 * fit.model.value("k") * np.array([1.0, 1.0, fit.model.value("l")])
@@ -145,7 +169,7 @@ def _acting(wrenches, fit):
     return acting, used[:, 0].tolist(), owner
 
 
-def _simulated(run, model):
+def _simulated(run: _core.RunData, model: _core.Model) -> Tuple[Array, Array, Flags]:
     """Poses and velocities (n, 3) simulated in windows of 1.5 s from initial velocities that
     suit the model, and where there are any (n,)."""
     cut = windows.cut([run])
@@ -158,13 +182,13 @@ def _simulated(run, model):
     return eta, nu, inside
 
 
-def _in_every_channel(columns):
+def _in_every_channel(columns: Sequence[Array]) -> Array:
     """Scalars (n,) as wrenches (n, 3, 3 m), each in each channel."""
     values = np.column_stack(columns)
-    return np.einsum("nj,ck->nckj", values, np.eye(3)).reshape(len(values), 3, -1)
+    return np.asarray(np.einsum("nj,ck->nckj", values, np.eye(3)).reshape(len(values), 3, -1))
 
 
-def _over_the_floor(x, y, psi):
+def _over_the_floor(x: Array, y: Array, psi: Array) -> Array:
     """Forces along world x and world y that vary over the floor (n, 3, m)."""
     columns = []
     for place in (x, y):
@@ -180,13 +204,13 @@ def _over_the_floor(x, y, psi):
     return np.concatenate([along_x, along_y], axis=2)
 
 
-def _commands(run):
+def _commands(run: _core.RunData) -> Array:
     inputs, times = np.array(run.inputs), np.array(run.times)
     at = np.searchsorted(inputs[:, 0], times, side="right") - 1
     return np.where(at[:, None] >= 0, inputs[np.maximum(at, 0), 1:4], 0.0)
 
 
-def _state_features(run, model):
+def _state_features(run: _core.RunData, model: _core.Model) -> Array:
     eta, nu, inside = _simulated(run, model)
     held = _commands(run)
     u, v, r = nu.T / np.array([[0.5], [0.3], [4.0]])
@@ -196,10 +220,10 @@ def _state_features(run, model):
     columns += [v * r, left, right, left * right, both * u, both * v, both * r, turn * u, turn * v]
     columns += [turn * r, left**2, right**2, u**2, v**2, r**2, np.ones_like(u)]
     wrenches = np.concatenate([_in_every_channel(columns), _over_the_floor(*eta.T)], axis=2)
-    return wrenches * inside[:, None, None]
+    return np.asarray(wrenches * inside[:, None, None])
 
 
-def _history_features(run, model):
+def _history_features(run: _core.RunData, model: _core.Model) -> Array:
     held, times = _commands(run), np.array(run.times)
     left, right = held[:, 0], held[:, 1]
     columns = []
@@ -211,7 +235,7 @@ def _history_features(run, model):
     return _in_every_channel(columns)
 
 
-def _past(times, values, memory):
+def _past(times: Array, values: Array, memory: float) -> Array:
     """Exponentially forgotten mean of what was held (n,)."""
     result = np.empty_like(values)
     state = 0.0

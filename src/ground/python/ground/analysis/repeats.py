@@ -8,11 +8,14 @@ depends on the place or the heading, too, need not repeat.
 """
 
 from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.analysis import residuals
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -26,6 +29,9 @@ MIN_WINDOWS = 8  # with a repetition, that an estimate needs
 SLACK = 0.02  # poses do not fall on the same instants of the commands [s]
 
 
+Repetition = Tuple[_core.Window, float]  # and how much later it is [s]
+
+
 @can_be_kept
 @dataclass(frozen=True)
 class Repeats:
@@ -36,7 +42,9 @@ class Repeats:
     windows: int  # number of windows with a repetition
 
 
-def repeats(runs, cut, model):
+def repeats(
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], model: _core.Model
+) -> Optional[Repeats]:
     """The Repeats of a model's error over windows of runs (_core.RunData); None where commands
     do not repeat often enough to tell."""
     repeated = [(window, _repetitions(runs, window)) for window in cut]
@@ -52,7 +60,12 @@ def repeats(runs, cut, model):
     return Repeats(float(alike / whole), float(deviation), count)
 
 
-def _products(runs, model, window, found):
+def _products(
+    runs: Sequence[_core.RunData],
+    model: _core.Model,
+    window: _core.Window,
+    found: Sequence[Repetition],
+) -> Tuple[float, float]:
     """Sums over samples of e e', and of (e^2 + e'^2)/2, of a window and its repetitions."""
     first, *others = _errors(runs, [window] + [other for other, _ in found], model)
     times, alike, whole = _times(runs, window), 0.0, 0.0
@@ -66,7 +79,7 @@ def _products(runs, model, window, found):
     return alike, whole
 
 
-def _repetitions(runs, window):
+def _repetitions(runs: Sequence[_core.RunData], window: _core.Window) -> List[Repetition]:
     """Windows in which the commands of one are played again, and how much later [s]."""
     run, times = runs[window.run], _times(runs, window)
     wanted = residuals.held(run, np.arange(times[0] - BEFORE, times[-1], STEP))
@@ -90,11 +103,11 @@ def _repetitions(runs, window):
             if again:
                 found.append((unlike[best], again[0], lags[best]))
             unlike[np.abs(lags - lags[best]) < end - start] = np.inf
-    found.sort(key=lambda f: f[0])
+    found.sort(key=lambda f: float(f[0]))
     return [(again, lag) for _, again, lag in found[:MAX_REPETITIONS]]
 
 
-def _unlike(commands, wanted):
+def _unlike(commands: Array, wanted: Array) -> Array:
     """Mean squared difference of the wanted commands to those that begin at each sample."""
     count = len(wanted)
     total = np.zeros(len(commands) - count + 1)
@@ -104,11 +117,13 @@ def _unlike(commands, wanted):
     return np.maximum(0.0, total / count)
 
 
-def _times(runs, window):
+def _times(runs: Sequence[_core.RunData], window: _core.Window) -> Array:
     return np.array(runs[window.run].times[window.first : window.last + 1])
 
 
-def _errors(runs, cut, model):
+def _errors(
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], model: _core.Model
+) -> List[Array]:
     """Error of u, v, r over the run's standard deviation, (n, 3) of each window."""
     problem = windows.problem(runs, cut)
     try:

@@ -5,11 +5,14 @@ tested is therefore the innovation: each measured pose against its prediction by
 around the model, with a white force of the likeliest level beside it. Innovations of a true model
 are white, whatever the spacing of the stamps, and do not follow the inputs.
 """
+
 from statistics import NormalDist
+from typing import Optional, Sequence
 
 import numpy as np
 
 from ground import _core
+from ground.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
 LAGS = 40  # of the auto-correlation [samples]
@@ -17,7 +20,7 @@ INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input came before the
 BAND = 0.99
 
 
-def analyse(wrench_filter, run):
+def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData) -> Document:
     """Auto-correlation and correlation with thruster commands, with 99% bands.
 
     Pairs never reach over a gap. Lags of the auto-correlation count samples: innovations are white
@@ -31,7 +34,7 @@ def analyse(wrench_filter, run):
     stretch[wrench_filter.stretches[1:-1]] = 1
     stretch = np.cumsum(stretch)
     times = np.array(run.times)
-    result = {
+    result: Document = {
         "of": "innovations of the pose, Kalman filter around the model with white force",
         "band": BAND,
         "samples": int(valid.sum()),
@@ -43,7 +46,9 @@ def analyse(wrench_filter, run):
         values = np.where(valid, residual[:, channel], np.nan)
         values = values - np.nanmean(values)
         auto = _autocorrelation(values, stretch)
-        entry = {"autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])}
+        entry: Document = {
+            "autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])
+        }
         for command in ("sum", "difference"):
             entry["input_" + command] = _with_input(values, stretch, run, times, command)
         result["channels"][name] = entry
@@ -51,7 +56,8 @@ def analyse(wrench_filter, run):
     return result
 
 
-def noise_levels(noise, force_unit, moment_unit):
+def noise_levels(noise: _core.WrenchNoise, force_unit: str, moment_unit: str) -> Document:
+    """Levels of a wrench filter with their units, as plain values."""
     return {
         "force": {"value": noise.force, "unit": force_unit},
         "moment": {"value": noise.moment, "unit": moment_unit},
@@ -60,14 +66,14 @@ def noise_levels(noise, force_unit, moment_unit):
     }
 
 
-def held(run, times):
+def held(run: _core.RunData, times: Array) -> Array:
     """Commands left, right, lift that hold at `times`, (n, 3); zero before the first."""
     inputs = run.inputs
     index = np.searchsorted(inputs[:, 0], times, side="right") - 1
     return np.where(index[:, None] >= 0, inputs[np.maximum(index, 0), 1:], 0.0)
 
 
-def _autocorrelation(values, stretch):
+def _autocorrelation(values: Array, stretch: Indices) -> Document:
     variance = np.nanmean(values**2)
     lags, found, bands = [], [], []
     for lag in range(1, min(LAGS, len(values) // 4) + 1):
@@ -81,7 +87,9 @@ def _autocorrelation(values, stretch):
     return dict({"lag_samples": lags}, **_judged(found, bands))
 
 
-def _with_input(values, stretch, run, times, command):
+def _with_input(
+    values: Array, stretch: Indices, run: _core.RunData, times: Array, command: str
+) -> Optional[Document]:
     """Correlation with a command that held some time before; None when it never changes."""
     sign = 1 if command == "sum" else -1
     good = np.isfinite(values)
@@ -111,16 +119,16 @@ def _with_input(values, stretch, run, times, command):
     return dict({"lag_seconds": [float(lag) for lag in INPUT_LAGS]}, **judged)
 
 
-def _judged(found, widths):
+def _judged(found: Sequence[float], widths: Sequence[float]) -> Document:
     """Values with bands; accepted unless one is further out than any of them is by chance."""
-    found, widths = np.array(found), np.array(widths)
+    values, bands = np.array(found), np.array(widths)
     quantile = NormalDist().inv_cdf(0.5 + BAND / 2)
-    outside = int((np.abs(found) > quantile * widths).sum())
-    furthest = NormalDist().inv_cdf(1 - 0.5 * (1 - BAND) / max(1, len(found)))
+    outside = int((np.abs(values) > quantile * bands).sum())
+    furthest = NormalDist().inv_cdf(1 - 0.5 * (1 - BAND) / max(1, len(values)))
     return {
-        "value": found.tolist(),
-        "band99": (quantile * widths).tolist(),
+        "value": values.tolist(),
+        "band99": (quantile * bands).tolist(),
         "outside": outside,
-        "lags": len(found),
-        "accepted": bool((np.abs(found) <= furthest * widths).all()),
+        "lags": len(values),
+        "accepted": bool((np.abs(values) <= furthest * bands).all()),
     }

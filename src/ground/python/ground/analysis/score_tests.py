@@ -1,8 +1,14 @@
 """Score tests (Rao 1948) of all effects beside a fit: what each, and each few together, would gain."""
 
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
+
 import numpy as np
 
+from ground import _core
 from ground.analysis import candidates as effects
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.annotations import Array
+from ground.core_types import Estimate, ParameterInfo
 
 UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
 
@@ -10,7 +16,9 @@ UNSEEN = 0.003  # part of its information that is left beside the model's other 
 class ScoreTests:
     """Effects that a fit does without, all at their neutral parameters."""
 
-    def __init__(self, likelihood, fit, candidates):
+    def __init__(
+        self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]
+    ) -> None:
         extended = fit.model
         for candidate in candidates:
             extended = candidate.neutral(extended)
@@ -30,7 +38,7 @@ class ScoreTests:
         self.side = np.array([_side(p) for c in candidates for p in described[c.name]])
         self._project(found, len(nuisance))
 
-    def _project(self, found, count):
+    def _project(self, found: Mapping[str, Array], count: int) -> None:
         """Scores and information with the nuisance parameters fitted along."""
         A, blocks = found["information"], found["score"]
         n, s = slice(0, count), slice(count, None)
@@ -40,19 +48,19 @@ class ScoreTests:
         self.blocks = blocks[:, s] - blocks[:, n] @ self.onto
         self.score = self.blocks.sum(axis=0)
 
-    def seen(self, name):
+    def seen(self, name: str) -> float:
         """Part of the information that the fitted parameters cannot take over, of the worst
         parameter."""
         at = self.columns[name]
         raw = np.where(self.raw[at] > 0, self.raw[at], np.inf)
         return float(np.min(np.diag(self.information)[at] / raw))
 
-    def hidden(self, name):
+    def hidden(self, name: str) -> bool:
         """Whether an effect does, to first order, only what the fitted parameters can do as well."""
         at = self.columns[name]
         return bool((self.raw[at] > 0).all() and self.seen(name) < UNSEEN)
 
-    def in_place(self, name, part):
+    def in_place(self, name: str, part: float) -> Dict[str, float]:
         """Steps of coordinates by parameter name that put an effect of `part` of its typical
         size in the place of what the fitted parameters do to first order."""
         at = self.columns[name]
@@ -61,10 +69,10 @@ class ScoreTests:
         steps.update(zip(self.nuisance, map(float, moved)))
         return steps
 
-    def estimates(self, model, name, step):
+    def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Estimate]:
         """Parameters of an effect as one step of its score test gives them: dictionaries as of a
         fit."""
-        found = []
+        found: List[Estimate] = []
         for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
             identified = self.information[i, i] > 0 and self.seen(name) > UNSEEN
@@ -83,7 +91,7 @@ class ScoreTests:
             )
         return found
 
-    def test(self, names):
+    def test(self, names: Iterable[str]) -> Tuple[float, Dict[str, float]]:
         """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads
         there: (gain, step by parameter name in coordinates)."""
         at = np.array([i for name in names for i in self.columns[name]], int)
@@ -100,7 +108,7 @@ class ScoreTests:
         return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
 
 
-def moved(parameter, value, by):
+def moved(parameter: ParameterInfo, value: float, by: float) -> float:
     """A value after a step of its coordinate, kept inside its range."""
     # the coordinate of the inertia and of time constants that are neutral at infinity is 1 / value
     if np.isinf(parameter["neutral"]) or parameter["name"] == "I_z":
@@ -111,7 +119,7 @@ def moved(parameter, value, by):
     return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
 
 
-def stepped(model, steps, part=1.0):
+def stepped(model: _core.Model, steps: Mapping[str, float], part: float = 1.0) -> _core.Model:
     """A model after a part of some steps of coordinates by parameter name."""
     described = {p["name"]: p for p in model.parameters()}
     changed = model.copy()
@@ -120,7 +128,7 @@ def stepped(model, steps, part=1.0):
     return changed
 
 
-def _side(parameter):
+def _side(parameter: ParameterInfo) -> int:
     """1 or -1 where a coordinate can only grow or fall from its neutral value, else 0."""
     if parameter["neutral"] == parameter["lower"]:
         return 1
@@ -130,12 +138,12 @@ def _side(parameter):
     return 0
 
 
-def solve(matrix, right):
-    """Of a matrix that may be singular: directions that nothing is known of stay where they are."""
+def solve(matrix: Array, right: Array) -> Array:
+    """Solution of matrix x = right; zero in directions in which the matrix is singular."""
     if not len(matrix):
         return np.zeros((0,) + right.shape[1:])
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / size / size[:, None]
     right = right / (size if right.ndim == 1 else size[:, None])
     solution = np.linalg.lstsq(scaled, right, rcond=1e-9)[0]
-    return solution / (size if right.ndim == 1 else size[:, None])
+    return np.asarray(solution / (size if right.ndim == 1 else size[:, None]))

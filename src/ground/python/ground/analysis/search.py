@@ -8,13 +8,28 @@ best of so many effects.
 
 import itertools
 from dataclasses import dataclass
+from typing import (
+    Callable,
+    Dict,
+    FrozenSet,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 import numpy as np
 from scipy import stats
 
+from ground import _core
 from ground.analysis import candidates as effects
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.unfinished import Unfinished
+from ground.annotations import Each, Progress
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -27,8 +42,16 @@ class Criteria:
     refitted: int = 4  # effects that are refitted in a step, best by score test first
     pairs: int = 2  # pairs that are refitted in a step
     worth: float = 3.0  # expected gain for each parameter from which on a refit is worth while
-    steps: tuple = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
-    sizes: tuple = (0.5, 0.2, -0.2)  # of an effect that score tests cannot see, in typical ones
+    steps: Tuple[float, ...] = (
+        1.0,
+        0.3,
+        0.1,
+    )  # parts of the score test's step that refits start from
+    sizes: Tuple[float, ...] = (
+        0.5,
+        0.2,
+        -0.2,
+    )  # of an effect that score tests cannot see, in typical ones
     windows: int = 40  # that far starts are tried on by simulation error
     farther: float = 0.98  # of the simulation error from the neutral start: worth a fit
     doubtful: float = 10.0  # of what an effect has to reach: below such a ratio by its information
@@ -48,45 +71,46 @@ class Search:
 
     def __init__(
         self,
-        likelihood,
-        model,
-        free_of,
-        candidates,
-        criteria=Criteria(),
-        each=map,
-        say=None,
-        kept=None,
-        holds=lambda better, current: True,
-    ):
+        likelihood: Likelihood,
+        model: _core.Model,
+        free_of: Callable[[_core.Model], Sequence[str]],
+        candidates: Sequence[effects.Candidate],
+        criteria: Criteria = Criteria(),
+        each: Each = map,
+        say: Progress = None,
+        kept: Optional[Unfinished] = None,
+        holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
+    ) -> None:
         self.likelihood = likelihood
         self.given = model
         self.free_of = free_of
         self.candidates = {c.name: c for c in candidates}
-        self._sizes = {}  # parameters of an effect
-        self._thresholds = {}  # by number of parameters
+        self._sizes: Dict[str, int] = {}  # parameters of an effect
+        self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.criteria = criteria
         self.each = each
         self.say = say or (lambda text: None)
         self.kept = kept or Unfinished()
         self.holds = holds
-        self._swapped = set()  # effects in whose place others were tried already
-        self._refused = {}  # sets that do not hold, by the set that they were to grow from
-        self.fits = {}  # by set of effects
-        self.tests = {}
+        self._swapped: Set[str] = set()  # effects in whose place others were tried already
+        # sets that do not hold, by the set that they were to grow from
+        self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
+        self.fits: Dict[FrozenSet[str], Fit] = {}  # by set of effects
+        self.tests: Dict[FrozenSet[str], ScoreTests] = {}
 
-    def nominal(self, near=None):
+    def nominal(self, near: Optional[Fit] = None) -> Fit:
         """The Fit of the model as it is."""
         if frozenset() not in self.fits:
             self.fits[frozenset()] = self.likelihood.fit(self.given, self.free_of(self.given), near)
         return self.fits[frozenset()]
 
-    def run(self, near=None):
+    def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
         """The set of effects by which the likelihood rises beyond chance. near: a Fit whose
         effects the search begins with."""
         self.nominal()
-        current = frozenset()
+        current: FrozenSet[str] = frozenset()
         if near is not None:
-            current = frozenset(near.model.effects) & set(self.candidates)
+            current = frozenset(near.model.effects) & frozenset(self.candidates)
             self.fits[current] = self.likelihood.fit(near.model, near.free, near)
             current = self._prune(current)
         while True:
@@ -98,39 +122,39 @@ class Search:
             current = self._prune(better)
             self.say("with %s" % (", ".join(sorted(current)) or "no effect"))
 
-    def ratio(self, names, without):
+    def ratio(self, names: FrozenSet[str], without: FrozenSet[str]) -> float:
         """Log-likelihood ratio 2 (L1 - L0) of two sets of effects that were fitted."""
-        return 2 * (self.fits[names].log_posterior - self.fits[without].log_posterior)
+        return float(2 * (self.fits[names].log_posterior - self.fits[without].log_posterior))
 
-    def test_beside(self, names):
+    def test_beside(self, names: FrozenSet[str]) -> ScoreTests:
         """ScoreTests of all effects beside a fitted set."""
         if names not in self.tests:
             rest = [c for n, c in self.candidates.items() if n not in names]
             self.tests[names] = ScoreTests(self.likelihood, self.fits[names], rest)
         return self.tests[names]
 
-    def threshold(self, name):
+    def threshold(self, name: str) -> float:
         """Log-likelihood ratio that an effect has to reach."""
         return self._threshold(self._size(name))
 
-    def _threshold(self, size):
+    def _threshold(self, size: int) -> float:
         if size not in self._thresholds:
             chance = self.criteria.level / max(1, len(self.candidates))
             self._thresholds[size] = float(stats.chi2.isf(chance, size))
-        return self._thresholds[size]
+        return float(self._thresholds[size])
 
-    def _size(self, name):
+    def _size(self, name: str) -> int:
         if name not in self._sizes:
             model = self.candidates[name].add(self.given)
             self._sizes[name] = len(effects.parameters_of(model, name))
-        return self._sizes[name]
+        return int(self._sizes[name])
 
-    def value(self, names):
+    def value(self, names: FrozenSet[str]) -> float:
         """What sets are compared by: the log-likelihood ratio to the model as it is, less what each
         effect has to reach."""
         return self.ratio(names, frozenset()) - sum(self.threshold(n) for n in names)
 
-    def _grow(self, current):
+    def _grow(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
         """A better set with an effect or a pair more; None without one."""
         proposals = self._proposals(current)
         self._fit_all(current, proposals)
@@ -142,47 +166,49 @@ class Search:
             self._refused.setdefault(current, []).append(best)
         return None
 
-    def refused(self, current):
+    def refused(self, current: FrozenSet[str]) -> List[FrozenSet[str]]:
         """Larger sets that are likelier than one and do not hold."""
         return self._refused.get(current, [])
 
-    def _proposals(self, current):
+    def _proposals(self, current: FrozenSet[str]) -> List[Tuple[str, ...]]:
         tests, criteria = self.test_beside(current), self.criteria
         rest = list(tests.columns)
-        gains = {(n,): tests.test((n,))[0] - self._size(n) for n in rest}
-        singles = sorted(gains, key=gains.get, reverse=True)
+        gains: Dict[Tuple[str, ...], float] = {
+            (n,): tests.test((n,))[0] - self._size(n) for n in rest
+        }
+        singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [
             s for s in singles if gains[s] + self._size(s[0]) > criteria.worth * self._size(s[0])
         ]
         chosen = promising[: criteria.refitted]
-        turned = [
+        turned: List[Tuple[str, ...]] = [
             (n,)
             for n in rest
             if (n,) not in chosen and (self._has_starts(n) or (current and tests.hidden(n)))
         ]
-        pairs = {}
+        pairs: Dict[Tuple[str, ...], float] = {}
         for pair in itertools.combinations(rest, 2):
             gain = tests.test(pair)[0] - sum(self._size(n) for n in pair)
             alone = max(gains[(n,)] for n in pair)
             needed = min(self.threshold(n) for n in pair)
             if gain > alone + needed / 2:
                 pairs[pair] = gain
-        best = sorted(pairs, key=pairs.get, reverse=True)
+        best = sorted(pairs, key=pairs.__getitem__, reverse=True)
         least = max((gains[s] for s in chosen), default=0)
         return chosen + turned + [p for p in best if pairs[p] > least][: criteria.pairs]
 
-    def _has_starts(self, name):
+    def _has_starts(self, name: str) -> bool:
         """Whether an effect has minima far from its neutral parameters."""
         return len(list(self.candidates[name].starts(self.given))) > 1
 
-    def _fit_all(self, current, proposals):
+    def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits of a set with each proposal more."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
         if wanted:
             self.say("refitting with each of %d sets of effects" % len(wanted))
         base, varying = self.fits[current].model.format(), sorted(self.likelihood.varying)
 
-        def refit(added):
+        def refit(added: Tuple[str, ...]) -> Optional[Fit]:
             return self.kept.result(
                 ("fit", varying, base, added), lambda: self._refit(current, added)
             )
@@ -192,7 +218,7 @@ class Search:
             if fit is not None:
                 self.fits[current | set(proposal)] = fit
 
-    def _refit(self, current, added):
+    def _refit(self, current: FrozenSet[str], added: Tuple[str, ...]) -> Optional[Fit]:
         """The likeliest fit with effects more, from where score tests and the effects' own
         starts lead."""
         base, tests = self.fits[current], self.test_beside(current)
@@ -213,7 +239,13 @@ class Search:
                 break
         return best
 
-    def _starts(self, current, extended, added, step):
+    def _starts(
+        self,
+        current: FrozenSet[str],
+        extended: _core.Model,
+        added: Tuple[str, ...],
+        step: Mapping[str, float],
+    ) -> Iterator[Tuple[_core.Model, Optional[Fit]]]:
         """Models to start from, and Fits whose levels are near."""
         base, tests = self.fits[current], self.test_beside(current)
         for part in self.criteria.steps if step else self.criteria.steps[:1]:
@@ -226,7 +258,7 @@ class Search:
             for other in self._far_starts(added[0]):
                 yield other, None
 
-    def _far_starts(self, name):
+    def _far_starts(self, name: str) -> List[_core.Model]:
         """Models with an effect far from neutral that are worth a fit. What was fitted without
         may be far from what is right with it; the simulation error, whose fit is quick, tells
         where."""
@@ -236,25 +268,30 @@ class Search:
         runs = self.likelihood.runs
         problem = windows.problem(runs, windows.spread(windows.cut(runs), self.criteria.windows))
 
-        def objective(model):
+        def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
+            """The error and the fit from a start; endless where it cannot be simulated."""
             try:
-                return problem.fit(model, self.free_of(model), threads=1)
+                found = problem.fit(model, self.free_of(model), threads=1)
             except (RuntimeError, ValueError):
-                return {"objective": np.inf}
+                return np.inf, model
+            return found["objective"], found["model"]
 
-        least = objective(neutral)["objective"]
-        found = [objective(other) for other in others]
-        return [f["model"] for f in found if f["objective"] < self.criteria.farther * least]
+        least = fitted(neutral)[0]
+        return [
+            model
+            for error, model in (fitted(other) for other in others)
+            if error < self.criteria.farther * least
+        ]
 
-    def without(self, current, name):
+    def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
         """A set without one of its effects, fitted."""
         return self.without_each(current, [name])[0]
 
-    def without_each(self, current, names):
+    def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
         """Sets without one of their effects each, fitted."""
         start = self.fits[current]
 
-        def refit(name):
+        def refit(name: str) -> Fit:
             model = start.model.copy()
             model.remove_effect(name)
             return self.likelihood.fit(model, self.free_of(model), start)
@@ -264,7 +301,7 @@ class Search:
             self.fits[current - {name}] = fit
         return [current - {name} for name in names]
 
-    def _prune(self, current):
+    def _prune(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """Takes out effects while that is better."""
         while True:
             doubtful = [n for n in sorted(current) if self.may_go(self.fits[current], n)]
@@ -274,11 +311,11 @@ class Search:
                 return current
             current = best
 
-    def may_go(self, fit, name):
+    def may_go(self, fit: Fit, name: str) -> bool:
         """Whether a Fit may do without an effect, by its information (Wald): a refit tells."""
         return fit.ratio_without(name) < self.criteria.doubtful * self.threshold(name)
 
-    def _swap(self, current):
+    def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with other effects in the place of some of its own; the same without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
         self._swapped |= set(names)
@@ -287,22 +324,24 @@ class Search:
         best = max(others, key=self.value, default=current)
         return best if self.value(best) > self.value(current) else current
 
-    def swaps(self, current, name):
+    def swaps(self, current: FrozenSet[str], name: str) -> List[FrozenSet[str]]:
         """Fitted sets with another effect in the place of one of a set."""
         rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
         least = self.criteria.rival * gains.pop(name)
-        proposals = sorted(gains, key=gains.get, reverse=True)[: self.criteria.rivals]
-        worth = {n: max(least, self.criteria.worth * self._size(n)) for n in proposals}
-        proposals = [(n,) for n in proposals if gains[n] > worth[n]]
+        names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
+        worth = {n: max(least, self.criteria.worth * self._size(n)) for n in names}
+        proposals = [(n,) for n in names if gains[n] > worth[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
-    def rivals(self, current, name):
+    def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
         """Effects that do in the place of one of a set what it does, as far as the data tell."""
         behind = {}
         for other in self.swaps(current, name):
             (rival,) = other - current
             behind[rival] = self.value(current) - self.value(other)
-        return [n for n in sorted(behind, key=behind.get) if behind[n] < self.criteria.apart]
+        return [
+            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.apart
+        ]

@@ -1,15 +1,21 @@
 """A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
+
 import itertools
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core
+from ground import _core, core_types
 from ground.analysis import candidates
 from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Random
 from ground.errors import GroundError
 from ground.recordings import repair, windows
+
+if TYPE_CHECKING:
+    from ground.analysis.likelihood import Fit as LikelihoodFit
+    from ground.analysis.likelihood import Likelihood
 
 PARTS = 4  # held out one after the other, where one run is all there is
 FOLDS = 8  # largest number of parts that several runs are held out in: bounds the refits
@@ -26,11 +32,13 @@ FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model 
 class Fit:
     """A model fitted to all windows of a study."""
 
-    model: Any  # _core.Model
-    parameters: Dict[str, dict]  # by name: value, unit, ci95, deviation, identified, at_bound
-    error: np.ndarray  # (3,) mean |e|/s of u, v, r over the windows fitted to
-    heldout: np.ndarray  # (3,) the same over all windows, each by a fit to the other parts
-    by_window: np.ndarray  # (windows,) their sum in each window, held out
+    model: _core.Model
+    parameters: Dict[
+        str, core_types.FittedParameter
+    ]  # by name: value, unit, ci95, deviation, identified, at_bound
+    error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
+    heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
+    by_window: Array  # (windows,) their sum in each window, held out
 
 
 class Study:
@@ -41,7 +49,9 @@ class Study:
     not grow with them. Raises GroundError when runs are too short.
     """
 
-    def __init__(self, runs: Sequence[Any], threads: int = 0, most: float = MAX_WINDOWS) -> None:
+    def __init__(
+        self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS
+    ) -> None:
         self.runs = runs
         # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
         self.threads = threads
@@ -62,7 +72,7 @@ class Study:
             edges = np.arange(count + 1) * len(self.windows) // count
             self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
-    def fit(self, model: Any, free: Sequence[str], also: Sequence[Any] = ()) -> Fit:
+    def fit(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Fit:
         """Fits the free parameters, and once more without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
@@ -72,7 +82,7 @@ class Study:
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
         near = self._best(starts, free, threads=self.threads)["model"]
-        best = None
+        best: Optional[Tuple[Fit, float, float]] = None
         for length in sorted(LENGTHS, key=lambda length: length != self.length):
             self.length, self.width = length, 0.0
             result = self._fit(self.windows, near, free, near=True, threads=self.threads)
@@ -80,12 +90,15 @@ class Study:
             found = self._judged(result, free, self.threads)
             if best is None or found.heldout.sum() < BETTER * best[0].heldout.sum():
                 best = found, self.length, self.width
+        assert best is not None
         fit, self.length, self.width = best
         return fit
 
-    def _best(self, starts, free, **options):
+    def _best(
+        self, starts: Iterable[_core.Model], free: Sequence[str], **options: Any
+    ) -> core_types.Fit:
         """The best fit from any start; GroundError when none can be simulated."""
-        found, failure = [], None
+        found, failure = [], GroundError("there is no model to start from")
         for start in starts:
             try:
                 found.append(self._fit(self.windows, start, free, **options))
@@ -95,17 +108,17 @@ class Study:
             raise failure
         return min(found, key=lambda result: result["objective"])
 
-    def refit(self, starts: Sequence[Any], free: Sequence[str]) -> Fit:
-        """The same from models near the best: no other start is tried. One thread."""
+    def refit(self, starts: Sequence[_core.Model], free: Sequence[str]) -> Fit:
+        """Fits from models near the best, in one thread; no other start is tried."""
         return self._judged(
             self._best(starts, free, near=True, threads=1, width=self.width), free, 1
         )
 
-    def _judged(self, result, free, threads):
+    def _judged(self, result: core_types.Fit, free: Sequence[str], threads: int) -> Fit:
         fitted = result["model"]
         heldout = np.zeros((len(self.windows), 3))
-        states = iter(result["initial"])
-        states = [list(itertools.islice(states, len(self._pieces(w)))) for w in self.windows]
+        initial = iter(result["initial"])
+        states = [list(itertools.islice(initial, len(self._pieces(w)))) for w in self.windows]
         for part in np.unique(self.part_of):
             inside = self.part_of == part
             rest = np.flatnonzero(~inside)
@@ -129,11 +142,17 @@ class Study:
             heldout.sum(axis=1),
         )
 
-    def _pieces(self, window):
+    def _pieces(self, window: _core.Window) -> List[_core.Window]:
         """What is fitted to in place of a window."""
         return windows.cut_again(self.runs, window, self.length)
 
-    def _fit(self, chosen, model, free, **options):
+    def _fit(
+        self,
+        chosen: Sequence[_core.Window],
+        model: _core.Model,
+        free: Sequence[str],
+        **options: Any,
+    ) -> core_types.Fit:
         pieces = [piece for w in chosen for piece in self._pieces(w)]
         try:
             return windows.problem(self.runs, pieces).fit(model, free, **options)
@@ -141,7 +160,7 @@ class Study:
             raise GroundError(str(error))
 
 
-def free_parameters(model: Any) -> List[str]:
+def free_parameters(model: _core.Model) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
     return list(FIVE) + [
         p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
@@ -149,18 +168,28 @@ def free_parameters(model: Any) -> List[str]:
 
 
 def channel_errors(
-    runs: Sequence[Any], chosen: List[Any], model: Any, truth: Optional[Sequence[Any]] = None
-) -> np.ndarray:
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    model: _core.Model,
+    truth: Optional[Sequence[_core.RunData]] = None,
+) -> Array:
     """Mean |e|/s of u, v, r (3,) over windows; s is each run's, or that of the runs in `truth`.
 
     Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
     """
     samples = [w.last - w.first + 1 for w in chosen]
-    return np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
+    return np.asarray(
+        np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
+    )
 
 
-def window_errors(runs, chosen, model, truth=None):
-    """The same of each window, (windows, 3)."""
+def window_errors(
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    model: _core.Model,
+    truth: Optional[Sequence[_core.RunData]] = None,
+) -> Array:
+    """Mean |e|/s of u, v, r in each window, (windows, 3)."""
     problem = windows.problem(runs, chosen)
     scale = windows.problem(truth, chosen) if truth else problem
     try:
@@ -174,7 +203,12 @@ def window_errors(runs, chosen, model, truth=None):
     return np.array(errors)
 
 
-def calibrated_errors(runs, chosen, likelihood, fit):
+def calibrated_errors(
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    likelihood: "Likelihood",
+    fit: "LikelihoodFit",
+) -> Array:
     """window_errors of a Fit by which runs are predicted as in use: what differs from run to run
     (wrench and thrust) is known as far as a run's poses before each window tell it. likelihood: a
     Likelihood of the runs."""
@@ -191,7 +225,7 @@ def calibrated_errors(runs, chosen, likelihood, fit):
     return errors
 
 
-def trimmed(model, constant):
+def trimmed(model: _core.Model, constant: Array) -> _core.Model:
     """A model on which a wrench X, Y [N], N [N m] acts besides, and whose thrust is changed in
     part."""
     changed = model.copy()
@@ -205,7 +239,12 @@ def trimmed(model, constant):
     return changed
 
 
-def change(runs, chosen, model, other):
+def change(
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    model: _core.Model,
+    other: _core.Model,
+) -> Array:
     """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs,
     each from the initial velocities that suit it best: how much is wrong with one if the other
     is true."""
@@ -215,10 +254,10 @@ def change(runs, chosen, model, other):
     except RuntimeError as error:
         raise GroundError(str(error))
     sizes = [np.abs(a - b) / problem.sigma(w.run) for w, a, b in zip(chosen, *motions)]
-    return np.concatenate(sizes).mean(axis=0)
+    return np.asarray(np.concatenate(sizes).mean(axis=0))
 
 
-def noise_floor(runs: Sequence[Any], model: Any, seed: int = 1) -> np.ndarray:
+def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1) -> Array:
     """Mean |e|/s of u, v, r (3,) that the poses' noise alone would leave, were the model the truth.
 
     The model is run along each stretch without a gap, its poses get the noise that was measured and
@@ -229,7 +268,13 @@ def noise_floor(runs: Sequence[Any], model: Any, seed: int = 1) -> np.ndarray:
     return channel_errors(artificial, windows.cut(runs), model, truth=runs)
 
 
-def recorded(run, model, random, wrench=None, thrust=0.0):
+def recorded(
+    run: _core.RunData,
+    model: _core.Model,
+    random: Random,
+    wrench: Optional[Array] = None,
+    thrust: float = 0.0,
+) -> _core.RunData:
     """What a run would have recorded, were the model the truth: _core.RunData. wrench: (n, 3), acts
     besides, held from sample to sample [N], [N m], body; thrust: its relative change."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)

@@ -5,14 +5,17 @@ The force of a thruster at input w (0..1) is k (1 + a) w^p on the left, k (1 - a
 show it beyond chance.
 """
 
-import collections
 import csv
+from collections import Counter
 from dataclasses import dataclass
-from typing import Dict
+from typing import Counter as CounterType
+from typing import Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 from scipy import optimize, stats
+from scipy.optimize import OptimizeResult
 
+from ground.annotations import Array
 from ground.errors import GroundError
 
 SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
@@ -27,10 +30,10 @@ BOUNDS = {"k": (1e-3, 1e3), "a": (-1.0, 1.0), "p": (0.2, 5.0)}
 class Bench:
     """Measured forces, one row each."""
 
-    inputs: np.ndarray  # (n,) 0..1
-    left: np.ndarray  # (n,) 1 where the left thruster is at work, else 0
-    right: np.ndarray  # (n,)
-    forces: np.ndarray  # (n,) [N]
+    inputs: Array  # (n,) 0..1
+    left: Array  # (n,) 1 where the left thruster is at work, else 0
+    right: Array  # (n,)
+    forces: Array  # (n,) [N]
 
 
 @dataclass(frozen=True)
@@ -38,17 +41,17 @@ class Thrust:
     """The fitted thrust."""
 
     values: Dict[str, float]  # k [N], and those of a [-], p [-] that the forces show
-    intervals: Dict[str, tuple]  # 95%
+    intervals: Dict[str, Tuple[float, float]]  # 95%
     p_values: Dict[str, float]  # chance of such an a or p where there is none; if it can be tested
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
 
-    def force(self, bench):
+    def force(self, bench: Bench) -> Array:
         """Forces (n,) [N] that the fit expects on a Bench."""
         return _force(self.values, bench)
 
 
-def read(path, off=0.0, full=1.0, unit=1.0):
+def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> Bench:
     """The Bench in a CSV file whose header names a column input and columns left, right or both
     (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
     values of input that mean 0 and 1; unit: newtons in one unit of force. Raises GroundError."""
@@ -87,11 +90,11 @@ def read(path, off=0.0, full=1.0, unit=1.0):
     return Bench(*np.array(found).T)
 
 
-def draft(levels):
+def draft(levels: Sequence[Tuple[float, float]]) -> str:
     """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and no forces
     yet; a level that comes again gets a column of its own. Raises GroundError when the columns would
     not be of the same inputs."""
-    counts = {}
+    counts: Dict[str, "CounterType[float]"] = {}
     for left, right in levels:
         if left > OFF and right > OFF and left != right:
             raise GroundError(
@@ -100,7 +103,7 @@ def draft(levels):
             )
         side = "left" if right <= OFF else "right" if left <= OFF else "both"
         if max(left, right) > OFF:
-            counts.setdefault(side, collections.Counter())[max(left, right)] += 1
+            counts.setdefault(side, Counter())[max(left, right)] += 1
     inputs = {tuple(sorted(count)) for count in counts.values()}
     if len(inputs) != 1 or any(len(set(count.values())) > 1 for count in counts.values()):
         raise GroundError("the thrusters were not held at the same levels equally often")
@@ -112,7 +115,7 @@ def draft(levels):
     return "\n".join([",".join(header)] + rows) + "\n"
 
 
-def fit(bench):
+def fit(bench: Bench) -> Thrust:
     """The Thrust that a Bench shows."""
     names = ["k"]
     tested = ["a"] if bench.left.any() and bench.right.any() and _apart(bench) else []
@@ -143,19 +146,19 @@ def fit(bench):
     )
 
 
-def _apart(bench):
+def _apart(bench: Bench) -> bool:
     """Whether some forces are of one thruster alone."""
     return bool((bench.left != bench.right).any())
 
 
-def _force(values, bench):
+def _force(values: Mapping[str, float], bench: Bench) -> Array:
     a = values.get("a", 0.0)
     sides = (1 + a) * bench.left + (1 - a) * bench.right
     power = np.where(bench.inputs > OFF, bench.inputs, 0.0) ** values.get("p", 1.0)
     return values["k"] * sides * power
 
 
-def _scale(bench):
+def _scale(bench: Bench) -> float:
     """Largest force of one thruster [N]."""
     largest = float(np.max(bench.forces / (bench.left + bench.right)))
     if not largest > 0:
@@ -163,17 +166,19 @@ def _scale(bench):
     return largest
 
 
-def _least_squares(bench, names):
+def _least_squares(bench: Bench, names: Sequence[str]) -> OptimizeResult:
     scale = _scale(bench)
 
-    def residuals(x):
+    def residuals(x: Array) -> Array:
         return _force(dict(zip(names, x)), bench) - bench.forces / scale
 
     bounds = np.array([BOUNDS[n] for n in names]).T
-    return optimize.least_squares(residuals, [START[n] for n in names], bounds=bounds, x_scale="jac")
+    return optimize.least_squares(
+        residuals, [START[n] for n in names], bounds=bounds, x_scale="jac"
+    )
 
 
-def _chance(without, whole, freedom):
+def _chance(without: float, whole: float, freedom: int) -> float:
     """Chance of such a fall of the squares by one more parameter (F test)."""
     if freedom < 1:
         return 1.0
@@ -181,7 +186,7 @@ def _chance(without, whole, freedom):
     return float(stats.f.sf(max(0.0, without - whole) / (whole / freedom), 1, freedom))
 
 
-def _scatter(bench):
+def _scatter(bench: Bench) -> float:
     kinds = np.column_stack([bench.inputs, bench.left, bench.right])
     _, group = np.unique(kinds, axis=0, return_inverse=True)
     count = np.bincount(group)

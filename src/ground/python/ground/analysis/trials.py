@@ -1,12 +1,14 @@
 """Effects tried beside a model, and how sure the data are of each."""
 
 from dataclasses import dataclass, replace
-from typing import Any, List
+from typing import Iterable, List, Mapping, Optional, Sequence
 
 import numpy as np
 from scipy import stats
 
+from ground import _core
 from ground.analysis import candidates
+from ground.core_types import Estimate
 
 
 @dataclass(frozen=True)
@@ -14,8 +16,8 @@ class Trial:
     """An effect beside a model without it."""
 
     name: str
-    model: Any  # _core.Model with it; refitted, or moved by one step of the score test
-    parameters: List[dict]  # of the effect: name, unit, value, ci95, identified
+    model: _core.Model  # with it; refitted, or moved by one step of the score test
+    parameters: Sequence[Estimate]  # of the effect: name, unit, value, ci95, identified
     gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
     p_value: float  # of this effect alone
     chance: float  # the same, corrected for the number of effects tried
@@ -24,7 +26,9 @@ class Trial:
     refitted: bool
     equal: bool = False  # to the best one, as far as the data tell
     inclusion: float = 0.0  # weight among the refitted ones, by likelihood
-    influence: float = None  # change of the motion by it, in parts of what the poses' noise leaves
+    influence: Optional[float] = (
+        None  # change of the motion by it, in parts of what the poses' noise leaves
+    )
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,16 @@ class Dropped:
     why: str
 
 
-def trial(name, model, parameters, gain, seen, refitted, tried, samples):
+def trial(
+    name: str,
+    model: _core.Model,
+    parameters: Sequence[Estimate],
+    gain: float,
+    seen: bool,
+    refitted: bool,
+    tried: int,
+    samples: int,
+) -> Trial:
     """A Trial; tried: number of effects of which it is one; samples: of the data."""
     described = candidates.parameters_of(model, name)
     on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
@@ -44,7 +57,9 @@ def trial(name, model, parameters, gain, seen, refitted, tried, samples):
     return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen, refitted)
 
 
-def ranked(trials, first, values):
+def ranked(
+    trials: Iterable[Trial], first: Sequence[str], values: Mapping[str, float]
+) -> List[Trial]:
     """Trials, best first, with their weights. first: the group of effects chosen first; values:
     twice the penalised log-likelihood of the refitted ones by name."""
     best = max(values.values(), default=0.0)
@@ -57,7 +72,7 @@ def ranked(trials, first, values):
     return sorted(weighed, key=lambda t: (t.name not in first[:1], t.delta_bic))
 
 
-def p_value(gain, free, on_bound):
+def p_value(gain: float, free: int, on_bound: int) -> float:
     """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of
     `free` parameters `on_bound` have their neutral value at a bound: each of those stays there
     half of the time, which makes the ratio a mixture (Self and Liang 1987; binomial weights,

@@ -6,7 +6,9 @@ formula is seen through the smoother's own response to it. Few terms are chosen 
 matching pursuit (Pati et al. 1993), as many as predict stretches of time that were left out
 best, within one standard error.
 """
+
 import re
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
@@ -14,6 +16,7 @@ from sklearn.model_selection import GroupKFold
 
 from ground import _core
 from ground.analysis import failure, residuals, study
+from ground.annotations import Array, Document, Indices
 from ground.recordings import repair
 
 CHANNELS = failure.CHANNELS
@@ -78,17 +81,17 @@ WORLD.update(
 class Term:
     """A formula in one channel of the wrench, or a force along a world axis."""
 
-    def __init__(self, formula, unit, parts):
+    def __init__(self, formula: str, unit: str, parts: Mapping[str, str]) -> None:
         self.formula, self.unit = formula, unit
         self.parts = parts  # by channel: the formula there
 
     @property
-    def variables(self):
+    def variables(self) -> Set[str]:
         """Names that the term's value depends on; the heading that turns a world force apart."""
         return set(re.findall(r"\b(?:%s)\b" % "|".join(NAMES), self.formula))
 
 
-def dictionary():
+def dictionary() -> List[Term]:
     """All Terms that are tried."""
     terms = [Term(f, unit, {c: f}) for c in CHANNELS for f, unit in BODY.items()]
     for f, unit in WORLD.items():
@@ -97,7 +100,9 @@ def dictionary():
     return terms
 
 
-def explain(runs, model):
+def explain(
+    runs: Sequence[_core.RunData], model: _core.Model
+) -> Tuple[List[Document], Optional[Document]]:
     """Where the wrench that a model lacks comes from, and a proposal for it.
 
     Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and
@@ -106,32 +111,35 @@ def explain(runs, model):
     with its `share`, or None.
     """
     terms = dictionary()
-    design, own, wrench, groups, shares = [], [], [], [], []
+    designs, own, wrenches, shares = [], [], [], []
+    groups: List[Indices] = []
     scale = failure.full_scale(model)
     for run in runs:
         part = _prepare(run, model, terms, scale)
-        design.append(part[0])
+        designs.append(part[0])
         own.append(part[1])
-        wrench.append(part[2])
+        wrenches.append(part[2])
         groups.append(part[3] + 1000 * len(groups))
         shares.append(part[4])
-    groups = np.concatenate(groups)
-    whole = np.sqrt((np.vstack(design) ** 2).mean(axis=0))
-    design, wrench = _beside(np.vstack(own), np.vstack(design), np.concatenate(wrench))
+    group = np.concatenate(groups)
+    whole = np.sqrt((np.vstack(designs) ** 2).mean(axis=0))
+    design, wrench = _beside(np.vstack(own), np.vstack(designs), np.concatenate(wrenches))
     size = np.sqrt((design**2).mean(axis=0))
     usable = np.flatnonzero((whole > 1e-9 * whole.max()) & (size > NEW * whole))
     columns = design[:, usable] / size[usable]
-    chosen = _choose(columns, wrench, groups)
+    chosen = _choose(columns, wrench, group)
     kept = [terms[usable[i]] for i in chosen]
-    share = _cross_validated(columns[:, chosen], wrench, groups).mean() if chosen else 0.0
-    where = _where(kept, columns[:, chosen], wrench, groups, share, shares)
+    share = _cross_validated(columns[:, chosen], wrench, group).mean() if chosen else 0.0
+    where = _where(kept, columns[:, chosen], wrench, group, share, shares)
     if not chosen or share < LEAST:
         return where, None
     weights = np.linalg.lstsq(columns[:, chosen], wrench, rcond=None)[0] / size[usable[chosen]]
     return where, _proposal(kept, weights, share)
 
 
-def _prepare(run, model, terms, scale):
+def _prepare(
+    run: _core.RunData, model: _core.Model, terms: Sequence[Term], scale: Array
+) -> Tuple[Array, Array, Array, Indices, Dict[str, float]]:
     """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters),
     wrench (3 n,) in parts of full thrust, stretches, binned shares."""
     wrench_filter, run, _ = failure.undisturbed(model, run)
@@ -155,14 +163,14 @@ def _prepare(run, model, terms, scale):
     own = _own_responses(run, model, noise, smoothed["wrench"])[every]
     responses = smoothed["responses"][every]  # of each column in the channel that it acts on
     design = np.zeros((len(wrench), 3, len(terms)))
-    for column, (channel, at) in enumerate(zip(channels, owner)):
-        design[:, channel, at] += responses[:, column]
-    shares = {}
-    for channel in range(3):
-        at = len(owner) + channel * count
+    for column, (acts_on, at) in enumerate(zip(channels, owner)):
+        design[:, acts_on, at] += responses[:, column]
+    shares: Dict[str, float] = {}
+    for axis in range(3):
+        at = len(owner) + axis * count
         for name, indicator in zip(found, bins):
             part = responses[:, at : at + indicator.shape[1]]
-            share = failure.share_explained(part, wrench[:, channel])["share"]
+            share = failure.share_explained(part, wrench[:, axis])["share"]
             shares[name] = max(shares.get(name, 0.0), share)
             at += indicator.shape[1]
     weight = 1 / scale / np.hypot(0.01, sigma)  # of channels that are inferred less well, less
@@ -176,7 +184,9 @@ def _prepare(run, model, terms, scale):
     )
 
 
-def _own_responses(run, model, noise, wrench):
+def _own_responses(
+    run: _core.RunData, model: _core.Model, noise: _core.WrenchNoise, wrench: Array
+) -> Array:
     """Change of the inferred wrench by each free parameter of the model, (n, 3, parameters)."""
     by_name = {p["name"]: p for p in model.parameters()}
     changes = []
@@ -192,19 +202,19 @@ def _own_responses(run, model, noise, wrench):
     return np.stack(changes, axis=2)
 
 
-def _beside(own, design, wrench):
+def _beside(own: Array, design: Array, wrench: Array) -> Tuple[Array, Array]:
     """Design and wrench without what other values of the model's own parameters would do: these
     were fitted, and took over as much of the missing term as they could (Frisch and Waugh 1933)."""
     size = np.sqrt((own**2).mean(axis=0))
     own = own[:, size > 0] / size[size > 0]
 
-    def rest(columns):
+    def rest(columns: Array) -> Array:
         return columns - own @ np.linalg.lstsq(own, columns, rcond=1e-6)[0]
 
     return rest(design), rest(wrench)
 
 
-def _values(run):
+def _values(run: _core.RunData) -> Dict[str, Any]:
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     held = residuals.held(run, times)
     return {
@@ -225,17 +235,17 @@ def _values(run):
     }
 
 
-def _evaluate(formula, values):
+def _evaluate(formula: str, values: Mapping[str, Any]) -> Array:
     """A formula of the dictionary, in the words of muparser, over all samples."""
     result = eval(formula.replace("^", "**"), {"__builtins__": {}}, values)
     return np.broadcast_to(np.asarray(result, float), values["u"].shape)
 
 
-def _fit(columns, wrench):
+def _fit(columns: Array, wrench: Array) -> Array:
     return np.linalg.lstsq(columns, wrench, rcond=None)[0]
 
 
-def _scores(prediction, wrench, groups):
+def _scores(prediction: Array, wrench: Array, groups: Indices) -> Array:
     """Share of the mean square that a prediction explains, of each fold (FOLDS,)."""
     total = (wrench**2).mean()
     return np.array(
@@ -243,13 +253,13 @@ def _scores(prediction, wrench, groups):
     )
 
 
-def _folds(wrench, groups):
+def _folds(wrench: Array, groups: Indices) -> List[Indices]:
     count = min(FOLDS, len(np.unique(groups)))
     return [test for _, test in GroupKFold(count).split(wrench, groups=groups)]
 
 
-def _cross_validated(columns, wrench, groups):
-    """The same of least squares that have not seen the fold."""
+def _cross_validated(columns: Array, wrench: Array, groups: Indices) -> Array:
+    """Share that least squares explain of each fold when they have not seen it (FOLDS,)."""
     prediction = np.zeros(len(wrench))
     for fold in _folds(wrench, groups):
         rest = np.setdiff1d(np.arange(len(wrench)), fold)
@@ -257,7 +267,7 @@ def _cross_validated(columns, wrench, groups):
     return _scores(prediction, wrench, groups)
 
 
-def _choose(columns, wrench, groups):
+def _choose(columns: Array, wrench: Array, groups: Indices) -> List[int]:
     """Columns of the sparsest regression that is within a standard error of the best one."""
     scores = [np.zeros(len(_folds(wrench, groups)))]
     predictions = np.zeros((MOST + 1, len(wrench)))
@@ -280,15 +290,22 @@ def _choose(columns, wrench, groups):
     if count == 0:
         return []
     pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False)
-    return np.flatnonzero(pursuit.fit(columns, wrench).coef_).tolist()
+    return list(np.flatnonzero(pursuit.fit(columns, wrench).coef_).tolist())
 
 
-def _where(kept, columns, wrench, groups, share, shares):
+def _where(
+    kept: Sequence[Term],
+    columns: Array,
+    wrench: Array,
+    groups: Indices,
+    share: float,
+    shares: Sequence[Mapping[str, float]],
+) -> List[Document]:
     """Variables by the share that is lost without their terms, then by what their bins explain."""
     lost = {}
-    for name in set().union(*[t.variables for t in kept]) if kept else ():
-        rest = [i for i, term in enumerate(kept) if name not in term.variables]
-        without = _cross_validated(columns[:, rest], wrench, groups).mean() if rest else 0.0
+    for name in {name for term in kept for name in term.variables}:
+        others = [i for i, term in enumerate(kept) if name not in term.variables]
+        without = _cross_validated(columns[:, others], wrench, groups).mean() if others else 0.0
         lost[name] = float(max(0.0, share - max(0.0, without)))
     binned = {name: float(np.mean([s.get(name, 0.0) for s in shares])) for name in shares[0]}
     ranked = sorted(lost, key=lambda n: (-lost[n], -binned.get(n, 0.0), n))
@@ -298,8 +315,9 @@ def _where(kept, columns, wrench, groups, share, shares):
     ]
 
 
-def _proposal(kept, weights, share):
-    expression, parameters = {}, {}
+def _proposal(kept: Sequence[Term], weights: Array, share: float) -> Document:
+    expression: Dict[str, List[str]] = {}
+    parameters: Document = {}
     for number, (term, weight) in enumerate(zip(kept, weights), 1):
         name = "c%d" % number
         unit = "N m" if list(term.parts) == ["N"] else "N"

@@ -4,6 +4,7 @@ Kept are data only: a file holds arrays (NumPy's npz without objects) and a tree
 refers to them, after the SHA-256 of both. What somebody else puts into the folder is never run:
 a file that is damaged, or holds anything else, is ignored and its part computed again.
 """
+
 import contextlib
 import dataclasses
 import hashlib
@@ -13,25 +14,28 @@ import os
 import re
 import threading
 import zipfile
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Dict, List, Optional, Sequence, Type, TypeVar, cast
 
 import numpy as np
 
 from ground import _core, files
+from ground.annotations import Array
 from ground.errors import GroundError
 
+_T = TypeVar("_T")
+
 NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
-_classes = {}  # name, module included -> dataclass
+_classes: Dict[str, type] = {}  # name, module included -> dataclass
 
 
-def can_be_kept(cls):
+def can_be_kept(cls: Type[_T]) -> Type[_T]:
     """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays,
     models, lists, tuples and dictionaries of these, and other such classes."""
     _classes[_name_of(cls)] = cls
     return cls
 
 
-def _name_of(cls):
+def _name_of(cls: type) -> str:
     return "%s.%s" % (cls.__module__, cls.__name__)
 
 
@@ -50,7 +54,7 @@ class Unfinished:
         if folder:
             os.makedirs(folder, exist_ok=True)
 
-    def result(self, part: Any, compute: Callable[[], Any]) -> Any:
+    def result(self, part: Any, compute: Callable[[], _T]) -> _T:
         """What compute() gives, or gave in an earlier try; part: says which; its repr counts."""
         if not self._folder:
             return compute()
@@ -58,13 +62,13 @@ class Unfinished:
         path = os.path.join(self._folder, name + ".npz")
         try:
             with open(path, "rb") as file:
-                found = _unpacked(file.read())
+                kept = _unpacked(file.read())
         except Exception:
             pass  # never finished, damaged or foreign: what parsing then raises can be anything
         else:
             with self._lock:
                 self.taken += 1
-            return found
+            return cast(_T, kept)
         found = compute()
         # what cannot be kept is computed once more the next time
         with contextlib.suppress(GroundError, OSError):
@@ -84,16 +88,16 @@ class Unfinished:
             os.rmdir(self._folder)
 
 
-def _packed(value):
+def _packed(value: Any) -> bytes:
     """The bytes of a file."""
-    arrays = []
+    arrays: List[Array] = []
     tree = json.dumps(_tree(value, arrays)).encode()
     buffer = io.BytesIO()
     np.savez(buffer, np.frombuffer(tree, np.uint8), *arrays)
     return hashlib.sha256(buffer.getvalue()).digest() + buffer.getvalue()
 
 
-def _unpacked(contents):
+def _unpacked(contents: bytes) -> Any:
     """The value in the bytes of a file; raises ValueError, or whatever parsing meets, if bad."""
     digest, contents = contents[:32], contents[32:]
     if hashlib.sha256(contents).digest() != digest:
@@ -107,12 +111,12 @@ def _unpacked(contents):
     return _value(json.loads(arrays[0].tobytes().decode()), arrays[1:])
 
 
-def _tree(value, arrays):
+def _tree(value: Any, arrays: List[Array]) -> Any:
     """A value as JSON has it; what JSON has no word for is a map of its kind to its contents."""
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, np.generic):
         return value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:
             raise TypeError("an array of objects cannot be kept")
@@ -131,7 +135,7 @@ def _tree(value, arrays):
     return {"object": [name, fields]}
 
 
-def _value(tree, arrays):
+def _value(tree: Any, arrays: Sequence[Array]) -> Any:
     """The reverse of _tree."""
     if not isinstance(tree, dict):
         return tree

@@ -1,23 +1,28 @@
 """How well a fit predicts what it has not seen: runs, and blocks of time, held out of it."""
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core, core_types
+from ground.annotations import Array, Document, Progress
 from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
 FOLDS = 10  # largest number of parts that blocks are held out in, whatever the length of the runs
+# Fits to windows, from initial states of the windows where there are any.
+Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
 RUN_FOLDS = 20  # largest number of parts that runs are held out in
 
 
 def leave_runs_out(
-    runs: Sequence[Any],
-    fit: Callable[[List[Any], Any], Any],
-    whole: Any,
+    runs: Sequence[_core.RunData],
+    fit: Refit,
+    whole: core_types.Fit,
     length: float = windows.WINDOW,
     most: int = RUN_FOLDS,
-    say: Optional[Callable[[str], None]] = None,
-) -> List[Tuple[Any, float]]:
+    say: Progress = None,
+) -> List[Tuple[core_types.Fit, float]]:
     """Fits without some of the runs, and their errors on those: [(fit's result, error)], one a run.
 
     Each run is held out once: alone, or, of more than `most` runs, together with every `most`-th
@@ -35,14 +40,14 @@ def leave_runs_out(
 
 
 def leave_blocks_out(
-    runs: Sequence[Any],
-    models: Sequence[Any],
-    fit: Callable[[List[Any], Any], Any],
+    runs: Sequence[_core.RunData],
+    models: Sequence[_core.Model],
+    fit: Refit,
     block: float = BLOCK,
     length: float = windows.WINDOW,
     most: int = FOLDS,
-    say: Optional[Callable[[str], None]] = None,
-) -> Optional[Dict[str, Any]]:
+    say: Progress = None,
+) -> Optional[Document]:
     """Errors on blocks of time: of models as they are, and of fits that have not seen the blocks.
 
     Up to `most` blocks are held out one by one; of more blocks every `most`-th one together. `fit`,
@@ -72,7 +77,9 @@ def leave_blocks_out(
     }
 
 
-def _blocks(runs, duration, length):
+def _blocks(
+    runs: Sequence[_core.RunData], duration: float, length: float
+) -> List[Tuple[List[_core.Window], List[_core.Window]]]:
     """Windows to fit to and windows to test on of each block that has any of the latter."""
     blocks = []
     for i, run in enumerate(runs):
@@ -85,9 +92,15 @@ def _blocks(runs, duration, length):
     return blocks
 
 
-def _refits(cut, folds, fit, initial, say):
+def _refits(
+    cut: Sequence[_core.Window],
+    folds: Sequence[int],
+    fit: Refit,
+    initial: Sequence[Array],
+    say: Progress,
+) -> Dict[int, core_types.Fit]:
     """Results of fits without each fold, by fold; folds: of each window; initial: its state."""
-    results = {}
+    results: Dict[int, core_types.Fit] = {}
     for fold in sorted(set(folds)):
         if say:
             say("fitting without part %d of %d" % (len(results) + 1, len(set(folds))))
@@ -96,7 +109,7 @@ def _refits(cut, folds, fit, initial, say):
     return results
 
 
-def disagreements(fitted: Any, others: Any, most: float = 3.0) -> List[str]:
+def disagreements(fitted: core_types.Fit, others: core_types.Fit, most: float = 3.0) -> List[str]:
     """Parameters whose estimate from one run and from the others differ by `most` deviations."""
     names = []
     for a, b in zip(fitted["parameters"], others["parameters"]):

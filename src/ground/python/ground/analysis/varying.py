@@ -6,12 +6,13 @@ for what all runs have in common does not differ.
 """
 
 from dataclasses import dataclass, replace
+from typing import Mapping, Tuple
 
 import numpy as np
 from scipy import stats
 
 from ground.analysis import candidates
-from ground.analysis.likelihood import ABSENT
+from ground.analysis.likelihood import ABSENT, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 
 # Chance of a false finding: a disturbance whose correlation time changes looks like a difference.
@@ -22,6 +23,8 @@ SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all run
 
 @dataclass(frozen=True)
 class Kind:
+    """A wrench on a channel, or the thrust, that may differ from run to run."""
+
     parameter: str
     unit: str
     level: str  # of DisturbanceLevels
@@ -45,7 +48,7 @@ class Difference:
     p_value: float
 
 
-def differences(likelihood, fit):
+def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
     """The Differences that the runs show beside a Fit. likelihood: one that has all random effects."""
     if len(likelihood.runs) < 2:
         return ()
@@ -72,21 +75,23 @@ def differences(likelihood, fit):
     return tuple(found)
 
 
-def with_all(likelihood, fit):
+def with_all(likelihood: Likelihood, fit: Fit) -> Fit:
     """A Fit whose levels of what differs are where a search may start from."""
     usual = likelihood.box.start(fit.model).levels
     levels = {k.level: max(usual[k.level], fit.levels[k.level]) for k in KINDS}
     return replace(fit, levels={**fit.levels, **levels})
 
 
-def _chance_without(likelihood, fit, kind, slow, slowest):
+def _chance_without(
+    likelihood: Likelihood, fit: Fit, kind: Kind, slow: Mapping[str, float], slowest: float
+) -> float:
     """Chance of the likelihood ratio between a fit and one in which a kind does not differ
     between runs, all other levels refitted: half of the time zero, else chi squared of one
     degree of freedom (Self and Liang 1987). A random wrench that is slower than `slowest` would
     take the place of a constant one, and is not let; `slow`: levels that are held for that
     already."""
 
-    def ratio(held):
+    def ratio(held: Mapping[str, float]) -> Tuple[float, Fit]:
         other = likelihood.fit(fit.model, fit.free, near=fit, held={**slow, **held})
         return 2 * float(np.sum(fit.by_run) - np.sum(other.by_run)), other
 

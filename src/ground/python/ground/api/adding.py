@@ -1,22 +1,24 @@
 """add: a physical effect into a model, refitted, with the error before and after."""
+
 import os
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.analysis import candidates, study
+from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
     Model,
     ModelLike,
     Parameter,
-    Path,
     fitted_model,
     parameter_frame,
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Array, Document, Progress, Row, Shown, silent
+from ground.api.values import Row, Shown, silent
 from ground.recordings import windows
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ class ChannelErrors:
 
     @classmethod
     def of(cls, channels: Array) -> "ChannelErrors":
-        """Of mean |e|/s (3,)."""
+        """Errors from the mean |e|/s of u, v, r (3,)."""
         u, v, r = map(float, channels)
         return cls(u, v, r, float(np.sum(channels)))
 
@@ -146,7 +148,9 @@ def add(
     return _result(candidate.name, seen, before, after, errors)
 
 
-def _fits(model: Any, extended: Any, runs: List[Any]) -> Tuple[study.Fit, study.Fit]:
+def _fits(
+    model: _core.Model, extended: _core.Model, runs: List[_core.RunData]
+) -> Tuple[study.Fit, study.Fit]:
     """study.Fits of a _core.Model without the effect and with it."""
     on_runs = study.Study(runs)
     before = on_runs.fit(model, study.free_parameters(model))
@@ -159,7 +163,7 @@ def _pair(before: Array, after: Array) -> Pair:
     return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
 
 
-def _tested(runs: List[Any], before: study.Fit, after: study.Fit) -> Pair:
+def _tested(runs: List[_core.RunData], before: study.Fit, after: study.Fit) -> Pair:
     cut = windows.cut(runs)
     return _pair(*(study.channel_errors(runs, cut, fit.model) for fit in (before, after)))
 

@@ -1,4 +1,5 @@
 """compare: models against recordings, and where they fail."""
+
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
@@ -6,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence,
 from ground import workers
 from ground.analysis import comparison
 from ground.analysis.study import noise_floor
-from ground.api.models import Model, ModelLike, Path
+from ground.annotations import Document, Path, Progress
+from ground.api.models import Model, ModelLike
 from ground.api.recordings import (
     Part,
     Recordings,
@@ -14,7 +16,7 @@ from ground.api.recordings import (
     note_heading_offset,
     taken,
 )
-from ground.api.values import Document, Progress, Row, Shown, number, silent
+from ground.api.values import Row, Shown, number, silent
 from ground.errors import GroundError
 from ground.recordings.recording import Recording
 from ground.reports import inspection, words
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 ROLES = ("fit", "held_out")
 Models = Union[ModelLike, Sequence[ModelLike]]
-Files = Optional[Dict[str, Any]]  # of one run: pictures and series, by what they are of
+Files = Optional[Document]  # of one run: pictures and series, by what they are of
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,7 +35,7 @@ class RunComparison(Shown):
     """All models against one run."""
 
     recording: Recording
-    studies: List[Dict[str, Any]]  #: of each model, as ground.reports.inspection.inspect gives them
+    studies: List[Document]  #: of each model, as ground.reports.inspection.inspect gives them
 
     @property
     def name(self) -> str:
@@ -41,13 +43,13 @@ class RunComparison(Shown):
         return self.recording.name
 
     @property
-    def numbers(self) -> Dict[str, Any]:
+    def numbers(self) -> Document:
         """Error numbers by model (keys of comparison.numbers)."""
         return {study["label"]: study["numbers"] for study in self.studies}
 
     @property
     def summary(self) -> Dict[str, List[str]]:
-        """By model, what stands out, in sentences."""
+        """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
     def to_dict(self, files: Files = None) -> Document:
@@ -83,7 +85,7 @@ class Comparison(Shown):
 
     models: Dict[str, Model]  #: by label
     runs: List[RunComparison]
-    pooled: Dict[str, Dict[str, Any]]  #: by label: error numbers over all, fit and held_out runs
+    pooled: Dict[str, Document]  #: by label: error numbers over all, fit and held_out runs
     noise_floor: float  #: error that the noise of the poses alone would leave
 
     @property
@@ -167,7 +169,7 @@ class Comparison(Shown):
 HEAD = ["model", "runs", "error", "prediction", "fit u [%]", "fit v [%]", "fit r [%]"]
 
 
-def _row(label: str, role: str, n: Any) -> Row:
+def _row(label: str, role: str, n: Document) -> Row:
     fits = ["%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS]
     return [
         label,
@@ -256,13 +258,13 @@ def each_run(
             yield RunComparison(recording, studies)
 
 
-def _inspect(task: List[Tuple[Any, ...]]) -> List[Dict[str, Any]]:
+def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:
     return [inspection.inspect(*one) for one in task]
 
 
 def conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     """The Comparison of what was found on each run."""
-    pooled: Dict[str, Dict[str, Any]] = {}
+    pooled: Dict[str, Document] = {}
     for label in models:
         of_model = [s for run in runs for s in run.studies if s["label"] == label]
         groups = {role: [s["evaluation"] for s in of_model if s["role"] == role] for role in ROLES}
@@ -275,5 +277,5 @@ def conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     return Comparison(models, runs, pooled, float(noise_floor(data, models[best].core).sum()))
 
 
-def _best(pooled: Dict[str, Dict[str, Any]]) -> str:
+def _best(pooled: Dict[str, Document]) -> str:
     return min(pooled, key=lambda label: float(pooled[label]["all"]["error"]))

@@ -1,20 +1,22 @@
 """diagnose: which physical effect a model lacks."""
+
 import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import origin
+from ground import _core, origin
 from ground.analysis import candidates, diagnosis, diagnosis_report, study
+from ground.analysis.conclusion import Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
+from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
     Model,
     ModelLike,
     Parameter,
-    Path,
     Room,
     RoomLike,
     fitted_model,
@@ -22,7 +24,7 @@ from ground.api.models import (
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Array, Document, Progress, Row, Shown, number, silent
+from ground.api.values import Row, Shown, number, silent
 from ground.errors import GroundError
 from ground.recordings.recording import Recording
 from ground.reports import words
@@ -47,7 +49,7 @@ class Diagnosis(Shown):
     report: Document  #: all of it, as diagnosis.json has it
     problem: "Problem"  #: what was diagnosed
     found: diagnosis.Diagnosis  #: how it was found, for the page
-    conclusion: diagnosis.Conclusion
+    conclusion: Conclusion
 
     @property
     def sentences(self) -> List[str]:
@@ -108,7 +110,7 @@ class Problem:
     given_room: Optional[Room]
 
     @property
-    def runs(self) -> List[Any]:
+    def runs(self) -> List[_core.RunData]:
         """_core.RunData fitted to."""
         return self.seen.data
 
@@ -269,10 +271,10 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     if kept.taken:
         say("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
-    conclusion = found.conclude(held)
+    conclusion = conclude(found, held)
     say("verdict: %s" % conclusion.verdict)
     say("errors of the best effects, and the next experiment")
-    name, walls = problem.model.path or problem.model.name, room and room.core
+    name, walls = problem.model.path or problem.model.name, room.core if room else None
     report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
     return _result(problem, found, conclusion, report)
 
@@ -295,7 +297,7 @@ def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> di
 def _result(
     problem: Problem,
     found: diagnosis.Diagnosis,
-    conclusion: diagnosis.Conclusion,
+    conclusion: Conclusion,
     report: Document,
 ) -> Diagnosis:
     parameters = parameters_by_name(conclusion.parameters)

@@ -1,23 +1,24 @@
 """fit: a model's parameters from recordings."""
+
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core
+from ground import _core, core_types
 from ground.analysis import comparison, identifiability, study, validation
+from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
     Model,
     ModelLike,
     Parameter,
-    Path,
     fitted_model,
     parameter_frame,
     parameter_rows,
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Document, Progress, Row, Shown, silent
+from ground.api.values import Row, Shown, silent
 from ground.errors import GroundError, OptionError
 from ground.recordings import quality, windows
 
@@ -90,7 +91,7 @@ class Fit(Shown):
     objective: float  #: what was minimised
     starts: Dict[str, int]  #: tried, and how many of them came to this end (at_best)
     condition: float  #: of the scaled information matrix
-    weak: List[Dict[str, Any]]  #: combinations of parameters that are known better than their parts
+    weak: List[Document]  #: combinations of parameters that are known better than their parts
     converged: bool
     message: str  #: of the optimizer
     runs: List[RunFit]  #: one by one; empty for a single run
@@ -140,17 +141,19 @@ class Fit(Shown):
 class _Problem:
     """What is fitted to, and how."""
 
-    runs: List[Any]  #: _core.RunData
+    runs: List[_core.RunData]
     free: List[str]
     objective: str
     target: str
     window: float  #: [s]
 
-    def cut(self) -> List[Any]:
+    def cut(self) -> List[_core.Window]:
         """Windows of all runs."""
         return windows.cut(self.runs, self.window)
 
-    def fit(self, model: Any, cut: List[Any], starts: int = 1, **options: Any) -> Any:
+    def fit(
+        self, model: _core.Model, cut: Sequence[_core.Window], starts: int = 1, **options: Any
+    ) -> core_types.Fit:
         """The core's result of a fit of a _core.Model to windows."""
         objective = getattr(_core.Objective, self.objective.replace("-", "_"))
         target = getattr(_core.Target, self.target)
@@ -160,17 +163,17 @@ class _Problem:
         except (ValueError, RuntimeError) as error:
             raise GroundError(str(error))
 
-    def alone(self, index: int, model: Any) -> Any:
-        """The same of a fit to one run."""
+    def alone(self, index: int, model: _core.Model) -> core_types.Fit:
+        """The core's result of a fit to one run."""
         one = _Problem([self.runs[index]], self.free, self.objective, self.target, self.window)
         return one.fit(model, one.cut())
 
-    def refit_near(self, result: Any) -> Callable[[List[Any], Any], Any]:
+    def refit_near(self, result: core_types.Fit) -> validation.Refit:
         """A function of windows and initial states that fits from a result near by, and with the
         same outliers: so a refit costs a few steps."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
 
-        def refit(part: List[Any], initial: Any) -> Any:
+        def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> core_types.Fit:
             return self.fit(result["model"], part, near=True, width=width, initial=initial)
 
         return refit
@@ -239,16 +242,16 @@ def _check(objective: str, target: str) -> None:
             raise OptionError("{0} must be one of {known}", name, known=", ".join(known))
 
 
-def _change(runs: List[Any], start: Any, fitted: Any) -> Change:
+def _change(runs: List[_core.RunData], start: _core.Model, fitted: _core.Model) -> Change:
     """Errors over runs (_core.RunData) of the start values and of the fit."""
     return Change(windows.error(runs, start), windows.error(runs, fitted))
 
 
 def _blocks(
     problem: _Problem,
-    start: Any,
-    result: Any,
-    refit: Callable[[List[Any], Any], Any],
+    start: _core.Model,
+    result: core_types.Fit,
+    refit: validation.Refit,
     block: float,
     say: Callable[[str], None],
 ) -> Optional[BlockErrors]:
@@ -262,8 +265,8 @@ def _blocks(
 
 def _each(
     problem: _Problem,
-    result: Any,
-    refit: Callable[[List[Any], Any], Any],
+    result: core_types.Fit,
+    refit: validation.Refit,
     say: Callable[[str], None],
 ) -> List[RunFit]:
     """Every run by itself, and held out."""
@@ -293,7 +296,12 @@ def _pooled(problem: _Problem, runs: List[RunFit]) -> Optional[float]:
 
 
 def _result(
-    given: Model, seen: Measured, starts: int, result: Any, errors: Errors, runs: List[RunFit]
+    given: Model,
+    seen: Measured,
+    starts: int,
+    result: core_types.Fit,
+    errors: Errors,
+    runs: List[RunFit],
 ) -> Fit:
     core, parameters = result["model"], parameters_by_name(result["parameters"])
     return Fit(

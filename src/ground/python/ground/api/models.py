@@ -1,20 +1,30 @@
 """Models of crafts, and rooms."""
+
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import (
+    TYPE_CHECKING,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
 import numpy as np
 
-from ground import _core, errors, files, origin
-from ground.api.values import Array, Row, Shown
+from ground import _core, core_types, errors, files, origin
+from ground.annotations import Array, Path
+from ground.api.values import Row, Shown
 from ground.errors import GroundError
 
 if TYPE_CHECKING:
     import pandas
 
     from ground.recordings.recording import Recording
-
-Path = Union[str, "os.PathLike[str]"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,7 @@ class Parameter:
         return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
 
 
-def parameters_by_name(found: Any) -> Dict[str, Parameter]:
+def parameters_by_name(found: Iterable[core_types.FittedParameter]) -> Dict[str, Parameter]:
     """Parameters by name of the dictionaries that a fit of the core gives."""
     return {p["name"]: Parameter(**p) for p in found}
 
@@ -69,7 +79,7 @@ class Model(Shown):
     (0.07, 0.0001, 0.062)
     """
 
-    core: Any  #: _core.Model; must not be changed
+    core: _core.Model  #: must not be changed
     path: str = ""  #: of the file that it was read from
 
     @classmethod
@@ -193,7 +203,7 @@ class Room:
     True
     """
 
-    core: Any  #: _core.RoomPlan; must not be changed
+    core: _core.RoomPlan  #: must not be changed
     path: str = ""  #: of the file that it was read from
 
     @classmethod
@@ -253,7 +263,7 @@ RoomLike = Union[Room, Path]
 
 
 def with_provenance(
-    core: Any,
+    core: _core.Model,
     bags: Sequence[str],
     before: Mapping[str, float],
     after: Mapping[str, float],
@@ -276,13 +286,13 @@ def with_provenance(
 
 
 def fitted_model(
-    core: Any,
+    core: _core.Model,
     recordings: "Sequence[Recording]",
     before: Mapping[str, float],
     after: Mapping[str, float],
     parameters: Mapping[str, Parameter],
 ) -> Model:
-    """The same of a model fitted to recordings."""
+    """A model fitted to recordings that says where its numbers come from."""
     return with_provenance(
         core,
         [recording.bag for recording in recordings],

@@ -1,13 +1,14 @@
 """Recordings: reading them, and the part of them that models are held against."""
+
 import os
 from dataclasses import dataclass, replace
-from typing import Any, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
-from ground.api.models import Model, Path
+from ground import _core
+from ground.annotations import Path
+from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.recordings import bags as bag_files
-from ground.recordings import findings, quality, settings
-from ground.recordings import recording as recordings
+from ground.recordings import findings, quality, readers, settings
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -33,7 +34,7 @@ def read(
     ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
     """
     paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
-    listed = bag_files.listed([os.fspath(path) for path in paths])
+    listed = readers.listed([os.fspath(path) for path in paths])
     return tuple(reading(listed, axes, heading_offset))
 
 
@@ -43,7 +44,7 @@ def reading(
     """The recordings in bags, which are read when the first one is asked for."""
     found = []
     for path in bags:
-        found.append(recordings.read_bag(path, axes, heading_offset))
+        found.append(readers.read(path, axes, heading_offset))
         for warning in found[-1].warnings:
             warn("%s: %s" % (path, warning), RecordingWarning)
     names = [r.name for r in found]
@@ -70,7 +71,7 @@ def taken(given: Recordings) -> List[Recording]:
         if isinstance(item, Recording):
             found.append(item)
         elif os.path.isdir(item):
-            inside = bag_files.listed([os.fspath(item)])
+            inside = readers.listed([os.fspath(item)])
             found += [next(from_bags) for _ in inside]
         else:
             found.append(next(from_bags))
@@ -115,7 +116,7 @@ class Part:
     end: Optional[float] = None  #: [s]; None: of the run
     everything: bool = False  #: also what is not usable by ground.recordings.quality
 
-    def of(self, run: quality.Run, model: Model) -> Any:
+    def of(self, run: quality.Run, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
         return run.data(model.core, self.start, self.end, self.everything)
 
@@ -125,7 +126,7 @@ class Measured:
     """Recordings as fits see them."""
 
     recordings: List[Recording]
-    data: List[Any]  #: _core.RunData
+    data: List[_core.RunData]
 
     @property
     def runs(self) -> List[quality.Run]:
@@ -152,7 +153,7 @@ def measured(
 
 
 def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:
-    """The same of recordings to test on. GroundError when one of them is fitted to as well."""
+    """Recordings to test on, measured. GroundError when one of them is fitted to as well."""
     found = measured(given, model, part, fitted.recordings)
     names = {recording.name for recording in fitted.recordings}
     if names & {recording.name for recording in found.recordings}:

@@ -1,12 +1,14 @@
 """simulate: a recording of a simulated experiment."""
+
 import os
 from dataclasses import replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
 
 import numpy as np
 
 from ground import _core
-from ground.api.models import Model, ModelLike, Path, Room, RoomLike
+from ground.annotations import Document, Path
+from ground.api.models import Model, ModelLike, Room, RoomLike
 from ground.errors import GroundError, OptionError
 from ground.recordings import run_parameters
 from ground.recordings.settings import AXES
@@ -61,6 +63,7 @@ RANGES = {
     "order": (2, 20),
 }
 
+_P = TypeVar("_P", bound=_core.DriveParams)
 Options = Mapping[str, Any]
 Disturbance = Union[bool, Tuple[float, float]]
 
@@ -128,7 +131,7 @@ def simulate(
             start_velocity,
             _mocap(mocap or {}),
             seed,
-            believed and believed.core,
+            believed.core if believed else None,
             acting,
         )
     except ValueError as error:
@@ -174,6 +177,7 @@ class _Drive:
         room = self.options.get("room")
         self.room = None if room is None else Room.of(room)
         self.sequence = ""
+        self.params: experiments.Drive
         if kind == "tracking":
             self._refuse_unused(kind)
             self.params = self._tracking(duration or DURATION)
@@ -205,24 +209,24 @@ class _Drive:
         if not signal.has_lift or self.room is not None:
             self.sequence = signal.description
 
-    def _bursts(self, kind: str, options: Options, duration: float) -> Any:
+    def _bursts(self, kind: str, options: Options, duration: float) -> _core.ExcitationParams:
         params = _core.ExcitationParams()
         params.design = experiments.design_params(kind, **options)
         if "burst" in self.options:
             params.returns.burst = self.options["burst"]
         return self._with_life(params, duration)
 
-    def _with_life(self, params: Any, duration: float) -> Any:
+    def _with_life(self, params: _P, duration: float) -> _P:
         """The _core.DriveParams with what all controllers take."""
         params.start, params.tail = experiments.LEAD, experiments.TAIL
-        params.duration, params.room = duration, self.room and self.room.core
+        params.duration, params.room = duration, self.room.core if self.room else None
         for name, value in self._given(LIFT).items():
             setattr(params.life, name, value)
         if "control_rate" in self.options:
             params.life.rate = self.options["control_rate"]
         return params
 
-    def _tracking(self, duration: float) -> Any:
+    def _tracking(self, duration: float) -> _core.TrackingParams:
         params = self._with_life(_core.TrackingParams(), duration)
         params.max_error = self.options.get("max_error", np.inf)
         params.controller.kind = self.options.get("controller", params.controller.kind)
@@ -246,7 +250,7 @@ class _Drive:
                 )
         return params
 
-    def _given(self, names: Sequence[str]) -> Dict[str, Any]:
+    def _given(self, names: Sequence[str]) -> Document:
         return {name: self.options[name] for name in names if name in self.options}
 
     def _refuse_unused(self, kind: str) -> None:
@@ -286,7 +290,7 @@ def _takes(kind: str) -> List[str]:
     return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]
 
 
-def _mocap(settings: Mapping[str, float]) -> Any:
+def _mocap(settings: Mapping[str, float]) -> _core.MocapParams:
     """The _core.MocapParams with these settings."""
     params = _core.MocapParams()
     for name, value in settings.items():
@@ -298,7 +302,7 @@ def _mocap(settings: Mapping[str, float]) -> Any:
 
 def _disturbance(
     model: Model, given: Union[Disturbance, Sequence[float]], trim: Optional[float]
-) -> Any:
+) -> Optional[_core.Disturbance]:
     """The _core.Disturbance that acts; None where none does."""
     if given is False and trim is None:
         return None

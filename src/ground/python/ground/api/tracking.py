@@ -1,12 +1,16 @@
 """track: a controller in closed loop with a simulated craft."""
+
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 
-from ground.api.models import Model, ModelLike, Path
-from ground.api.values import Array, Document, Row, Shown
+from ground import _core
+from ground.annotations import Array, Document, Path
+from ground.api.models import Model, ModelLike
+from ground.api.values import Row, Shown
+from ground.core_types import EffectUse
 from ground.errors import GroundError
 from ground.simulation import gains as gain_files
 from ground.simulation import tracking
@@ -36,7 +40,7 @@ class Tracking(Shown):
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
     remark: str  #: what the controller makes of the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: that the controller has used and unused
-    gains: Dict[str, Any]
+    gains: Document
     seed: Optional[int]
 
     @property
@@ -50,7 +54,7 @@ class Tracking(Shown):
         return int(self.numbers["stopped"]) == len(self.runs)
 
     @property
-    def stops(self) -> List[Dict[str, Any]]:
+    def stops(self) -> List[Document]:
         """Run, time [s] and reason of each that ended early."""
         return list(self.numbers["stops"])
 
@@ -148,10 +152,10 @@ class Loop:
 
     truth: Model
     believed: Model
-    choice: Any  #: _core.ControllerChoice
+    choice: _core.ControllerChoice
     reference: str
     task: tracking.Task
-    use: Dict[str, Any]  #: tracking.effect_use
+    use: EffectUse  #: tracking.effect_use
 
     @property
     def remark(self) -> str:
@@ -188,7 +192,7 @@ class Loop:
             max_error=max_error or self.task.reference.default_max_error(),
             caution=self.caution,
             remark=self.remark,
-            effects={name: self.use[name] for name in ("used", "unused")},
+            effects={"used": self.use["used"], "unused": self.use["unused"]},
             gains=gain_files.get(self.choice),
             seed=seed,
         )
@@ -221,7 +225,7 @@ def prepare(
     return Loop(moves, believed, choice, reference, task, use)
 
 
-def _choice(controller: str, gains: Optional[Gains]) -> Any:
+def _choice(controller: str, gains: Optional[Gains]) -> _core.ControllerChoice:
     if isinstance(gains, Mapping):
         choice = gain_files.choice(controller)
         gain_files.put(choice, dict(gains))

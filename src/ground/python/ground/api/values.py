@@ -1,17 +1,8 @@
-"""What the modules of the API share: types, tables and how results look in a notebook."""
+"""What the modules of the API share: tables, and how results look in a notebook."""
+
 import html
-from typing import TYPE_CHECKING, Any, Callable, Iterable, List, Optional, Sequence, Tuple
+from typing import Iterable, List, Optional, Sequence, Tuple
 
-import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    Array = npt.NDArray[np.float64]
-else:  # NumPy 1.17 of Ubuntu 20.04 has no types
-    Array = np.ndarray
-
-Progress = Optional[Callable[[str], None]]  # is told in a sentence what is being done
 Row = Sequence[str]
 
 
@@ -35,7 +26,7 @@ def table(head: Row, rows: Iterable[Row], title: str = "") -> str:
 
 
 def text_table(head: Row, rows: Iterable[Row]) -> List[str]:
-    """The same as lines of text."""
+    """A table as lines of text; the first column is of names, the others are of numbers."""
     lines = [list(head)] + [list(row) for row in rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
     return [
@@ -65,6 +56,3 @@ class Shown:
     def _repr_html_(self) -> str:
         title, head, rows = self._table()
         return table(head, rows, title)
-
-
-Document = Any  # plain values as JSON has them

@@ -1,6 +1,7 @@
 """Levels that a controller holds on a thruster bench, for the person who reads the force."""
 
 from dataclasses import dataclass
+from typing import List, Optional
 
 SETTLED = 0.5  # how long a level is held before the force is read [s]
 
@@ -13,7 +14,7 @@ class Level:
     left: float  # 0..1
     right: float  # 0..1
 
-    def text(self, start):
+    def text(self, start: float) -> str:
         """What the reader is told; start: when the run began, on the clock of since [s]."""
         on = self.left > 0 or self.right > 0
         return "left %.3g, right %.3g since %.1f s of the run; read the scale%s" % (
@@ -27,12 +28,12 @@ class Level:
 class Levels:
     """Levels of one run, from its commands."""
 
-    def __init__(self):
-        self.start = None  # time of the first command [s]; None before
-        self.held = []  # Level, in order of time
-        self._level = None
+    def __init__(self) -> None:
+        self.start: Optional[float] = None  # time of the first command [s]; None before
+        self.held: List[Level] = []  # Level, in order of time
+        self._level: Optional[Level] = None
 
-    def command(self, time, left, right):
+    def command(self, time: float, left: float, right: float) -> Optional[Level]:
         """Takes a command given at time [s], inputs 0..1; gives its Level as soon as that has been held
         for SETTLED, and None at all other times."""
         if self.start is None:

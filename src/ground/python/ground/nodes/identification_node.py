@@ -3,6 +3,7 @@
 A task runs in a process of its own, the command line's, so that one that fails or is cancelled leaves
 the node as it was, and what the node can do and what the terminal can do is the same.
 """
+
 import collections
 import contextlib
 import json
@@ -13,23 +14,27 @@ import subprocess
 import threading
 import time
 import traceback
+from typing import Deque, List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import Controls, Drive, IdentificationStatus, MocapSettings
 from ground_msgs.srv import (
     Identify,
+    IdentifyRequest,
     IdentifyResponse,
     LoadModel,
     OfferModel,
+    OfferModelRequest,
     OfferModelResponse,
 )
 from std_msgs.msg import String
-from std_srvs.srv import Trigger, TriggerResponse
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground import files
+from ground.annotations import Document, Message
 from ground.errors import GroundError, sentence
-from ground.recordings import bags
+from ground.recordings import codecs, readers, topics
 from ground.reports import words
 
 Status = IdentificationStatus
@@ -41,29 +46,30 @@ class LiveBuffer:
     """The last seconds of poses and commands, and of when the drive began, as they came, with the settings
     of the mocap."""
 
-    TOPICS = {bags.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
-    REQUIRED = [bags.POSE.lstrip("/"), "controls"]
+    TOPICS = {topics.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
+    REQUIRED = [topics.POSE.lstrip("/"), "controls"]
 
-    def __init__(self, seconds):
+    def __init__(self, seconds: float) -> None:
         self.seconds = seconds
         self._lock = threading.Lock()
-        self._messages = collections.deque()  # (receipt rospy.Time, topic, message)
-        self._settings = collections.deque(maxlen=MOST_SETTINGS)
+        # receipt, topic, message
+        self._messages: Deque[Tuple[rospy.Time, str, Message]] = collections.deque()
+        self._settings: Deque[MocapSettings] = collections.deque(maxlen=MOST_SETTINGS)
         self._subscribers = [
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
             for topic, kind in self.TOPICS.items()
         ]
         self._settings_subscriber = rospy.Subscriber(
-            bags.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
+            topics.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
         )
 
-    def _take_settings(self, message):
+    def _take_settings(self, message: MocapSettings) -> None:
         with self._lock:
             if self._settings and message.header.stamp < self._settings[-1].header.stamp:
                 self._settings.clear()  # a bag that begins again
             self._settings.append(message)
 
-    def _take(self, message, topic):
+    def _take(self, message: Message, topic: str) -> None:
         now = rospy.Time.now()
         with self._lock:
             if self._messages and now < self._messages[-1][0]:
@@ -72,7 +78,7 @@ class LiveBuffer:
             while (now - self._messages[0][0]).to_sec() > self.seconds:
                 self._messages.popleft()
 
-    def covered(self):
+    def covered(self) -> float:
         """How many seconds there are of both poses and commands."""
         with self._lock:
             spans = []
@@ -81,12 +87,10 @@ class LiveBuffer:
                 if not times:
                     return 0.0
                 spans.append((times[0], times[-1]))
-        return (min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec()
+        return float((min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec())
 
-    def write(self, path, last):
+    def write(self, path: str, last: float) -> None:
         """Writes the last seconds to a bag; GroundError when there are not as many."""
-        import rosbag
-
         if last > self.seconds:
             raise GroundError(
                 "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
@@ -101,9 +105,9 @@ class LiveBuffer:
         newest = chosen[-1][0]
         chosen = [row for row in chosen if (newest - row[0]).to_sec() <= last]
         with files.new_file(path) as temporary:
-            with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
+            with codecs.installed().bag_writer(temporary) as bag:
                 for message in settings:
-                    bag.write(bags.SETTINGS, message, chosen[0][0])
+                    bag.write(topics.SETTINGS, message, chosen[0][0])
                 for at, topic, message in chosen:
                     bag.write("/" + topic, message, at)
 
@@ -117,7 +121,7 @@ class IdentificationNode:
     the newest model).
     """
 
-    def __init__(self, program):
+    def __init__(self, program: str) -> None:
         """program: the command line tool."""
         self._program = program
         self.model = _existing(rospy.get_param("~model", ""), "model")
@@ -133,7 +137,8 @@ class IdentificationNode:
             raise GroundError("parameter keep is %s, not a number of seconds" % keep)
         self.live = LiveBuffer(keep)
         self._busy = threading.Lock()
-        self._child, self._cancelled = None, False
+        self._child: Optional["subprocess.Popen[str]"] = None
+        self._cancelled = False
         self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
         self._result = rospy.Publisher("~result", String, queue_size=1, latch=True)
         self._newest = rospy.Publisher("~model", String, queue_size=1, latch=True)
@@ -145,7 +150,7 @@ class IdentificationNode:
         rospy.Service("~offer", OfferModel, self._offer)
         rospy.on_shutdown(self._end)
 
-    def serve(self, task, request):
+    def serve(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         """Runs a task to its end."""
         if not self._busy.acquire(blocking=False):
             return IdentifyResponse(
@@ -164,14 +169,12 @@ class IdentificationNode:
         finally:
             self._busy.release()
 
-    def _run(self, task, request, began):
+    def _run(self, task: str, request: IdentifyRequest, began: float) -> IdentifyResponse:
         model = _existing(request.model or self.model, "model")
         if task == "add" and not request.effect:
             raise GroundError("effect is empty: which one shall be added?")
         if request.last < 0:
-            raise GroundError(
-                "last is %g s: seconds before now have to be positive" % request.last
-            )
+            raise GroundError("last is %g s: seconds before now have to be positive" % request.last)
         folder = self._new_folder(task)
         try:
             return self._run_in(folder, task, request, model, began)
@@ -179,7 +182,9 @@ class IdentificationNode:
             with contextlib.suppress(OSError):
                 os.rmdir(folder)  # when nothing came of it
 
-    def _run_in(self, folder, task, request, model, began):
+    def _run_in(
+        self, folder: str, task: str, request: IdentifyRequest, model: str, began: float
+    ) -> IdentifyResponse:
         recordings = self._recordings(request, folder)
         made = os.path.join(
             folder,
@@ -198,7 +203,7 @@ class IdentificationNode:
             success=True, message=_found(task, result), model=made, folder=folder
         )
 
-    def _recordings(self, request, folder):
+    def _recordings(self, request: IdentifyRequest, folder: str) -> List[str]:
         if request.last > 0:
             if request.bags:
                 raise GroundError("either bags or the last seconds, not both")
@@ -206,9 +211,9 @@ class IdentificationNode:
             self.live.write(path, request.last)
             return [path]
         paths = [os.path.expanduser(path) for path in request.bags or [self._bag_dir]]
-        return [_existing(path, "bag") for path in bags.listed(paths)]
+        return [_existing(path, "bag") for path in readers.listed(paths)]
 
-    def _new_folder(self, task):
+    def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)
         for number in range(1000):
             path = stem + ("" if number == 0 else "-%d" % number)
@@ -219,12 +224,12 @@ class IdentificationNode:
                 continue
         raise GroundError("%s: no free name beside it" % stem)
 
-    def _execute(self, task, command, began):
+    def _execute(self, task: str, command: List[str], began: float) -> str:
         """What the command prints; its progress goes out as status. GroundError when it fails."""
         self._cancelled = False
         self._say(Status.RUNNING, task, "begins", began)
-        lines = collections.deque(maxlen=20)
-        self._child = subprocess.Popen(
+        lines: Deque[str] = collections.deque(maxlen=20)
+        child = self._child = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -232,8 +237,8 @@ class IdentificationNode:
             start_new_session=True,
         )
 
-        def listen():
-            for line in self._child.stderr:
+        def listen() -> None:
+            for line in child.stderr or ():
                 line = line.strip()
                 if line.startswith("... "):
                     self._say(Status.RUNNING, task, line[4:], began)
@@ -243,23 +248,23 @@ class IdentificationNode:
 
         listener = threading.Thread(target=listen, daemon=True)
         listener.start()
-        printed = self._child.stdout.read()
-        status = self._child.wait()
+        printed = child.stdout.read() if child.stdout else ""
+        status = child.wait()
         listener.join(PATIENCE)
         self._child = None
         if self._cancelled:
             raise GroundError("cancelled")
         if status != 0:
             raise GroundError(lines[-1] if lines else "ended with status %d" % status)
-        return printed
+        return str(printed)
 
-    def _cancel(self, _):
+    def _cancel(self, _: TriggerRequest) -> TriggerResponse:
         if self._child is None:
             return TriggerResponse(success=False, message="nothing runs")
         self._end()
         return TriggerResponse(success=True, message="cancelled")
 
-    def _end(self):
+    def _end(self) -> None:
         child, self._cancelled = self._child, True
         if child is None:
             return
@@ -273,7 +278,7 @@ class IdentificationNode:
             except subprocess.TimeoutExpired:
                 continue
 
-    def _offer(self, request):
+    def _offer(self, request: OfferModelRequest) -> OfferModelResponse:
         file, answers, taken = os.path.expanduser(request.file or self.model), [], True
         for name in request.nodes:
             try:
@@ -286,7 +291,7 @@ class IdentificationNode:
                 answers.append("%s: does not answer (%s)" % (name, error))
         return OfferModelResponse(success=taken and bool(answers), answers=answers)
 
-    def _say(self, state, task, message, began=None):
+    def _say(self, state: int, task: str, message: str, began: Optional[float] = None) -> None:
         status = Status(state=state, task=task, message=message)
         status.header.stamp = rospy.Time.now()
         status.elapsed = 0.0 if began is None else time.monotonic() - began
@@ -295,18 +300,18 @@ class IdentificationNode:
             rospy.loginfo("%s: %s", task, message)
 
 
-def _existing(path, what):
+def _existing(path: str, what: str) -> str:
     path = os.path.abspath(os.path.expanduser(path)) if path else ""
     if not os.path.isfile(path):
         raise GroundError("%s: there is no %s of this name" % (path or "(empty)", what))
     return path
 
 
-def _folder(path):
+def _folder(path: str) -> str:
     return os.path.abspath(os.path.expanduser(path))
 
 
-def _found(task, result):
+def _found(task: str, result: Document) -> str:
     """What came of a task, in a sentence."""
     if task == "diagnose":
         return words.verdict(result)

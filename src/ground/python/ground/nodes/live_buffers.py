@@ -3,9 +3,11 @@
 import math
 import threading
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
+
+from ground.annotations import Array
 
 JUMP = 0.5  # back in time, more than messages come in disorder [s]
 ROOM = 256  # samples that a history begins with
@@ -20,8 +22,8 @@ Span = Tuple[float, float]
 class Samples:
     """Samples of one topic, oldest first; a column that is not a number breaks the line."""
 
-    times: np.ndarray  # (n,) stamps [s]
-    values: np.ndarray  # (channels, n)
+    times: Array  # (n,) stamps [s]
+    values: Array  # (channels, n)
 
 
 class History:
@@ -31,12 +33,13 @@ class History:
     at them needs no copy. When the room is used up, those still wanted move into a new array.
     """
 
-    def __init__(self, channels: int, duration: float):
+    def __init__(self, channels: int, duration: float) -> None:
         self._duration = duration
         self._channels = channels
         self.clear()
 
     def clear(self) -> None:
+        """Forgets all samples."""
         self._rows = np.empty((1 + self._channels, ROOM))  # stamps, then channels
         self._begin = self._end = 0  # columns in use
 
@@ -45,7 +48,7 @@ class History:
         """Stamp of the newest sample [s]; None when there is none."""
         return float(self._rows[0, self._end - 1]) if self._end > self._begin else None
 
-    def add(self, stamp: float, values: Sequence[float]) -> None:
+    def add(self, stamp: float, values: Union[Sequence[float], Array]) -> None:
         """Adds a sample (stamp [s]); one that is not newer than the newest is left out."""
         newest = self.newest
         if newest is not None:
@@ -59,10 +62,10 @@ class History:
     def samples(self, since: float) -> Samples:
         """The samples with stamps from `since` on [s]."""
         used = self._rows[:, self._begin : self._end]
-        chosen = used[:, np.searchsorted(used[0], since) :]
+        chosen = used[:, int(np.searchsorted(used[0], since)) :]
         return Samples(chosen[0], chosen[1:])
 
-    def _append(self, stamp, values):
+    def _append(self, stamp: float, values: Union[float, Sequence[float], Array]) -> None:
         if self._end == self._rows.shape[1]:
             used = self._rows[:, self._begin :]
             self._begin, self._end = 0, used.shape[1]
@@ -72,7 +75,7 @@ class History:
         self._rows[1:, self._end] = values
         self._end += 1
 
-    def _drop_before(self, stamp):
+    def _drop_before(self, stamp: float) -> None:
         while self._rows[0, self._begin] < stamp:
             self._begin += 1
 
@@ -83,7 +86,7 @@ class LiveBuffers:
     A stamp that jumps back on any topic clears all of them: a bag or a simulation began again.
     """
 
-    def __init__(self, channels: Dict[str, int], duration: float):
+    def __init__(self, channels: Dict[str, int], duration: float) -> None:
         """channels: of each topic, how many numbers a sample has. duration: what is kept [s]."""
         self.duration = duration
         self.version = 0  # grows with every change
@@ -115,7 +118,7 @@ class LiveBuffers:
             return now, {t: h.samples(since) for t, h in self._histories.items()}
 
     def silent(self, topics: Sequence[str]) -> List[str]:
-        """Those of `topics` without a sample yet, or since time jumped back."""
+        """Topics among `topics` without a sample yet, or since time jumped back."""
         with self._lock:
             return [topic for topic in topics if self._histories[topic].newest is None]
 
@@ -134,8 +137,8 @@ def tracking_error(state: Samples, reference: Samples) -> Samples:
     return Samples(times, np.hypot(x - p[0], y - p[1])[np.newaxis])
 
 
-def thinned(times: np.ndarray, values: np.ndarray, points: int) -> Tuple[np.ndarray, np.ndarray]:
-    """The same curve in about so many points: of every few samples the smallest and the largest."""
+def thinned(times: Array, values: Array, points: int) -> Tuple[Array, Array]:
+    """A curve in about `points` points: of every few samples the smallest and the largest."""
     together = math.ceil(2 * len(times) / points)
     if together <= 2:
         return times, values
@@ -146,7 +149,7 @@ def thinned(times: np.ndarray, values: np.ndarray, points: int) -> Tuple[np.ndar
     return np.append(starts, times[end:]), np.append(pairs, values[end:])
 
 
-def extent(values: np.ndarray) -> Tuple[float, ...]:
+def extent(values: Array) -> Tuple[float, ...]:
     """Smallest and largest of the values (n,) that are numbers; nothing when there are none."""
     low = np.fmin.reduce(values, initial=math.nan)
     return () if math.isnan(low) else (float(low), float(np.fmax.reduce(values, initial=math.nan)))

@@ -1,20 +1,22 @@
 """Parameters of running nodes that dynamic_reconfigure can change: what they are, and setting them."""
+
 import ast
 import threading
 from dataclasses import dataclass
-from typing import Any, List, Optional
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Union
 
 import rospy
-from dynamic_reconfigure import DynamicReconfigureCallbackException
+from dynamic_reconfigure import DynamicReconfigureCallbackException, find_reconfigure_services
 from dynamic_reconfigure import client as reconfigure
-from dynamic_reconfigure import find_reconfigure_services
 from rosgraph_msgs.msg import Log
 
 from ground.errors import GroundError
 
 ANSWER = 3.0  # patience with a node [s]
 REASON = 0.5  # and with the reason of a refusal, which comes on another way [s]
-KINDS = {"double": float, "int": int, "str": str}
+Value = Union[bool, int, float, str]
+
+KINDS: Dict[str, Callable[[str], Value]] = {"double": float, "int": int, "str": str}
 
 
 @dataclass
@@ -30,7 +32,7 @@ class Parameter:
     default: Any
     choices: Optional[List[str]]
 
-    def parse(self, text):
+    def parse(self, text: str) -> Value:
         """The value that a text stands for; GroundError when it is none."""
         if self.kind == "bool":
             known = {"true": True, "1": True, "on": True, "false": False, "0": False, "off": False}
@@ -42,7 +44,7 @@ class Parameter:
         except ValueError:
             raise GroundError("%s: %s is no number of type %s" % (self.name, text, self.kind))
 
-    def nudged(self, value, up, factor=1.0):
+    def nudged(self, value: Any, up: bool, factor: float = 1.0) -> Any:
         """A value a little higher or lower, inside the range: by 5%, or 1 in 200 of the range at 0."""
         sign = factor if up else -factor
         if self.choices:
@@ -65,7 +67,7 @@ class Node:
     the node does not answer.
     """
 
-    def __init__(self, name, changed=None):
+    def __init__(self, name: str, changed: Optional[Callable[[], None]] = None) -> None:
         self.name = rospy.resolve_name(name)
         self.values = {}
         self._changed = changed
@@ -82,7 +84,8 @@ class Node:
             )
         self.parameters = list(_parameters(described))
 
-    def parameter(self, name):
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name; GroundError when the node has none."""
         for p in self.parameters:
             if p.name == name:
                 return p
@@ -91,7 +94,7 @@ class Node:
             % (self.name, name, ", ".join(p.name for p in self.parameters))
         )
 
-    def set(self, values):
+    def set(self, values: Mapping[str, Value]) -> None:
         """Sets parameters by name; GroundError with the node's reason when it refuses them."""
         self._refused.clear()
         try:
@@ -103,18 +106,18 @@ class Node:
             self._refused.wait(REASON)
             raise GroundError(self._refusal or "%s refused it" % self.name)
 
-    def _take(self, config):
+    def _take(self, config: Mapping[str, Any]) -> None:
         self.values = {k: v for k, v in config.items() if k != "groups"}
         if self._changed:
             self._changed()
 
-    def _listen(self, log):
+    def _listen(self, log: Log) -> None:
         if log.level >= Log.ERROR and log.msg.startswith(self.name + ":") and "refused" in log.msg:
             self._refusal = log.msg
             self._refused.set()
 
 
-def names():
+def names() -> List[str]:
     """Nodes with parameters that can be changed."""
     try:
         return sorted(find_reconfigure_services())
@@ -122,7 +125,7 @@ def names():
         raise GroundError(str(error))
 
 
-def _parameters(group):
+def _parameters(group: Mapping[str, Any]) -> Iterator[Parameter]:
     for p in group["parameters"]:
         choices = None
         if p["edit_method"]:
@@ -141,12 +144,12 @@ def _parameters(group):
         yield from _parameters(inner)
 
 
-def shown(value):
+def shown(value: Value) -> str:
     """A value in few characters."""
     return "%.6g" % value if isinstance(value, float) else str(value)
 
 
-def range_of(parameter):
+def range_of(parameter: Parameter) -> str:
     """What a parameter may be, in words."""
     if parameter.choices:
         return ", ".join(map(str, parameter.choices))

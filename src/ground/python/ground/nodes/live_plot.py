@@ -10,17 +10,18 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 import PyQt5  # noqa: F401  before pyqtgraph, which uses the binding that it finds imported
 import pyqtgraph as pg
 import rosgraph
 import rospy
-from ground_msgs.msg import Controls, ControllerStatus, ModelError, Reference, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, ModelError, Reference, SenderStatus, State
 from PyQt5 import QtCore, QtGui, QtWidgets
 
 from ground import files
+from ground.annotations import Array, Message
 from ground.errors import GroundError
 from ground.nodes.live_buffers import (
     LiveBuffers,
@@ -52,19 +53,20 @@ STATUS_COLORS = {
     **dict.fromkeys(["STOPPED", "FAULT"], BAD),
 }
 
-Line = Tuple[np.ndarray, np.ndarray]  # stamps [s] and values, (n,); not a number interrupts it
+_Numbers = TypeVar("_Numbers", float, Array)
+Line = Tuple[Array, Array]  # stamps [s] and values, (n,); not a number interrupts it
 
 
 class Topic:
     """A topic with stamped messages, of which numbers are drawn."""
 
-    def __init__(self, kind: Any, *fields: str):
+    def __init__(self, kind: Any, *fields: str) -> None:
         """kind: class of the messages. fields: their numbers, such as "error" or "nu[0]"."""
         self.kind = kind
         self.fields = fields
         self._keys = [field.rstrip("]").partition("[")[::2] for field in fields]
 
-    def row(self, message) -> List[float]:
+    def row(self, message: Message) -> List[float]:
         """The numbers of a message."""
         values = ((getattr(message, name), index) for name, index in self._keys)
         return [value[int(index)] if index else value for value, index in values]
@@ -184,11 +186,12 @@ class Feed:
     that brings its own is started again.
     """
 
-    def __init__(self, duration: float):
+    def __init__(self, duration: float) -> None:
         """duration: of the history [s]."""
         self.buffers = LiveBuffers({n: len(t.fields) for n, t in TOPICS.items()}, duration)
         self.models: Dict[str, ModelError] = {}  # topic to newest message
-        self.statuses: Dict[str, Tuple[Any, float]] = {}  # topic to newest message, received [s]
+        # topic to newest message, received [s]
+        self.statuses: Dict[str, Tuple[Message, float]] = {}
         self.invalid = ""  # why the newest state is invalid
         self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]
         self.master_answers = True
@@ -196,10 +199,12 @@ class Feed:
 
     def connect(self) -> None:
         """Subscribes; the node has to be initialised."""
+        master = rosgraph.Master(rospy.get_name())
+        known = _pid(master)  # before: a master that ends soon after would not be missed
         self._subscribe()
-        threading.Thread(target=self._watch_master, daemon=True).start()
+        threading.Thread(target=self._watch_master, args=(master, known), daemon=True).start()
 
-    def take(self, message, topic: str) -> None:
+    def take(self, message: Message, topic: str) -> None:
         """Takes a message of one of TOPICS."""
         row = TOPICS[topic].row(message)
         if topic in MODELS:
@@ -210,22 +215,19 @@ class Feed:
         self.heard = time.monotonic()
         self.buffers.add(topic, message.header.stamp.to_sec(), row)
 
-    def take_status(self, message, topic: str) -> None:
+    def take_status(self, message: Message, topic: str) -> None:
         """Takes a message of one of STATUSES."""
         self.statuses[topic] = (message, time.monotonic())
 
-    def _subscribe(self):
+    def _subscribe(self) -> None:
         for topic, what in TOPICS.items():
             self._subscribers.append(rospy.Subscriber(topic, what.kind, self.take, topic))
         for topic, kind in STATUSES.items():
             self._subscribers.append(rospy.Subscriber(topic, kind, self.take_status, topic))
 
-    def _watch_master(self):
-        master, known = rosgraph.Master(rospy.get_name()), None
+    def _watch_master(self, master: rosgraph.Master, known: Optional[int]) -> None:
         while not rospy.is_shutdown():
-            pid = None
-            with contextlib.suppress(OSError, rosgraph.MasterException):
-                pid = master.getPid()
+            pid = _pid(master)
             self.master_answers = pid is not None
             if pid and known and pid != known:
                 for subscriber in self._subscribers:
@@ -236,6 +238,13 @@ class Feed:
             time.sleep(WATCH)
 
 
+def _pid(master: rosgraph.Master) -> Optional[int]:
+    """Number of the master's process; None when it does not answer."""
+    with contextlib.suppress(OSError, rosgraph.MasterException):
+        return int(master.getPid())
+    return None
+
+
 class Strip(QtWidgets.QWidget):
     """The inside of a diagram: grid, curves, or a note.
 
@@ -244,7 +253,7 @@ class Strip(QtWidgets.QWidget):
     second, would take several times as long.
     """
 
-    def __init__(self, parent: QtWidgets.QWidget, panel: Panel, across: Span):
+    def __init__(self, parent: QtWidgets.QWidget, panel: Panel, across: Span) -> None:
         """across: range of the time axis, 0 at the newest message [s]."""
         super().__init__(parent)
         self.setAttribute(QtCore.Qt.WA_OpaquePaintEvent)
@@ -284,8 +293,8 @@ class Strip(QtWidgets.QWidget):
             self._draw_part(whole.adjusted(max(left, 0), 0, 0, 0))
         self.update()
 
-    def paintEvent(self, event):
-        """As QWidget's."""
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:
+        """Paints the curves, the grid and the note, as Qt asks for it."""
         painter = QtGui.QPainter(self)
         painter.drawPixmap(event.rect(), self._picture, event.rect())
         # These lines do not move with the curves; they darken only what is light.
@@ -301,7 +310,7 @@ class Strip(QtWidgets.QWidget):
             painter.drawText(where, QtCore.Qt.AlignCenter, self.note)
         painter.end()
 
-    def _draw_part(self, area):
+    def _draw_part(self, area: QtCore.QRect) -> None:
         painter = QtGui.QPainter(self._picture)
         painter.setClipRect(area)
         painter.fillRect(area, QtCore.Qt.white)
@@ -315,11 +324,11 @@ class Strip(QtWidgets.QWidget):
                     painter.drawPolyline(piece)
         painter.end()
 
-    def _pieces(self, line, left, right):
+    def _pieces(self, line: Line, left: int, right: int) -> Iterator[QtGui.QPolygonF]:
         """What is seen of a line between two columns of pixels, in pieces without a gap."""
         times, values = line
-        first = np.searchsorted(times, self._time(left)) - 1
-        last = np.searchsorted(times, self._time(right)) + 1
+        first = int(np.searchsorted(times, self._time(left))) - 1
+        last = int(np.searchsorted(times, self._time(right))) + 1
         part = slice(max(first, 0), last)
         times, values = thinned(times[part], values[part], max(2 * (right - left), 100))
         # Mostly a few samples: lists, not arrays.
@@ -333,7 +342,7 @@ class Strip(QtWidgets.QWidget):
         if points:
             yield QtGui.QPolygonF(points)
 
-    def _undrawn(self, lines):
+    def _undrawn(self, lines: Sequence[Line]) -> float:
         """The earliest stamp from which on the picture differs: infinity when it does not, minus
         infinity when all does [s]."""
         since = math.inf
@@ -346,21 +355,23 @@ class Strip(QtWidgets.QWidget):
                 since = min(since, before[-1])
         return since
 
-    def _x(self, stamps):
+    def _x(self, stamps: _Numbers) -> _Numbers:
         """Columns of stamps, which move by whole pixels from picture to picture."""
         return (stamps - self._across[0]) * self._per_second - self._column
 
-    def _time(self, x):
+    def _time(self, x: float) -> float:
         return (x + self._column) / self._per_second + self._across[0]
 
-    def _y(self, values):
+    def _y(self, values: _Numbers) -> _Numbers:
         return (self._up[1] - values) * (self.height() / (self._up[1] - self._up[0]))
 
 
 class Diagram:
     """A panel as it is drawn: axes in the view, curves and title upon it."""
 
-    def __init__(self, panel: Panel, duration: float, view: pg.GraphicsLayoutWidget, bottom: bool):
+    def __init__(
+        self, panel: Panel, duration: float, view: pg.GraphicsLayoutWidget, bottom: bool
+    ) -> None:
         """duration: of the time axis [s]. bottom: whether the time axis is labelled."""
         self.panel = panel
         self.item = pg.PlotItem(viewBox=pg.ViewBox(enableMouse=False, enableMenu=False))
@@ -375,7 +386,7 @@ class Diagram:
         self._style(bottom)
         self._show_range([])
 
-    def _style(self, bottom):
+    def _style(self, bottom: bool) -> None:
         item = self.item
         item.hideButtons()
         item.setMenuEnabled(False)
@@ -425,11 +436,11 @@ class Diagram:
             self.strip.note = "no message yet on " + " and ".join(waits) if waits else ""
         self.strip.draw(now or 0.0, self._up, lines)
 
-    def _waits_for(self):
+    def _waits_for(self) -> List[str]:
         topics = [curve.topic for curve in self.panel.curves if curve.topic in EXPECTED]
         return list(dict.fromkeys(topics)) + list(self.panel.waits_for)
 
-    def _show_range(self, curves):
+    def _show_range(self, curves: Sequence[Array]) -> None:
         """curves: the values of each."""
         ends = list(self.panel.always)
         for values in curves:
@@ -440,7 +451,7 @@ class Diagram:
             self.item.setYRange(*up, padding=0)
             self._find_ticks()
 
-    def _find_ticks(self):
+    def _find_ticks(self) -> None:
         left, right = self._across
         times = ticks(left, right, 6)
         values = ticks(*self._up, max(self.strip.height() // TICK_SPACE, 2))
@@ -448,7 +459,7 @@ class Diagram:
         for side, found in (("bottom", times), ("left", values)):
             self.item.getAxis(side).setTicks([[(value, "%g" % value) for value in found]])
 
-    def _name(self, curves, models):
+    def _name(self, curves: Sequence[Curve], models: Mapping[str, str]) -> None:
         """Title and legend in one line, above the curves instead of over them."""
         model = models.get(MODELS[0], "the model")
         words = ["<b>%s</b>" % html.escape(self.panel.title.format(model=model))]
@@ -462,7 +473,7 @@ class Diagram:
 class LivePlot(QtWidgets.QWidget):
     """The window; it draws a feed."""
 
-    def __init__(self, feed: Feed):
+    def __init__(self, feed: Feed) -> None:
         super().__init__()
         self._feed = feed
         self._drawn = -1  # version of the buffers
@@ -489,7 +500,7 @@ class LivePlot(QtWidgets.QWidget):
             column.addWidget(line)
         column.addWidget(self._diagrams(), 1)
 
-    def _diagrams(self):
+    def _diagrams(self) -> pg.GraphicsLayoutWidget:
         view = pg.GraphicsLayoutWidget()
         view.ci.layout.setHorizontalSpacing(20)
         view.ci.layout.setVerticalSpacing(2)
@@ -505,7 +516,7 @@ class LivePlot(QtWidgets.QWidget):
                 self.diagrams.append(diagram)
         return view
 
-    def _move(self, *_):
+    def _move(self, *_: object) -> None:
         self._placed = False  # later, when all has found its place
 
     def redraw(self) -> None:
@@ -523,7 +534,8 @@ class LivePlot(QtWidgets.QWidget):
         models = {topic: short(message.model) for topic, message in list(feed.models.items())}
         silent = feed.buffers.silent(list(TOPICS))
         fit = now is not None and not 0 <= now - self._fitted < FIT
-        self._fitted = now if fit else self._fitted
+        if now is not None and fit:
+            self._fitted = now
         for diagram in self.diagrams:
             diagram.draw(now, samples, models, silent, fit)
 
@@ -534,7 +546,7 @@ class LivePlot(QtWidgets.QWidget):
             if not self.grab().save(temporary, "PNG"):
                 raise GroundError("%s: the picture cannot be written" % path)
 
-    def _tell(self, now):
+    def _tell(self, now: Optional[float]) -> None:
         sentences = [status_line(topic, self._feed) for topic in STATUSES]
         sentences.append(data_line(now, self._feed))
         for line, sentence in zip(self.lines, sentences):
@@ -580,7 +592,9 @@ def data_line(now: Optional[float], feed: Feed) -> str:
     if feed.invalid:
         return colored("The state is invalid: %s" % html.escape(feed.invalid), BAD)
     horizon = feed.models[MODELS[0]].horizon
-    return colored("Newest message: %.0f s. Predictions are %g s ahead." % (now, horizon), NOTE)
+    return colored(
+        "Newest message: %.0f s. Predictions are %g s ahead." % (now or 0.0, horizon), NOTE
+    )
 
 
 def check_display() -> None:
@@ -610,7 +624,7 @@ def show(
     signals: List[int] = []
     failures: List[Exception] = []
 
-    def guarded(work):
+    def guarded(work: Callable[[], None]) -> None:
         # An exception that leaves a slot would abort the process.
         try:
             work()
@@ -618,14 +632,14 @@ def show(
             failures.append(error)
             application.quit()
 
-    def tick():
+    def tick() -> None:
         if signals or rospy.is_shutdown():
             application.quit()
         elif window.isVisible():
             guarded(window.redraw)
 
-    def take_picture():
-        guarded(lambda: window.save(picture, force))
+    def take_picture() -> None:
+        guarded(lambda: window.save(picture or "", force))
         application.quit()
 
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,12 +1,14 @@
 """Tuning by hand in a terminal: all live parameters, changed with the arrow keys."""
+
 import math
 import os
+from typing import Any, Optional, Sequence, Tuple
 
 import urwid
 
 from ground.errors import GroundError
 from ground.nodes import live_parameters
-from ground.nodes.live_parameters import shown
+from ground.nodes.live_parameters import Node, Parameter, Value, shown
 
 PALETTE = [
     ("title", "white,bold", "dark blue"),
@@ -21,19 +23,21 @@ HELP = " up/down choose   left/right change   +/- tenfold   Enter type   d defau
 BAR = 20  # characters of a bar
 
 
-class _Row(urwid.WidgetWrap):
+class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
     """A parameter: name, value, where in its range it is, and what it means."""
 
-    def __init__(self, editor, node, parameter):
+    def __init__(self, editor: "Editor", node: Node, parameter: Parameter) -> None:
         self.editor, self.node, self.parameter = editor, node, parameter
         self._text = urwid.Text("", wrap="clip")
         super().__init__(urwid.AttrMap(self._text, None, "chosen"))
         self.refresh()
 
-    def selectable(self):
+    def selectable(self) -> bool:
+        """Tells urwid that rows can be chosen."""
         return True
 
-    def refresh(self):
+    def refresh(self) -> None:
+        """Shows the value that the node has now."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         mark = "changed" if value != p.default else None
         self._text.set_text(
@@ -44,7 +48,8 @@ class _Row(urwid.WidgetWrap):
             ]
         )
 
-    def keypress(self, size, key):
+    def keypress(self, size: Tuple[int, ...], key: str) -> Optional[str]:
+        """Changes the value by a key of urwid's; gives back keys that it does not take."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         if key in ("left", "right"):
             self.editor.change(self, p.nudged(value, key == "right"))
@@ -56,9 +61,10 @@ class _Row(urwid.WidgetWrap):
             self.editor.ask(self)
         else:
             return key
+        return None
 
 
-def _bar(parameter, value):
+def _bar(parameter: Parameter, value: Any) -> str:
     if parameter.kind not in ("double", "int") or not parameter.upper > parameter.lower:
         return " " * BAR
     low, high = parameter.lower, parameter.upper
@@ -72,7 +78,7 @@ def _bar(parameter, value):
 class Editor:
     """All nodes given by name; run() until the user has had enough."""
 
-    def __init__(self, names):
+    def __init__(self, names: Sequence[str]) -> None:
         self._message = urwid.Text("")
         self._rows, self._pipe = [], None
         self._nodes = [live_parameters.Node(name, self._poke) for name in names]
@@ -86,7 +92,8 @@ class Editor:
                     listed.append(urwid.AttrMap(urwid.Text("  " + group), "group"))
                 self._rows.append(_Row(self, node, p))
                 listed.append(self._rows[-1])
-        self._prompt, self._asked = urwid.Edit(), None
+        self._prompt = urwid.Edit()
+        self._asked: Optional[_Row] = None
         self._frame = urwid.Frame(
             urwid.ListBox(urwid.SimpleFocusListWalker(listed)),
             header=urwid.AttrMap(urwid.Text(HELP), "title"),
@@ -95,10 +102,11 @@ class Editor:
         self._loop = urwid.MainLoop(self._frame, PALETTE, unhandled_input=self._key)
         self._pipe = self._loop.watch_pipe(self._refresh)
 
-    def run(self):
+    def run(self) -> None:
+        """Shows the window until the user ends it."""
         self._loop.run()
 
-    def change(self, row, value):
+    def change(self, row: _Row, value: Value) -> None:
         """Sets a parameter and says what came of it."""
         name = row.parameter.name
         try:
@@ -108,13 +116,14 @@ class Editor:
             self._say("refused", str(error))
         self._refresh(b"")
 
-    def ask(self, row):
+    def ask(self, row: _Row) -> None:
+        """Asks for a value of the row's parameter."""
         self._asked = row
         self._prompt = urwid.Edit("%s = " % row.parameter.name)
         self._frame.footer = self._prompt
         self._frame.focus_position = "footer"
 
-    def _key(self, key):
+    def _key(self, key: str) -> None:
         if self._asked:
             if key in ("enter", "esc"):
                 row, self._asked = self._asked, None
@@ -128,15 +137,15 @@ class Editor:
         elif key in ("q", "Q", "esc"):
             raise urwid.ExitMainLoop()
 
-    def _say(self, kind, text):
+    def _say(self, kind: str, text: str) -> None:
         self._message.set_text((kind, " " + text))
 
-    def _poke(self):
+    def _poke(self) -> None:
         """From the thread in which changes of others arrive."""
         if self._pipe is not None:
             os.write(self._pipe, b"x")
 
-    def _refresh(self, _):
+    def _refresh(self, _: bytes) -> bool:
         for row in self._rows:
             row.refresh()
         return True

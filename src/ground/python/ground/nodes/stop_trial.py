@@ -6,16 +6,18 @@ import signal
 import subprocess
 import time
 from dataclasses import dataclass
+from typing import Any, Callable, Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 import roslib.packages
 import rospy
 from ground_msgs.msg import ControllerStatus, SenderStatus, State, Telemetry
 from ground_msgs.srv import Silence
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool, Trigger, TriggerResponse
 
 from ground import _core
 from ground.analysis import own_stop
+from ground.annotations import Message, Say
 from ground.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
@@ -35,7 +37,7 @@ class Push:
     thrust_time: float = 1.2
     silence: float = 1.5
 
-    def distance(self, model):
+    def distance(self, model: _core.Model) -> float:
         """How far a craft without a stop of its own goes until zeros come again [m]."""
         acceleration = 2 * model.value("k") * model.input_max * self.thrust / model.value("m")
         return 0.5 * acceleration * (self.thrust_time + self.silence) ** 2
@@ -44,11 +46,13 @@ class Push:
 class Stack:
     """The running launch: its sender, its states, and the craft that the sender's model names."""
 
-    def __init__(self, manager):
+    def __init__(self, manager: str) -> None:
         self.manager = rospy.resolve_name(manager)
         self.model = _core.load_model(_parameter("sender/model"))
         self.simulated = _published("simulator/truth") or rospy.get_param("/use_sim_time", False)
-        self.statuses, self.states, self.telemetry = [], [], []
+        self.statuses: List[SenderStatus] = []
+        self.states: List[State] = []
+        self.telemetry: List[Telemetry] = []
         self._listeners = [
             rospy.Subscriber(topic, kind, heard.append, tcp_nodelay=True)
             for topic, kind, heard in (
@@ -60,7 +64,7 @@ class Stack:
         self.silence = _service("sender/silence", Silence)
         self.arm = _service("sender/arm", SetBool)
 
-    def try_stop(self, push, patience, say=print):
+    def try_stop(self, push: Push, patience: float, say: Say = print) -> Tuple[own_stop.Trial, str]:
         """Waits until it is armed, pushes the craft and is silent; the Trial, with what the sender
         said when the silence ended."""
         with self._drive(push) as drive:
@@ -74,7 +78,7 @@ class Stack:
                 raise
 
     @contextlib.contextmanager
-    def _drive(self, push):
+    def _drive(self, push: Push) -> Iterator["_Drive"]:
         """A controller that gives constant thrust, loaded beside the launch's own."""
         _wait(lambda: self.statuses, "no status of the sender comes")
         nodelet = roslib.packages.find_node("nodelet", "nodelet")[0]
@@ -111,7 +115,7 @@ class Stack:
                 process.kill()
                 process.wait()
 
-    def _wait_armed(self, patience, say):
+    def _wait_armed(self, patience: float, say: Say) -> None:
         if self.statuses[-1].state != SenderStatus.ARMED:
             say("waiting until it is armed: rosservice call %s true" % self.arm.resolved_name)
         _wait(
@@ -121,7 +125,7 @@ class Stack:
             patience,
         )
 
-    def _check_at_rest(self):
+    def _check_at_rest(self) -> None:
         _wait(lambda: self.states, "no state of the craft comes")
         state = self.states[-1]
         if not state.valid:
@@ -133,7 +137,7 @@ class Stack:
                 "/controller/stop), let it come to rest, and try again" % speed
             )
 
-    def _push(self, drive, push, say):
+    def _push(self, drive: "_Drive", push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
         del self.states[:], self.telemetry[:]
         answer = drive.start()
         if not answer.success:
@@ -157,7 +161,7 @@ class Stack:
         say("silence for %.1f s" % push.silence)
         began = answer.last_packet
 
-        def after():
+        def after() -> List[SenderStatus]:
             return [
                 s
                 for s in list(self.statuses)
@@ -173,7 +177,7 @@ class Stack:
         )
         return self._trial(began, end), end.reason
 
-    def _trial(self, began, end):
+    def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
         zero = began.to_sec() - 100.0  # stamps of today leave few digits for fractions
         states, telemetry = list(self.states), list(self.telemetry)
         return own_stop.Trial(
@@ -190,57 +194,58 @@ class Stack:
 class _Drive:
     """The nodelet that gives the push."""
 
-    def __init__(self):
-        self.status, self._running = None, None
+    def __init__(self) -> None:
+        self.status: Message = None  # the newest ControllerStatus
+        self._running: Optional[rospy.Time] = None
         self._listener = rospy.Subscriber(DRIVE + "/status", ControllerStatus, self._take)
 
-    def _take(self, status):
+    def _take(self, status: ControllerStatus) -> None:
         if status.state != ControllerStatus.RUNNING:
             self._running = None
         elif self._running is None:
             self._running = status.header.stamp
         self.status = status
 
-    def runs_for(self, seconds):
+    def runs_for(self, seconds: float) -> bool:
         running = self._running
-        return running and (rospy.Time.now() - running).to_sec() >= seconds
+        return running is not None and (rospy.Time.now() - running).to_sec() >= seconds
 
-    def ended(self):
+    def ended(self) -> bool:
         return self.status.state in (ControllerStatus.STOPPED, ControllerStatus.DONE)
 
-    def start(self):
+    def start(self) -> TriggerResponse:
         return _service(DRIVE + "/start", Trigger)()
 
-    def stop(self):
+    def stop(self) -> TriggerResponse:
         return _service(DRIVE + "/stop", Trigger)()
 
-    def close(self):
+    def close(self) -> None:
         self._listener.unregister()
 
 
-def verdict_of(trial, ended):
+def verdict_of(trial: own_stop.Trial, ended: str) -> own_stop.Verdict:
     """The Verdict on a trial whose silence the sender ended by saying `ended`."""
     if ended != AFTER_SILENCE:
         return own_stop.Verdict(own_stop.UNDECIDED, "the silence was cut short: %s" % ended)
     return own_stop.judge(trial)
 
 
-def _parameter(name):
+def _parameter(name: str) -> str:
     value = rospy.get_param(name, "")
     if not value:
         raise GroundError(
             "no sender with a model runs (parameter %s): start a launch first, or "
             "roslaunch ground own_stop.launch" % rospy.resolve_name(name)
         )
-    return value
+    return str(value)
 
 
-def _published(topic):
+def _published(topic: str) -> bool:
     full = rospy.resolve_name(topic)
     return any(name == full for name, _ in rospy.get_published_topics())
 
 
-def _service(name, kind):
+def _service(name: str, kind: Any) -> rospy.ServiceProxy:
     try:
         rospy.wait_for_service(name, ANSWER)
     except rospy.ROSException:
@@ -248,7 +253,12 @@ def _service(name, kind):
     return rospy.ServiceProxy(name, kind)
 
 
-def _wait(condition, message, timeout=ANSWER, required=True):
+def _wait(
+    condition: Callable[[], Any],
+    message: Union[str, Callable[[], str]],
+    timeout: float = ANSWER,
+    required: bool = True,
+) -> None:
     """Until condition() holds, in wall time; GroundError with a message, or with what a function then
     says, when it does not come to hold and is required."""
     deadline = time.monotonic() + timeout

@@ -5,17 +5,37 @@ its index, and the connections (topics with their types) once more at the end. r
 this reader needs none of it, takes every message that is there, checks it against what the file says
 twice, and says what was lost.
 """
+
 import bz2
 import enum
 import mmap
 import re
-from collections import Counter, OrderedDict, namedtuple
+from collections import Counter, OrderedDict
+from typing import (
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Type,
+    Union,
+)
+from typing import (
+    Counter as CounterType,
+)
 
 import numpy as np
 
+from ground.annotations import Indices, Message, Time
 from ground.errors import GroundError
+from ground.recordings import codecs
 
 MAGIC = b"#ROSBAG V2.0\n"
+ANY_MAGIC = MAGIC[:7]  # of any format
 FILE_OP, INDEX_OP, CHUNK_OP, INFO_OP, CONNECTION_OP = 3, 4, 5, 6, 7
 NEEDED = {  # a field that every record of a kind has
     FILE_OP: b"index_pos",
@@ -29,7 +49,7 @@ MESSAGE = re.compile(
     rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
 )
 OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # of records that are not inside of chunks
-# What a line of a message's definition may be: genpy makes Python of definitions and runs it, whatever
+# What a line of a message's definition may be: codecs make Python of definitions and run it, whatever
 # the constants in it are called.
 DEFINITION = re.compile(
     r"""(\#.*|=+|MSG:\s*\w+/\w+
@@ -45,12 +65,47 @@ MOST_OPEN = 16  # chunks whose contents are kept
 LARGEST_BLOCK = 4 << 20  # of LZ4 [bytes]
 LONGEST_CHUNK_HEADER = 200  # [bytes]
 BZ2_MAGIC, LZ4_MAGIC = b"BZh9", b"\x04\x22\x4d\x18"
-LZ4_HEADER = 7  # of a frame [bytes]
+LZ4_HEADER = 7  # of a frame that says no size of its contents [bytes]
+LZ4_FLAGS, LZ4_HAS_SIZE, LZ4_HAS_CHECKSUM = 4, 0x08, 0x04  # where the flags are, and two of them
+LZ4_SIZE = 8  # of the size of the contents, where a frame says it [bytes]
 
-Record = namedtuple("Record", "op fields start data end")  # end: of what is there, maybe cut
-Topic = namedtuple("Topic", "msg_type message_count")
-Topics = namedtuple("Topics", "topics")
-Connection = namedtuple("Connection", "topic msg_type md5sum definition")
+Data = Union[bytes, mmap.mmap]
+
+
+class Record(NamedTuple):
+    """A record in a file or in a chunk; places are bytes from its start."""
+
+    op: Optional[int]
+    fields: Dict[bytes, bytes]
+    start: int
+    data: int
+    end: int  # of what is there, maybe cut
+
+
+class Topic(NamedTuple):
+    """What is known of a topic."""
+
+    msg_type: str
+    message_count: int
+
+
+class Topics(NamedTuple):
+    """Topics by name."""
+
+    topics: Dict[str, Topic]
+
+
+class Connection(NamedTuple):
+    """A topic with the type of its messages."""
+
+    topic: str
+    msg_type: str
+    md5sum: str
+    definition: str
+
+
+# Fields of a Connection as one record has them; None for those that it has not.
+Claim = Tuple[Optional[str], ...]
 
 
 class State(enum.Enum):
@@ -67,19 +122,22 @@ class BagReader:
     warnings: what is wrong with the bag, a sentence each, complete when its messages have been read.
     """
 
-    def __init__(self, path):
+    def __init__(self, path: str) -> None:
         self.path = path
-        self.warnings = []
-        self._lost = []  # (bytes, where) that could not be read
+        self.warnings: List[str] = []
+        self._lost: List[Tuple[int, int]] = []  # bytes, where, that could not be read
         self._contradictions = 0  # between messages and the index of their chunk
-        self._claims = {}  # number of a connection -> its Connections, as often as they are there
-        self._chunks = []
-        self._open = OrderedDict()  # number of a chunk -> contents, of those that were read last
-        self._found = {}  # number of a connection -> arrays of (time [ns], chunk, offset, size)
+        # number of a connection -> what is said of it, as often as it is there
+        self._claims: Dict[int, List[Claim]] = {}
+        self._chunks: List[Record] = []
+        # number of a chunk -> contents, of those that were read last
+        self._open: "OrderedDict[int, bytes]" = OrderedDict()
+        # number of a connection -> arrays of (time [ns], chunk, offset, size)
+        self._found: Dict[int, List[Indices]] = {}
         with open(path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 file.seek(0)
-                old = file.read(7) == MAGIC[:7]
+                old = file.read(len(ANY_MAGIC)) == ANY_MAGIC
                 raise GroundError(
                     "%s: %s"
                     % (path, "a bag, but not of format 2.0: see rosbag fix" if old else "not a bag")
@@ -89,19 +147,22 @@ class BagReader:
         self._connections = {n: _agreed(claims) for n, claims in self._claims.items()}
         self._conclude()
 
-    def __enter__(self):
+    def __enter__(self) -> "BagReader":
         return self
 
-    def __exit__(self, kind, error, _):
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], _: object
+    ) -> None:
         self._open.clear()
         self._data.close()
         if kind is GroundError and self.warnings:  # the damage may be why
             raise GroundError("%s; %s" % (error, "; ".join(self.warnings))) from error
 
-    def get_type_and_topic_info(self):
+    def get_type_and_topic_info(self) -> Topics:
         """Type and number of messages by topic, as rosbag.Bag gives them; the type of a topic that has
         several is their names with " and " between them."""
-        kinds, counts = {}, Counter()
+        kinds: Dict[str, Set[str]] = {}
+        counts: "CounterType[str]" = Counter()
         for number, connection in self._connections.items():
             count = sum(map(len, self._found.get(number, ())))
             counts[connection.topic] += count
@@ -109,10 +170,9 @@ class BagReader:
                 kinds.setdefault(connection.topic, set()).add(connection.msg_type)
         return Topics({t: Topic(" and ".join(sorted(k)), counts[t]) for t, k in kinds.items()})
 
-    def read_messages(self, topics):
-        """Yields topic, message and time of receipt (genpy.Time), in the order of receipt."""
-        import genpy
-
+    def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
+        """Yields topic, message and time of receipt (the codec's Time), in the order of receipt."""
+        received = codecs.installed().Time
         chosen = [n for n, c in self._connections.items() if c.topic in topics and n in self._found]
         if not chosen:
             return
@@ -120,25 +180,26 @@ class BagReader:
         numbers = np.repeat(chosen, [len(t) for t in tables])
         rows = np.column_stack([np.concatenate(tables), numbers])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        kinds = {n: message_class(self._connections[n]) for n in chosen}
+        decode = {n: decoder(self._connections[n]) for n in chosen}
         unreadable = 0
         for time, chunk, offset, size, number in rows.tolist():
             try:
-                message = kinds[number]()
-                message.deserialize(self._contents(chunk)[offset : offset + size])
-            except Exception:  # genpy raises whatever its parsing meets
+                message = decode[number](self._contents(chunk)[offset : offset + size])
+            except Exception:  # decoders raise whatever their parsing meets
                 unreadable += 1
                 continue
-            yield self._connections[number].topic, message, genpy.Time(*divmod(time, 10**9))
+            yield self._connections[number].topic, message, received(*divmod(time, 10**9))
         if unreadable:
             self.warnings.append(
-                "the bag is damaged: messages that do not fit their type were left out (%d)" % unreadable
+                "the bag is damaged: messages that do not fit their type were left out (%d)"
+                % unreadable
             )
 
-    def _scan(self):
+    def _scan(self) -> None:
         """Finds all chunks and their messages."""
         self._size = len(self._data)
-        self._index_at = None  # where the file header says that the chunks end; 0: it never was closed
+        # where the file header says that the chunks end; 0: it never was closed
+        self._index_at: Optional[int] = None
         self._ends_early = False
         records, position = [], len(MAGIC)
         while position < self._size:
@@ -152,7 +213,7 @@ class BagReader:
                     raise GroundError("%s: the bag is encrypted; decrypt it first" % self.path)
                 self._index_at = _number(record.fields.get(b"index_pos", b""))
         self._has_end = any(record.op == INFO_OP for record in records)
-        indices = {}  # of each chunk: records that tell its messages
+        indices: Dict[int, List[Record]] = {}  # of each chunk: records that tell its messages
         for record in records:
             if record.op == CHUNK_OP:
                 self._chunks.append(record)
@@ -177,7 +238,7 @@ class BagReader:
                 chunk = self._chunks[number]
                 self._lost.append((chunk.end - chunk.data, chunk.start))
 
-    def _whole_record(self, position):
+    def _whole_record(self, position: int) -> Record:
         """The record at a place of the file. One that makes no sense is taken for a chunk whose header
         is lost; a chunk that is cut or says a wrong length ends where the next record begins."""
         record = _record(self._data, position, self._size)
@@ -195,11 +256,11 @@ class BagReader:
         self._contradictions += following is not None
         return record._replace(op=None, end=end)
 
-    def _goes_on(self, position):
+    def _goes_on(self, position: int) -> bool:
         """Whether the file ends at a place, or a record begins there."""
         return position == self._size or _record(self._data, position, self._size) is not None
 
-    def _contents(self, number):
+    def _contents(self, number: int) -> bytes:
         if number not in self._open:
             self._open[number] = self._unpacked(number)[0]
             if len(self._open) > MOST_OPEN:
@@ -207,7 +268,7 @@ class BagReader:
         self._open.move_to_end(number)
         return self._open[number]
 
-    def _unpacked(self, number):
+    def _unpacked(self, number: int) -> Tuple[bytes, State]:
         """What is in a chunk, as far as it can be had, and its State."""
         record = self._chunks[number]
         packed = self._data[record.data : record.end]
@@ -219,7 +280,7 @@ class BagReader:
                 return unpack(packed[at:], record.end == self._size)
         return packed, State.PLAIN
 
-    def _read_chunk(self, number, contents, indices):
+    def _read_chunk(self, number: int, contents: bytes, indices: List[Record]) -> None:
         """Takes the messages of a chunk, settled with what the records of its index say of them."""
         offsets, connections, times, starts, sizes = [], [], [], [], []
         position, last, size = 0, 0, len(contents)
@@ -248,7 +309,8 @@ class BagReader:
                 continue
             position = last = self._skip(number, contents, position, last, size)
         seconds = np.frombuffer(b"".join(times), "<u4").astype(np.int64).reshape(-1, 2)
-        found = np.empty((len(offsets), 5), np.int64)  # offset, connection, time [ns], start, size
+        # offset, connection, time [ns], start, size
+        found: Indices = np.empty((len(offsets), 5), np.int64)
         found[:, 0], found[:, 3], found[:, 4] = offsets, starts, sizes
         found[:, 1] = np.frombuffer(b"".join(connections), "<u4")
         found[:, 2] = seconds @ [10**9, 1]
@@ -259,7 +321,7 @@ class BagReader:
             entry = np.column_stack([rows[:, 2], np.full(len(rows), number), rows[:, 3:]])
             self._found.setdefault(int(connection), []).append(entry)
 
-    def _skip(self, number, contents, position, last, size):
+    def _skip(self, number: int, contents: bytes, position: int, last: int, size: int) -> int:
         """Where to go on after a record that makes no sense; what came before it may have been longer
         than it says."""
         following = MESSAGE.search(contents, min(last + 1, position + 1))
@@ -275,7 +337,7 @@ class BagReader:
             self._contradictions += 1
         return end
 
-    def _settled(self, contents, found, indices):
+    def _settled(self, contents: bytes, found: Indices, indices: List[Record]) -> Indices:
         """The messages of a chunk when its index agrees, or after both are settled: a message that is
         of another topic by the index is left out, one that was swallowed by a wrong length is taken,
         and of two times of receipt the one nearer to the other messages' is right."""
@@ -307,26 +369,24 @@ class BagReader:
             elif message and message[1] != connection:
                 del messages[at]
             elif message:
-                message[2] = min(message[2], time, key=lambda t: abs(t - middle))
+                message[2] = min(message[2], time, key=lambda t: float(abs(t - middle)))
         self._contradictions += len(set(messages) - set(told[:, 0].tolist()))
         return np.array(sorted(messages.values()), np.int64).reshape(-1, 5)
 
-    def _take_connection(self, data, record):
+    def _take_connection(self, data: Data, record: Record) -> None:
         """Topic and type are in a connection's record, and once more in what the publisher said."""
         number = record.fields.get(b"conn", b"")
         said = _fields(data, record.data, record.end) or {}
         claims = self._claims.setdefault(_number(number), [])
         for fields in (record.fields, said):
             claims.append(
-                Connection(
-                    *(
-                        fields[name].decode("utf-8", "replace") if name in fields else None
-                        for name in (b"topic", b"type", b"md5sum", b"message_definition")
-                    )
+                tuple(
+                    fields[name].decode("utf-8", "replace") if name in fields else None
+                    for name in (b"topic", b"type", b"md5sum", b"message_definition")
                 )
             )
 
-    def _conclude(self):
+    def _conclude(self) -> None:
         """Puts into words what is wrong with the file."""
         lost = sum(size for size, _ in self._lost)
         index_at = self._index_at
@@ -364,34 +424,32 @@ class BagReader:
             self.warnings.append("the bag is damaged: it says different things of one topic")
 
 
-def message_class(connection):
-    """The class of a connection's messages: the installed one where it is the same, else one made from
-    the definition in the bag; None where neither can be."""
-    import genpy.dynamic
-    import roslib.message
-
-    try:
-        installed = roslib.message.get_message_class(connection.msg_type)
-    except Exception:  # of a name that is no type's
-        installed = None
-    if installed is not None and installed._md5sum == connection.md5sum:
-        return installed
+def decoder(connection: Connection) -> codecs.Decode:
+    """What makes messages of a connection's bytes: by the installed type where it is the same, else by the
+    definition in the bag; where neither can be, it raises ValueError."""
+    codec = codecs.installed()
+    known = codec.known(connection.msg_type)
+    if known and known.md5sum == connection.md5sum:
+        return known.decode
     lines = connection.definition.split("\n")
     if not all(DEFINITION.fullmatch(line.strip()) for line in lines) or not TYPE.fullmatch(
         connection.msg_type
     ):
-        return None
+        return _undecodable
     try:
-        made = genpy.dynamic.generate_dynamic(connection.msg_type, connection.definition)
-        made = made[connection.msg_type]
-    except Exception:  # genpy raises whatever its parsing meets
-        return None
-    if installed is not None and installed._md5sum == made._md5sum:
-        return installed
-    return made if made._md5sum == connection.md5sum else None
+        defined = codec.defined(connection.msg_type, connection.definition)
+    except Exception:  # parsers raise whatever they meet
+        return _undecodable
+    if known and known.md5sum == defined.md5sum:
+        return known.decode
+    return defined.decode if defined.md5sum == connection.md5sum else _undecodable
 
 
-def _agreed(claims):
+def _undecodable(_: bytes) -> Message:
+    raise ValueError("messages of an unknown type")
+
+
+def _agreed(claims: Sequence[Claim]) -> Connection:
     """The Connection that most of what is said of it comes to."""
     fields = []
     for values in zip(*claims):
@@ -400,12 +458,12 @@ def _agreed(claims):
     return Connection(*fields)
 
 
-def _number(text):
+def _number(text: bytes) -> int:
     """Little-endian, of up to eight bytes."""
     return int.from_bytes(text[:8], "little")
 
 
-def _fields(data, start, end):
+def _fields(data: Data, start: int, end: int) -> Optional[Dict[bytes, bytes]]:
     """Name to value of the fields of a header; None where they make no sense."""
     fields = {}
     while start < end:
@@ -421,7 +479,7 @@ def _fields(data, start, end):
     return fields
 
 
-def _record(data, start, size):
+def _record(data: Data, start: int, size: int) -> Optional[Record]:
     """The Record at a place; None where there is none. Its end may be beyond the size."""
     length = _number(data[start : start + 4])
     at = start + 4 + length
@@ -436,7 +494,7 @@ def _record(data, start, size):
     return Record(op, fields, start, at + 4, at + 4 + _number(data[at : at + 4]))
 
 
-def _next_record(data, start, size):
+def _next_record(data: Data, start: int, size: int) -> Optional[Record]:
     """The first whole record from a place on that is not inside of a chunk; None without one."""
     for found in OP_FIELD.finditer(data, start):
         for at in range(found.start() - 4, max(start, found.start() - BEFORE_OP) - 1, -1):
@@ -447,7 +505,7 @@ def _next_record(data, start, size):
     return None
 
 
-def _from_bz2(packed, _):
+def _from_bz2(packed: bytes, _: bool) -> Tuple[bytes, State]:
     """What bz2 gives until it meets its end, a cut or a wrong checksum (it has one for each block)."""
     unpacked, tool = bytearray(), bz2.BZ2Decompressor()
     try:
@@ -460,19 +518,27 @@ def _from_bz2(packed, _):
     return bytes(unpacked), State.CHECKED
 
 
-def _from_lz4(packed, is_last):
+def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
     """What an LZ4 frame holds, as far as it goes, and its State."""
-    import roslz4
-
-    blocks, position, size = [], LZ4_HEADER, -1
+    flags = packed[LZ4_FLAGS] if len(packed) > LZ4_FLAGS else 0
+    checksum = 4 if flags & LZ4_HAS_CHECKSUM else 0  # [bytes]
+    blocks, size = [], -1
+    position = LZ4_HEADER + (LZ4_SIZE if flags & LZ4_HAS_SIZE else 0)
     while size and position + 4 <= len(packed):
         size = _number(packed[position : position + 4]) & 0x7FFFFFFF
         blocks.append(position)
         position += 4 + size
-    if size == 0 and position + 4 <= len(packed):  # what follows the end mark is the checksum
+    whole = size == 0 and position + checksum <= len(packed)  # the end mark and what follows it
+    if whole:
         try:
-            return roslz4.decompress(packed), State.CHECKED
-        except (OSError, ValueError, MemoryError):  # the checksum is wrong, or what it is of
+            contents = codecs.installed().unpack_lz4(packed)
+            return contents, State.CHECKED if checksum else State.PLAIN
+        except (
+            OSError,
+            ValueError,
+            MemoryError,
+            RuntimeError,
+        ):  # wrong checksum, contents, or kind of frame
             is_last = False
     unpacked = bytearray()
     for at in blocks:
@@ -482,14 +548,17 @@ def _from_lz4(packed, is_last):
             unpacked += block  # is not compressed
         elif not _unpack_block(block, unpacked):
             break
+    else:
+        if whole and not checksum:
+            return bytes(unpacked), State.PLAIN
     return bytes(unpacked), State.CHECKED if is_last else State.DOUBTFUL
 
 
-def _unpack_block(block, unpacked):
+def _unpack_block(block: bytes, unpacked: bytearray) -> bool:
     """Appends what a block of LZ4 holds, up to where it is cut or makes no sense (gives False then)."""
     position, size, most = 0, len(block), len(unpacked) + LARGEST_BLOCK
 
-    def length(value):
+    def length(value: int) -> int:
         nonlocal position
         while value >= 15 and position < size:
             more = block[position]

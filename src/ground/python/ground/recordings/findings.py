@@ -1,8 +1,12 @@
 """What is in a recording and what is odd about it, in words."""
-import datetime
-from typing import Any, Dict, Iterator, Tuple
 
+import datetime
+from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
+
+from ground.annotations import Document
 from ground.recordings import quality
+
+_T = TypeVar("_T")
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
 DRIVES_BY = {  # what is assumed when nothing in the recording says when the drive began
@@ -13,7 +17,7 @@ MOST_NAMED = 4  # of gaps and the like; the rest is counted
 MOST_CHANGES = 30  # live ones that are listed, likewise
 
 
-def when(d):
+def when(d: Document) -> str:
     """When a recording begins, by its stamps."""
     if d["begins"] < THIS_CENTURY:
         return "from %.2f s on of a simulated clock" % d["begins"]
@@ -21,13 +25,13 @@ def when(d):
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
-def _flown_by(kind, name, d):
+def _flown_by(kind: str, name: str, d: Document) -> str:
     """A name, and what the file that was kept with the run calls itself."""
     kept = d["files"].get(kind)
     return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
 
 
-def facts(d: Dict[str, Any]) -> Iterator[Tuple[str, str]]:
+def facts(d: Document) -> Iterator[Tuple[str, str]]:
     """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
     poses, controls = d["poses"], d["controls"]
     noise = poses["noise"]
@@ -67,8 +71,8 @@ def facts(d: Dict[str, Any]) -> Iterator[Tuple[str, str]]:
         )
 
 
-def _measured(settings):
-    """By which settings poses became world_ned, and where these are from."""
+def _measured(settings: Document) -> str:
+    """Settings by which poses became world_ned, and where these are from."""
     sources = settings["sources"]
     words = {
         "axes": "axes '%s' (%s)" % (settings["axes"], sources["axes"]),
@@ -85,7 +89,7 @@ def _measured(settings):
     return text
 
 
-def grave(d: Dict[str, Any]) -> Iterator[str]:
+def grave(d: Document) -> Iterator[str]:
     """What is odd in a way that a repair may have got wrong, a sentence each: not for info alone."""
     poses, controls = d["poses"], d["controls"]
     if poses["stamps_out_of_order"]:
@@ -105,10 +109,25 @@ def grave(d: Dict[str, Any]) -> Iterator[str]:
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
-def findings(d: Dict[str, Any]) -> Iterator[str]:
+def findings(d: Document) -> Iterator[str]:
     """What is odd and what was repaired, a sentence each."""
-    poses, controls = d["poses"], d["controls"]
     yield from grave(d)
+    yield from _frames(d["poses"])
+    yield from _poses(d["poses"])
+    yield from _overlap(d["controls"])
+    if d["rest"] > 0.2:
+        yield "the craft rests for %.2f s at the start" % d["rest"]
+    if d["contacts"]:
+        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
+            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
+        )
+    yield from _changes(d["changes"])
+    if d["same_inputs_as"]:
+        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+
+
+def _frames(poses: Document) -> Iterator[str]:
+    """How far the stamps are off the instants of the frames."""
     clock = poses.get("frame_clock")
     if clock:
         late = clock["lateness"]
@@ -129,11 +148,15 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
             yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
     elif poses["bursts"]:
         yield "%d poses came within 1 ms of the one before" % poses["bursts"]
+
+
+def _poses(poses: Document) -> Iterator[str]:
+    """Poses that are missing, and those that were mended."""
     if poses["gaps"]:
         yield "mocap lost %d times for more than 50 ms: %s" % (
             len(poses["gaps"]),
             _named(
-                sorted(poses["gaps"], key=lambda g: -g["length"]),
+                sorted(poses["gaps"], key=lambda g: float(-g["length"])),
                 lambda g: "%.2f s at %.2f s" % (g["length"], g["start"]),
             ),
         )
@@ -146,6 +169,10 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
             yield "%s: %d" % (what, count)
     if poses["spikes"]:
         yield "spikes, smoothed over: %s" % (_named(poses["spikes"], lambda t: "%.2f s" % t),)
+
+
+def _overlap(controls: Document) -> Iterator[str]:
+    """Where poses and commands do not begin or end together."""
     if controls["start_after_poses"] < -0.01:
         yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
     if controls["start_after_poses"] > 0.2:
@@ -154,13 +181,11 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
         yield "poses end %.2f s before the commands" % controls["end_after_poses"]
     if controls["end_after_poses"] < -0.2:
         yield "commands end %.2f s before the poses" % -controls["end_after_poses"]
-    if d["rest"] > 0.2:
-        yield "the craft rests for %.2f s at the start" % d["rest"]
-    if d["contacts"]:
-        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
-            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
-        )
-    for change in d["changes"][:MOST_CHANGES]:
+
+
+def _changes(changes: List[Document]) -> Iterator[str]:
+    """What was changed while the run was recorded."""
+    for change in changes[:MOST_CHANGES]:
         yield "changed at %.2f s: %s: %s %s -> %s" % (
             change["time"],
             change["node"],
@@ -168,13 +193,11 @@ def findings(d: Dict[str, Any]) -> Iterator[str]:
             change["before"] or "''",
             change["after"] or "''",
         )
-    if len(d["changes"]) > MOST_CHANGES:
-        yield "%d more live changes (info --json lists them)" % (len(d["changes"]) - MOST_CHANGES)
-    if d["same_inputs_as"]:
-        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+    if len(changes) > MOST_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(changes) - MOST_CHANGES)
 
 
-def _named(items, name):
+def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:
     text = ", ".join(name(item) for item in items[:MOST_NAMED])
     more = len(items) - MOST_NAMED
     return text + (" and %d more" % more if more > 0 else "")

@@ -1,14 +1,20 @@
 """What flew a run: its controller, and the model and room files, whose contents are kept with the run."""
+
 import hashlib
 import json
 import os
 import tempfile
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import yaml
 
 from ground.errors import GroundError, reason
 from ground.recordings import run_parameters
+from ground.recordings.bag_reader import BagReader
+
+if TYPE_CHECKING:
+    from ground.recordings.recording import Recording
 
 # what drove a craft, and the parameter of node controller that says so
 FLOWN_BY = {
@@ -30,14 +36,16 @@ class RunFile:
     text: str
 
     @property
-    def name(self):
+    def name(self) -> str:
+        """The file's name without its folder."""
         return os.path.basename(self.path)
 
     @property
-    def digest(self):
+    def digest(self) -> str:
+        """SHA-256 of the text, in hexadecimal digits."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
-    def entries(self):
+    def entries(self) -> Dict[str, Any]:
         """Its entries by path, {"body.m": 0.0583}; provenance and comments are none."""
         try:
             content = yaml.load(self.text, run_parameters.LOADER)
@@ -45,11 +53,12 @@ class RunFile:
             return {"text": self.text}
         return {key: value for key, value in _flat(content, "") if key.split(".")[0] not in UNLIKE}
 
-    def describe(self):
+    def describe(self) -> Dict[str, str]:
+        """Path, title and SHA-256, as plain values."""
         title = self.entries().get("name", self.name)
         return {"path": self.path, "title": str(title), "sha256": self.digest}
 
-    def place(self):
+    def place(self) -> str:
         """Path of a file with this content: the old one where it has not changed, else a copy under
         $ROS_HOME/ground. Raises GroundError when that cannot be written."""
         if _content(self.path) == self.text:
@@ -69,7 +78,7 @@ class RunFile:
         return path
 
 
-def _content(path):
+def _content(path: str) -> Optional[str]:
     try:
         if os.path.isfile(path):
             with open(path, encoding="utf-8") as file:
@@ -79,7 +88,7 @@ def _content(path):
     return None
 
 
-def _flat(value, path):
+def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
     """Path and value of all that is in nested maps and lists of maps."""
     if isinstance(value, dict):
         for key, inner in value.items():
@@ -91,7 +100,7 @@ def _flat(value, path):
         yield path, value
 
 
-def read(path, bag):
+def read(path: str, bag: BagReader) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
     """What drove the craft in the bag at `path`, open in the BagReader `bag`: `controller`, `design` or
     `reference` and the names of the files `model` and `room`, each where it is known; and the RunFile of
     `model` and `room` where their contents were kept."""
@@ -114,7 +123,7 @@ def read(path, bag):
     return found, kept
 
 
-def differences(recordings):
+def differences(recordings: Sequence["Recording"]) -> List[str]:
     """Phrases that name recordings by the model and the room of their controllers where these differ:
     in content where that was kept, else in name."""
     parts = []
@@ -133,9 +142,11 @@ def differences(recordings):
     return parts
 
 
-def _groups(recordings, kind):
+def _groups(
+    recordings: Sequence["Recording"], kind: str
+) -> List[Tuple[str, Optional[Dict[str, Any]], List[str]]]:
     """(name, entries or None, names of the recordings) of those that were flown by the same file."""
-    groups = {}
+    groups: Dict[str, Tuple[str, Optional[Dict[str, Any]], List[str]]] = {}
     ordered = sorted(recordings, key=lambda r: kind not in r.files)
     for recording in ordered:
         name = recording.flown_by.get(kind)
@@ -152,7 +163,7 @@ def _groups(recordings, kind):
     return list(groups.values())
 
 
-def _changes(one, another):
+def _changes(one: Mapping[str, Any], another: Mapping[str, Any]) -> str:
     """In what the entries of two files differ, in words."""
     missing = "none"
     keys = [

@@ -5,9 +5,13 @@ poll share a stamp, frames that the network held up come late all together. But 
 constant rate, and while the craft moves each step says how many frames it took. The most likely
 numbers of the frames (Viterbi 1967) given both put every pose back to its instant.
 """
+
 from dataclasses import dataclass
+from typing import Optional, Tuple, Union
 
 import numpy as np
+
+from ground.annotations import Array, Flags, Indices
 
 NOISE = np.array([4e-4, 4e-4, 6e-3])  # of one pose: x, y [m], psi [rad]
 LATEST = 0.4  # a frame is not stamped later than this after the poll that might have had it [s]
@@ -23,14 +27,14 @@ LOSS = 3.0  # log-likelihood of a lost frame against none
 class FrameClock:
     """Instants of the poses, and what the stamps were like."""
 
-    times: np.ndarray  # (n,) of the frames, on the clock of the stamps, as if fetched at once [s]
+    times: Array  # (n,) of the frames, on the clock of the stamps, as if fetched at once [s]
     rate: float  # of the frames [1/s]
     lost: int  # frames between the first and the last that are not there
-    lateness: np.ndarray  # (n,) of the stamps after the frames [s]
+    lateness: Array  # (n,) of the stamps after the frames [s]
     roughness: float  # of the motion by the new instants, relative to that by the stamps
 
 
-def rebuild(times, eta):
+def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
     """The frame clock of poses with stamps `times` (n,) [s], not descending, and `eta` (n, 3).
 
     Returns None where there is none to be found: stamps that are regular already, too little motion,
@@ -43,7 +47,7 @@ def rebuild(times, eta):
     if tell.mean() < 0.3:
         return None
     rate = _rate(times, numbers)
-    start = None
+    start = float(times[0])
     for _ in range(3):
         single = _single_steps(steps, np.diff(numbers))
         numbers = _most_likely(times, steps, single, rate, start)
@@ -57,13 +61,13 @@ def rebuild(times, eta):
     )
 
 
-def _irregular(times):
+def _irregular(times: Array) -> bool:
     steps = np.diff(times)
     middle = np.median(steps)
-    return middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > 0.1
+    return bool(middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > 0.1)
 
 
-def _numbers_by_motion(steps):
+def _numbers_by_motion(steps: Array) -> Tuple[Indices, Flags]:
     """Numbers of the poses' frames as the motion alone tells them, and which steps do tell."""
     single = _single_steps(steps, np.ones(len(steps)))
     size = np.linalg.norm(single, axis=1)
@@ -72,23 +76,23 @@ def _numbers_by_motion(steps):
     return np.concatenate([[0], np.cumsum(np.where(tell, counts, 1))]), tell
 
 
-def _single_steps(steps, counts):
+def _single_steps(steps: Array, counts: Union[Array, Indices]) -> Array:
     """What the craft moves from one frame to the next, near every step: medians of nine."""
     padded = np.pad(steps / counts[:, None], ((4, 4), (0, 0)), mode="edge")
-    return np.median(np.stack([padded[i : i + len(steps)] for i in range(9)]), axis=0)
+    return np.asarray(np.median(np.stack([padded[i : i + len(steps)] for i in range(9)]), axis=0))
 
 
-def _step_costs(steps, single):
+def _step_costs(steps: Array, single: Array) -> Array:
     """Minus log-likelihood of each step taking 1, 2, … frames, (n - 1, MOST_LOST + 1)."""
     counts = np.arange(1, MOST_LOST + 2)
     expected = counts[None, :, None] * single[:, None, :]
     # The motion changes from step to step: by less than a tenth over one frame.
     variance = 1 + (0.1 * counts[None, :, None]) ** 2 * (1 + single[:, None, :] ** 2 / 10)
     misfit = ((steps[:, None, :] - expected) ** 2 / variance).sum(axis=2) / 2
-    return np.minimum(misfit, UNLIKELY)
+    return np.asarray(np.minimum(misfit, UNLIKELY))
 
 
-def _rate(times, numbers, block=60):
+def _rate(times: Array, numbers: Indices, block: int = 60) -> float:
     """Frames per second: how fast the earliest stamps of each block advance."""
     rate = len(times) / (times[-1] - times[0])
     for _ in range(3):
@@ -98,19 +102,17 @@ def _rate(times, numbers, block=60):
         ]
         # Gaps make single blocks late, never early: the median is that of whole blocks.
         rate = 1 / np.median(np.diff(times[firsts]) / np.diff(numbers[firsts]))
-    return rate
+    return float(rate)
 
 
-def _late_cost(late, poll):
+def _late_cost(late: Union[float, Array], poll: float) -> Array:
     """Minus log-likelihood of a stamp so late [s]: up to a poll's period all are alike."""
     cost = np.where(late < poll, 0.0, 2 + 2 * np.log1p(np.maximum(late - poll, 0) / poll))
     return np.where(late < -EARLIEST, UNLIKELY - 1e3 * late, cost)
 
 
-def _most_likely(times, steps, single, rate, start):
+def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: float) -> Indices:
     """The frames' numbers that stamps and steps together make most likely."""
-    if start is None:
-        start = times[0]
     intervals = np.diff(times)
     poll = 1.2 * max(np.median(intervals[intervals > 1e-3]), 1 / rate)
     newest = np.floor((times - start + EARLIEST) * rate).astype(int)
@@ -141,7 +143,7 @@ def _most_likely(times, steps, single, rate, start):
     return numbers
 
 
-def _line(times, numbers, block=60):
+def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float]:
     """Start [s] and rate [1/s] of the clock on which the earliest stamps are not late."""
     from scipy import stats  # slow to load, and few recordings need it
 
@@ -155,8 +157,8 @@ def _line(times, numbers, block=60):
     return start, 1 / slope
 
 
-def _roughness(times, eta):
+def _roughness(times: Array, eta: Array) -> float:
     """Median change of velocity from step to step, in noises, where the steps take time."""
     apart = np.maximum(np.diff(times), 2e-3)[:, None]
     change = np.diff(np.diff(eta, axis=0) / apart, axis=0) / NOISE
-    return np.median(np.linalg.norm(change, axis=1))
+    return float(np.median(np.linalg.norm(change, axis=1)))

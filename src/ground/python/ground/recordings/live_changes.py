@@ -1,7 +1,11 @@
 """What a person changed while a run was recorded: live parameters and model files of its nodes."""
-from dataclasses import dataclass
 
+from dataclasses import dataclass
+from typing import List
+
+from ground.annotations import Document
 from ground.recordings import messages
+from ground.recordings.bag_reader import BagReader
 
 TYPE = "ground_msgs/LiveChange"
 
@@ -16,12 +20,12 @@ class LiveChange:
     before: str
     after: str
 
-    def describe(self, zero):
-        """As plain values; the time is that since `zero` [s]."""
+    def describe(self, zero: float) -> Document:
+        """The change as plain values; the time is that since `zero` [s]."""
         return dict(vars(self), time=self.time - zero)
 
 
-def changes_of(bag):
+def changes_of(bag: BagReader) -> List[LiveChange]:
     """The LiveChanges in a BagReader, in order of time."""
     found = [
         LiveChange(m.header.stamp.to_sec(), m.node, m.name, m.before, m.after)

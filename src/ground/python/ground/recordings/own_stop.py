@@ -6,20 +6,22 @@ when it is armed (ground/link/own_stop.h).
 
 import fcntl
 import os
+from typing import Dict, List
 
 import yaml
 
 from ground import files
+from ground.annotations import Document
 from ground.errors import GroundError
 
 
-def default_path():
+def default_path() -> str:
     """Where the records of this computer are: $ROS_HOME or ~/.ros."""
     home = os.environ.get("ROS_HOME") or os.path.join(os.path.expanduser("~"), ".ros")
     return os.path.join(home, "ground", "own_stop.yaml")
 
 
-def read(path):
+def read(path: str) -> Dict[str, List[Document]]:
     """Name of a craft to its list of trials; empty when there is no file yet."""
     if not os.path.exists(path):
         return {}
@@ -33,7 +35,7 @@ def read(path):
     return crafts
 
 
-def append(path, craft, trial):
+def append(path: str, craft: str, trial: Document) -> None:
     """Adds a trial of a craft after all that are there. The folder is created when it is missing."""
     folder = os.path.dirname(os.path.abspath(path))
     os.makedirs(folder, exist_ok=True)

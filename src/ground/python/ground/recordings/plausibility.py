@@ -3,10 +3,17 @@
 A bag without compression has no checksum. A flipped bit shows only where the file says the same thing
 twice, or where one message is unlike all others.
 """
+
+from typing import Iterator, Sequence, Tuple
+
 import numpy as np
 
+from ground.annotations import Array, ArrayLike, Flags, Indices
+
 MIN_STAMP_ERROR = 1e-3  # of a stamp against the recorder's clock where delays are exact [s]
-MIN_LIVE_ERROR = 0.015  # the same where they scatter: a busy recorder's clock is late by half of it [s]
+MIN_LIVE_ERROR = (
+    0.015  # the same where they scatter: a busy recorder's clock is late by half of it [s]
+)
 SCATTERS = 20  # times the typical scatter of delays that an error has to exceed as well
 EXACT = 1e-4  # scatter of delays below which no message is ever late [s]
 REGULAR = 0.25  # part of that error by which receipts and delays around may be uneven
@@ -18,7 +25,7 @@ LEVEL_SHARE = 0.98  # of them that are at a level
 CHANNELS = ("left", "right", "lift")
 
 
-def mend_stamps(stamps, received):
+def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, float]:
     """Stamps [s] with single ones replaced that contradict the recorder's clock while all around agree
     with it; how many, and the largest error [s].
 
@@ -48,7 +55,7 @@ def mend_stamps(stamps, received):
     return stamps, count, float(error[wrong].max())
 
 
-def lone_commands(times, controls):
+def lone_commands(times: Sequence[float], controls: Sequence[Sequence[float]]) -> Iterator[str]:
     """Sentences about commands whose value no other command has, where all others switch between a few
     levels. times: (m,) [s]; controls: (m, 3) left, right, lift."""
     if len(controls) < MIN_COMMANDS:
@@ -69,7 +76,7 @@ def lone_commands(times, controls):
             )
 
 
-def _overtaken(stamps):
+def _overtaken(stamps: Array) -> Flags:
     """Which messages came in the wrong order with stamps that are right: sorted, each takes the place
     that is left for it, about a period from the one before and the one after. stamps: (n,) [s]."""
     order = np.argsort(stamps, kind="stable")
@@ -82,9 +89,9 @@ def _overtaken(stamps):
     return found
 
 
-def _neighbours(count):
+def _neighbours(count: int) -> Indices:
     """Indices (count, 2 * NEIGHBOURS) of those next to each of so many."""
     first = np.clip(np.arange(count) - NEIGHBOURS, 0, count - 2 * NEIGHBOURS - 1)
     window = first[:, None] + np.arange(2 * NEIGHBOURS + 1)
     others = window != np.arange(count)[:, None]
-    return window[others].reshape(count, 2 * NEIGHBOURS)
+    return np.asarray(window[others].reshape(count, 2 * NEIGHBOURS))

@@ -1,12 +1,14 @@
 """What is odd about a recording, which parts of it can be used, and the run that fits see."""
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
+
+from typing import TYPE_CHECKING, List, Optional, Tuple, TypedDict
 
 import numpy as np
 
 from ground import _core
+from ground.annotations import Array, Document, Flags, Indices
 from ground.errors import GroundError
 from ground.recordings import frame_clock
-from ground.recordings.repair import MAX_GAP, repair, wrap
+from ground.recordings.repair import MAX_GAP, Motion, repair, wrap
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
@@ -21,6 +23,16 @@ CONTACT_MARGIN = 0.1  # left out before and after one [s]
 LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
 LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
 IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
+
+Span = Tuple[float, float]  # start, end [s]
+
+
+class _Reply(TypedDict):
+    """How accelerations follow from the commands."""
+
+    lag: float  # of the motion after the commands [s]
+    share: float  # of the accelerations that the commands explain
+    coefficients: Array  # (13, 3) of left, right, and _smooth_terms
 
 
 class Run:
@@ -51,7 +63,7 @@ class Run:
         self.active = self._active()
         self.spans = self._spans()
 
-    def _drives(self):
+    def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
         times, lift = recording.control_times - self.zero, recording.controls[:, 2]
         starts = _core.drive_starts(times, lift, recording.drives - self.zero)
@@ -61,7 +73,7 @@ class Run:
             return starts, "record"
         return starts, "first command" if lift[0] > 0 else "lift"
 
-    def _active(self):
+    def _active(self) -> Span:
         """From just before the first thrust or motion to the end of lift and overlap [s]."""
         recording, motion = self.recording, self.motion
         commands, times = recording.controls, recording.control_times
@@ -80,7 +92,7 @@ class Run:
                 end = min(end, times[lifted[-1] + 1])
         return start - self.zero, end - self.zero
 
-    def _spans(self):
+    def _spans(self) -> List[Span]:
         start, end = self.active
         cuts = [(a - CONTACT_MARGIN, b + CONTACT_MARGIN) for a, b in self.contacts]
         times = self.motion.times - self.zero
@@ -93,18 +105,18 @@ class Run:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
 
-    def inputs(self) -> np.ndarray:
+    def inputs(self) -> Array:
         """Rows of time on the run's clock [s], left, right, lift, 0..1."""
         recording = self.recording
         return np.column_stack([recording.control_times - self.zero, recording.controls])
 
     def data(
         self,
-        model: Any,
+        model: _core.Model,
         start: Optional[float] = None,
         end: Optional[float] = None,
         everything: bool = False,
-    ) -> Any:
+    ) -> _core.RunData:
         """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
 
         `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
@@ -141,15 +153,43 @@ class Run:
         """Length of all usable spans [s]."""
         return float(sum(b - a for a, b in self.spans))
 
-    def describe(self) -> Dict[str, Any]:
+    def describe(self) -> Document:
         """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
-        recording, motion = self.recording, self.motion
+        recording = self.recording
         stamps, controls = recording.pose_times, recording.control_times
+        return {
+            "name": recording.name,
+            "source": recording.source,
+            "settings": recording.settings.describe(self.zero),
+            "flown_by": recording.flown_by,
+            "files": {kind: file.describe() for kind, file in recording.files.items()},
+            "changes": [change.describe(self.zero) for change in recording.changes],
+            "begins": float(stamps.min()),
+            "warnings": recording.warnings,
+            "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
+            "usable": {
+                "duration": self.usable(),
+                "of": float(self.end),
+                "spans": [list(span) for span in self.spans],
+            },
+            "rest": float(self.active[0]),
+            "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
+            "poses": self._describe_poses(),
+            "controls": self._describe_controls(),
+            "clock_offset": float(recording.clock_offset),
+            "reply": self.reply,
+            "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
+            "repairs": self.motion.repairs,
+        }
+
+    def _describe_poses(self) -> Document:
+        """What `info` says of the poses."""
+        recording, motion = self.recording, self.motion
+        stamps = recording.pose_times
         steps = np.diff(np.sort(stamps))
         intervals = np.diff(motion.times)
         psi = recording.eta[:, 2]
-        changes = (np.abs(np.diff(recording.controls[:, :2], axis=0)) > 1e-6).any(axis=1)
-        poses = {
+        poses: Document = {
             "count": len(stamps),
             "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
             "median_step": float(np.median(steps)),
@@ -180,41 +220,25 @@ class Run:
                 },
                 "roughness": float(clock.roughness),
             }
+        return poses
+
+    def _describe_controls(self) -> Document:
+        """What `info` says of the commands."""
+        recording, motion = self.recording, self.motion
+        controls, commands = recording.control_times, recording.controls
+        changes = (np.abs(np.diff(commands[:, :2], axis=0)) > 1e-6).any(axis=1)
         return {
-            "name": recording.name,
-            "source": recording.source,
-            "settings": recording.settings.describe(self.zero),
-            "flown_by": recording.flown_by,
-            "files": {kind: file.describe() for kind, file in recording.files.items()},
-            "changes": [change.describe(self.zero) for change in recording.changes],
-            "begins": float(stamps.min()),
-            "warnings": recording.warnings,
-            "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
-            "usable": {
-                "duration": self.usable(),
-                "of": float(self.end),
-                "spans": [list(span) for span in self.spans],
-            },
-            "rest": float(self.active[0]),
-            "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
-            "poses": poses,
-            "controls": {
-                "count": len(controls),
-                "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
-                "changes": int(changes.sum()),
-                "levels": [float(f(recording.controls[:, :2])) for f in (np.min, np.max)],
-                "lift": [float(f(recording.controls[:, 2])) for f in (np.min, np.max)],
-                "start_after_poses": float(controls[0] - motion.times[0]),
-                "end_after_poses": float(controls[-1] - motion.times[-1]),
-            },
-            "clock_offset": float(recording.clock_offset),
-            "reply": self.reply,
-            "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
-            "repairs": motion.repairs,
+            "count": len(controls),
+            "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
+            "changes": int(changes.sum()),
+            "levels": [float(f(commands[:, :2])) for f in (np.min, np.max)],
+            "lift": [float(f(commands[:, 2])) for f in (np.min, np.max)],
+            "start_after_poses": float(controls[0] - motion.times[0]),
+            "end_after_poses": float(controls[-1] - motion.times[-1]),
         }
 
 
-def describe(runs: List[Run]) -> List[Dict[str, Any]]:
+def describe(runs: List[Run]) -> List[Document]:
     """What `info` says of runs, a dictionary each; with those that share their inputs."""
     pairs = same_inputs(runs)
     described = [run.describe() for run in runs]
@@ -234,7 +258,7 @@ def same_inputs(runs: List[Run]) -> List[Tuple[str, str]]:
     ]
 
 
-def _held(recording):
+def _held(recording: "Recording") -> Array:
     """Rows of left, right, and how long they were held [s], (n, 3)."""
     times, commands = recording.control_times, recording.controls[:, :2]
     changes = np.flatnonzero((np.abs(np.diff(commands, axis=0)) > 1e-6).any(axis=1)) + 1
@@ -243,7 +267,7 @@ def _held(recording):
     return np.column_stack([commands[starts], held])
 
 
-def _agree(a, b, shift=5, fewest=10):
+def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
     """Whether two sequences of held commands are one, up to some of them at the start."""
     for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
         count = min(len(a) - i, len(b) - j)
@@ -255,7 +279,7 @@ def _agree(a, b, shift=5, fewest=10):
     return False
 
 
-def _stretches(times, inside):
+def _stretches(times: Array, inside: Flags) -> List[Indices]:
     """Indices of the samples inside, apart where there is a gap between them."""
     index = np.flatnonzero(inside)
     if not len(index):
@@ -263,21 +287,21 @@ def _stretches(times, inside):
     return np.split(index, np.flatnonzero(np.diff(times[index]) > MAX_GAP) + 1)
 
 
-def _commands_at(recording, times):
+def _commands_at(recording: "Recording", times: Array) -> Array:
     at = np.searchsorted(recording.control_times, times, side="right") - 1
     commands = recording.controls[np.maximum(at, 0), :2].copy()
     commands[at < 0] = 0
     return commands
 
 
-def _accelerations(motion):
+def _accelerations(motion: Motion) -> Array:
     """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
     u, v, r = motion.nu.T
     turning = np.column_stack([-r * v, r * u, 0 * r])
-    return motion.nu_dot + turning
+    return np.asarray(motion.nu_dot + turning)
 
 
-def _reply(recording, motion):
+def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
     """How accelerations follow from the commands: linearly, at the lag that suits best.
 
     Whatever the body's axes and its drag: all accelerations on both commands and on products of the
@@ -291,7 +315,7 @@ def _reply(recording, motion):
     scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
     others = _smooth_terms(motion.nu[middle])
 
-    def regression(lag, some=slice(None)):
+    def regression(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
         X = np.column_stack([_commands_at(recording, times[some] - lag), others[some]])
         coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
         return np.abs((wanted[some] - X @ coefficients) / scale).mean(), coefficients
@@ -306,7 +330,7 @@ def _reply(recording, motion):
     return {"lag": float(lag), "share": float(share), "coefficients": coefficients}
 
 
-def _smooth_terms(nu):
+def _smooth_terms(nu: Array) -> Array:
     """What accelerations may depend on besides the commands, (n, 11)."""
     u, v, r = nu.T
     return np.column_stack(
@@ -314,7 +338,7 @@ def _smooth_terms(nu):
     )
 
 
-def _middle(times, margin=0.06):
+def _middle(times: Array, margin: float = 0.06) -> Flags:
     """Samples away from the ends of stretches, where smoothed accelerations are guesses."""
     inside = np.zeros(len(times), bool)
     for stretch in _stretches(times, np.ones(len(times), bool)):
@@ -323,7 +347,7 @@ def _middle(times, margin=0.06):
     return inside
 
 
-def _contacts(recording, motion, reply):
+def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -> List[Span]:
     """Spans of time in which the craft accelerates as no input within its bounds explains."""
     if reply is None:
         return [(t, t) for t in motion.times[motion.jumps]]

@@ -1,29 +1,25 @@
-"""Recordings: poses and commands as they were measured, from bags and CSV files."""
-import csv
+"""Recordings: poses and commands as they were measured, and how they come from a bag."""
+
 import functools
-import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, List, Optional
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ground import files
+from ground.annotations import Array, ArrayLike, Message
 from ground.errors import GroundError
-from ground.recordings import bags, flown, live_changes, plausibility, settings as measured
-from ground.recordings.bag_reader import BagReader
+from ground.recordings import flown, live_changes, plausibility
+from ground.recordings import settings as measured
+from ground.recordings.bag_reader import BagReader, Topic
 
 if TYPE_CHECKING:
     import pandas
 
     from ground.recordings import quality
 
-CSV_RECEIVED = "%time"
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
-CSV_STAMP = "field.header.stamp"
 JUMP_BACK = 0.5  # no message is late by more [s]
 FARTHEST = 1e4  # that a pose can be away [m]
-CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,19 +27,21 @@ class Recording:
     """One run as it was recorded, on the clock of its header stamps."""
 
     name: str
-    pose_times: np.ndarray  #: (n,) [s], in the order of arrival
-    eta: np.ndarray  #: (n, 3) x, y [m], psi [rad], world_ned
-    control_times: np.ndarray  #: (m,) [s]
-    controls: np.ndarray  #: (m, 3) left, right, lift, 0..1
+    pose_times: Array  #: (n,) [s], in the order of arrival
+    eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
+    control_times: Array  #: (m,) [s]
+    controls: Array  #: (m, 3) left, right, lift, 0..1
     source: str  #: which topics it came from
     clock_offset: float = 0.0  #: what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
     # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began,
     # and until when it was said to be the newest
-    drives: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    drives: Array = field(default_factory=lambda: np.empty((0, 2)))
     settings: measured.Settings = field(default_factory=measured.default)  #: of the mocap
-    flown_by: dict = field(default_factory=dict)  #: flown.read
-    files: dict = field(default_factory=dict)  #: flown.RunFile by `model` and `room`, where kept
+    flown_by: Dict[str, str] = field(default_factory=dict)  #: flown.read
+    files: Dict[str, flown.RunFile] = field(
+        default_factory=dict
+    )  #: flown.RunFile by `model` and `room`, where kept
     changes: List[live_changes.LiveChange] = field(default_factory=list)  #: made while it ran
     path: str = ""  #: of the bag that it was read from
 
@@ -107,7 +105,9 @@ def read_bag(
         pose_topic = _choose(info, path, "poses", _pose_rank)
         control_topic = _choose(info, path, "controls", _control_rank)
         drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
-        poses, controls, receipts = [], [], {pose_topic: [], control_topic: []}
+        poses: List[Tuple[float, ...]] = []
+        controls: List[Tuple[float, ...]] = []
+        receipts: Dict[str, List[float]] = {pose_topic: [], control_topic: []}
         drives = {}
         changes = live_changes.changes_of(bag)
         flown_by, run_files = flown.read(path, bag)
@@ -122,10 +122,10 @@ def read_bag(
                 drives[message.began.to_sec()] = stamp
                 continue
             if topic == control_topic:
-                controls.append((stamp,) + _control(message))
+                controls.append((stamp,) + _control(info[topic].msg_type, message))
             else:
-                pose = _pose(message, settings)
-                if pose is None or max(map(abs, pose[:2])) > FARTHEST:
+                pose = _pose(kind, message, settings)
+                if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
                     lost += 1
                     continue
                 poses.append((stamp,) + pose)
@@ -150,11 +150,11 @@ def read_bag(
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    checked = _checked(path, poses, controls, source, warnings)
+    found = checked(path, poses, controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
-    ordered = sorted(drives.items(), key=lambda row: row[1])
+    ordered = sorted(drives.items(), key=lambda row: float(row[1]))
     return replace(
-        checked,
+        found,
         path=str(path),
         drives=np.array(ordered, float).reshape(-1, 2),
         settings=settings,
@@ -169,7 +169,9 @@ def read_bag(
     )
 
 
-def read_settings(path, axes=None, heading_offset=None):
+def read_settings(
+    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
+) -> measured.Settings:
     """The settings.Settings by which the mocap's poses in a bag become world_ned, or the given ones in
     their place. Raises GroundError."""
     if not os.path.isfile(path):
@@ -179,7 +181,7 @@ def read_settings(path, axes=None, heading_offset=None):
         return measured.settings_of(bag, path, kind, axes, heading_offset)
 
 
-def read_files(path):
+def read_files(path: str) -> Dict[str, flown.RunFile]:
     """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises GroundError."""
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
@@ -187,7 +189,7 @@ def read_files(path):
         return flown.read(path, bag)[1]
 
 
-def _pose_rank(name, kind):
+def _pose_rank(name: str, kind: str) -> Optional[int]:
     if kind == "geometry_msgs/PoseStamped" and name.endswith("pose"):
         return 0
     if kind == "geometry_msgs/PointStamped" and name in ("pose", "eta"):
@@ -197,13 +199,15 @@ def _pose_rank(name, kind):
     return None
 
 
-def _control_rank(name, kind):
+def _control_rank(name: str, kind: str) -> Optional[int]:
     if name != "controls":
         return None
     return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
 
 
-def _choose(info, path, what, rank):
+def _choose(
+    info: Mapping[str, Topic], path: str, what: str, rank: Callable[[str, str], Optional[int]]
+) -> str:
     """The best topic that has messages, by its last name and type."""
     found = []
     for topic, entry in info.items():
@@ -218,14 +222,13 @@ def _choose(info, path, what, rank):
     found.sort()
     same = [topic for order, topic in found if order == found[0][0]]
     if len(same) > 1:
-        raise GroundError(
-            "%s: several topics could be the %s: %s" % (path, what, ", ".join(same))
-        )
+        raise GroundError("%s: several topics could be the %s: %s" % (path, what, ", ".join(same)))
     return same[0]
 
 
-def _pose(message, settings):
-    kind = message._type
+def _pose(
+    kind: str, message: Message, settings: measured.Settings
+) -> Optional[Tuple[float, ...]]:
     if kind == "geometry_msgs/PoseStamped":
         p, q = message.pose.position, message.pose.orientation
         mapping = settings.mapping(message.header.stamp)
@@ -237,13 +240,17 @@ def _pose(message, settings):
     return tuple(message.eta) if message.valid else None
 
 
-def _control(message):
-    if message._type == "geometry_msgs/PointStamped":
+def _control(kind: str, message: Message) -> Tuple[float, ...]:
+    if kind == "geometry_msgs/PointStamped":
         return (message.point.x, message.point.y, message.point.z)
     return (message.left, message.right, message.lift)
 
 
-def _checked(path, poses, controls, source, warnings):
+def checked(
+    path: str, poses: ArrayLike, controls: ArrayLike, source: str, warnings: List[str]
+) -> Recording:
+    """A Recording of rows of stamp, x, y, psi and of stamp, left, right, lift. GroundError names `path`
+    and what is wrong with them."""
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
@@ -294,75 +301,3 @@ def _checked(path, poses, controls, source, warnings):
         source=source,
         warnings=warnings,
     )
-
-
-def read_csv(path):
-    """Stamps, times of receipt [integer ns] and points (n, 3) of a `rostopic echo -p` export."""
-    try:
-        with open(path, newline="") as file:
-            reader = csv.DictReader(file)
-            missing = [c for c in CSV_COLUMNS if c not in (reader.fieldnames or [])]
-            if missing:
-                raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
-            stamps, received, points = [], [], []
-            for row in reader:
-                try:
-                    stamp = int(row[CSV_STAMP])
-                    receipt = int(row.get(CSV_RECEIVED) or stamp)
-                    point = [float(row[c]) for c in CSV_COLUMNS[1:]]
-                except (TypeError, ValueError):
-                    raise GroundError(
-                        "%s, line %d: a value is missing or not a number" % (path, reader.line_num)
-                    )
-                if not all(0 < t < LATEST for t in (stamp, receipt)):
-                    raise GroundError(
-                        "%s, line %d: a stamp is not a time between 1970 and 2106 in nanoseconds"
-                        % (path, reader.line_num)
-                    )
-                if not all(map(math.isfinite, point)):
-                    raise GroundError(
-                        "%s, line %d: a value is not finite" % (path, reader.line_num)
-                    )
-                if stamps and stamp < stamps[-1]:
-                    raise GroundError(
-                        "%s, line %d: the stamp is %.6f s before that of the row above"
-                        % (path, reader.line_num, 1e-9 * (stamps[-1] - stamp))
-                    )
-                stamps.append(stamp)
-                received.append(receipt)
-                points.append(point)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise GroundError("%s: cannot be read (%s)" % (path, error))
-    if len(stamps) < 2:
-        raise GroundError("%s: only %d rows" % (path, len(stamps)))
-    return stamps, received, np.array(points)
-
-
-def import_csv(controls_path, pose_path, bag_path, force=False):
-    """Writes a pair of CSV exports to a bag that read_bag reads."""
-    import genpy
-    import rosbag
-    from geometry_msgs.msg import PointStamped
-
-    series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
-    for topic, path in (("pose", pose_path), ("controls", controls_path)):
-        stamps, _, points = series[topic]
-        rows = np.column_stack([np.array(stamps) * 1e-9, points])
-        other = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
-        pair = (rows, other) if topic == "pose" else (other, rows)
-        _checked(path, pair[0], pair[1], "", [])
-    spans = [(min(r), max(r)) for _, r, _ in series.values()]
-    if max(s[0] for s in spans) > min(s[1] for s in spans):
-        raise GroundError(
-            "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
-        )
-    with files.new_file(bag_path, force) as temporary:
-        with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=bags.CHUNK) as bag:
-            for topic, rows in series.items():
-                for sequence, (stamp, receipt, point) in enumerate(zip(*rows)):
-                    message = PointStamped()
-                    message.header.seq = sequence
-                    message.header.stamp = genpy.Time(stamp // 10**9, stamp % 10**9)
-                    message.point.x, message.point.y, message.point.z = point
-                    bag.write(topic, message, genpy.Time(receipt // 10**9, receipt % 10**9))
-    return {topic: len(rows[0]) for topic, rows in series.items()}

@@ -1,12 +1,18 @@
 """Poses as they must have been: what a recording's quirks hide is put right, and counted."""
+
 from dataclasses import dataclass, field
-from typing import Dict, Optional
+from typing import TYPE_CHECKING, Dict, Optional, Tuple
 
 import numpy as np
 
 from ground import _core
+from ground.annotations import Array, ArrayLike, Flags
+from ground.core_types import Smoothed
 from ground.errors import GroundError
 from ground.recordings import frame_clock
+
+if TYPE_CHECKING:
+    from ground.recordings.recording import Recording
 
 MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
 CLOCK_OFFSET = 0.05  # topics whose stamps differ by more, by the recorder's clock, are shifted [s]
@@ -21,24 +27,24 @@ GATE = 8.0  # poses further off than so many noises are spikes
 class Motion:
     """Repaired poses in ascending order of time, and velocities smoothed from them."""
 
-    times: np.ndarray  # (n,) [s], on the clock of the commands
-    measured: np.ndarray  # (n, 3) repaired x, y [m], psi unwrapped [rad]
-    eta: np.ndarray  # (n, 3) the same, smoothed
-    nu: np.ndarray  # (n, 3) body velocities u, v [m/s], r [rad/s]
-    nu_dot: np.ndarray  # (n, 3) their derivatives [m/s^2], [rad/s^2]
-    noise: tuple  # standard deviations of the poses [m], [rad]
-    spikes: np.ndarray  # (n,) poses that follow from no motion; smoothed over
-    jumps: np.ndarray  # (n,) where the motion begins anew although no pose is missing
+    times: Array  # (n,) [s], on the clock of the commands
+    measured: Array  # (n, 3) repaired x, y [m], psi unwrapped [rad]
+    eta: Array  # (n, 3) the same, smoothed
+    nu: Array  # (n, 3) body velocities u, v [m/s], r [rad/s]
+    nu_dot: Array  # (n, 3) their derivatives [m/s^2], [rad/s^2]
+    noise: Tuple[float, float]  # standard deviations of the poses [m], [rad]
+    spikes: Flags  # (n,) poses that follow from no motion; smoothed over
+    jumps: Flags  # (n,) where the motion begins anew although no pose is missing
     clock: Optional[frame_clock.FrameClock]  # where the frames' instants were rebuilt
     repairs: Dict[str, float] = field(default_factory=dict)  # what was done, how often
 
 
-def wrap(angle):
+def wrap(angle: ArrayLike) -> Array:
     """The angle [rad] within a half turn of zero."""
-    return np.angle(np.exp(1j * np.asarray(angle)))
+    return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
-def repair(recording):
+def repair(recording: "Recording") -> Motion:
     """The recording's motion; raises GroundError when too little of it is left."""
     repairs = {}
     times = recording.pose_times
@@ -76,7 +82,7 @@ def repair(recording):
     )
 
 
-def smooth(times, eta, noise):
+def smooth(times: Array, eta: Array, noise: Tuple[float, float]) -> Smoothed:
     """_core.smooth with poses of that noise (position [m], heading [rad])."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise
@@ -85,12 +91,12 @@ def smooth(times, eta, noise):
     return _core.smooth(times, eta, params)
 
 
-def polled(times):
+def polled(times: Array) -> bool:
     """Whether many stamps ascend by next to nothing: several frames were fetched at once."""
     return bool(np.mean(np.diff(times) < frame_clock.EARLIEST) > 0.05)
 
 
-def _distinct(times, eta, repairs):
+def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
     """Which poses are not said twice: neither with the same stamp nor while the craft moves on."""
     same = np.concatenate([[False], (np.diff(eta, axis=0) == 0).all(axis=1)])
     again = same & np.concatenate([[False], np.diff(times) == 0])
@@ -105,10 +111,10 @@ def _distinct(times, eta, repairs):
         if end - start >= FROZEN and jumps:
             frozen[start + 1 : end] = True
     repairs["frozen poses dropped"] = int((frozen & ~again).sum())
-    return ~(again | frozen)
+    return np.asarray(~(again | frozen))
 
 
-def _unmirror(psi):
+def _unmirror(psi: Array) -> Tuple[Array, int]:
     """Headings with those mirrored back that the mocap gave as `centre - psi`; how many they were.
 
     Mocap software confuses a rigid body with its mirror image: for single frames or some in a row
@@ -138,7 +144,7 @@ def _unmirror(psi):
     return readings[state, np.arange(len(psi))], int(state.sum())
 
 
-def _mirror_centre(psi):
+def _mirror_centre(psi: Array) -> Optional[float]:
     """Sum of a heading and its mirrored one [rad]; None when no heading is mirrored."""
     before, here, after = psi[:-2], psi[1:-1], psi[2:]
     middle = before + 0.5 * wrap(after - before)
@@ -152,7 +158,7 @@ def _mirror_centre(psi):
     return float(np.median(sums[near])) if near.mean() > 0.5 else None
 
 
-def _noise(times, eta):
+def _noise(times: Array, eta: Array) -> Tuple[float, float]:
     """Standard deviations of position [m] and heading [rad]: what third differences scatter by."""
     steps = np.diff(times)
     even = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)

@@ -3,14 +3,17 @@
 record.launch writes it beside a bag, RUN.yaml; the bag of a simulated run has the same text in a message
 (ground_msgs/RunSettings). Contents are under run_files, path: text.
 """
+
 import contextlib
 import os
 import re
-from typing import Any, Dict
+from typing import Any, Dict, Iterator, List, Mapping, Tuple
 
 import yaml
 
+from ground.annotations import Document
 from ground.recordings import messages
+from ground.recordings.bag_reader import BagReader
 
 TYPE = "ground_msgs/RunSettings"
 FILES = "run_files"
@@ -20,11 +23,11 @@ PART = re.compile(r"(_\d+)?\.bag(\.active)?$")  # end of the name of a part of a
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
     """Writes texts of several lines as they are."""
 
 
-def _text(dumper, text):
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     style = "|" if "\n" in text else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
@@ -32,7 +35,7 @@ def _text(dumper, text):
 _Dumper.add_representer(str, _text)
 
 
-def contents(parameters):
+def contents(parameters: Mapping[str, Any]) -> str:
     """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
     files that cannot be read are left out."""
     found = {}
@@ -43,15 +46,15 @@ def contents(parameters):
                     found[path] = file.read()
         except (OSError, ValueError):
             continue
-    return yaml.dump({FILES: found}, Dumper=_Dumper) if found else ""
+    return str(yaml.dump({FILES: found}, Dumper=_Dumper) if found else "")
 
 
 def document(parameters: Dict[str, Any]) -> str:
     """YAML text of parameters by node, with the contents of their files."""
-    return yaml.dump(parameters, Dumper=_Dumper) + contents(parameters)
+    return str(yaml.dump(parameters, Dumper=_Dumper) + contents(parameters))
 
 
-def _paths(parameters):
+def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
     for key, value in parameters.items():
         if isinstance(value, dict):
             yield from _paths(value)
@@ -59,14 +62,14 @@ def _paths(parameters):
             yield value
 
 
-def in_bag(bag):
+def in_bag(bag: BagReader) -> Iterator[Any]:
     """Parameters by node in a BagReader of a simulated run; damaged ones are left out."""
     for message in messages.of_type(bag, TYPE):
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
             yield yaml.load(message.yaml, LOADER)
 
 
-def beside(path, warnings):
+def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, Any]]:
     """Name and content of the parameter files beside a bag that can be read."""
     for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
         if not os.path.isfile(name):
@@ -81,7 +84,7 @@ def beside(path, warnings):
             )
 
 
-def nodes(parameters, name):
+def nodes(parameters: Any, name: str) -> Iterator[Document]:
     """Parameters of nodes of that name, in any namespace."""
     if not isinstance(parameters, dict):
         return

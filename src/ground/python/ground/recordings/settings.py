@@ -3,15 +3,21 @@
 mocap_state publishes its settings latched, so that every part of a split recording begins with them;
 the parameter file beside the bag has those with which the run began.
 """
+
 import bisect
 import math
 import os
-from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ground import _core
+from ground.annotations import Document, Time
 from ground.errors import GroundError
 from ground.recordings import flown, messages, run_parameters
+from ground.recordings.bag_reader import BagReader
+
+if TYPE_CHECKING:
+    from ground.recordings.recording import Recording
 
 TYPE = "ground_msgs/MocapSettings"
 # what poses of a type take: states were corrected when they were recorded, points are planar already
@@ -32,7 +38,7 @@ class Setting:
     heading_offset: float  # measured minus true heading [rad]
 
 
-def _check(setting, source):
+def _check(setting: Setting, source: str) -> _core.AxisMapping:
     """The _core.AxisMapping of a setting; GroundError names where one that makes no sense is from."""
     if not abs(setting.heading_offset) <= 2 * math.pi:
         raise GroundError(
@@ -52,32 +58,34 @@ class Settings:
     changes: Tuple[Setting, ...]
     sources: Dict[str, str]  # where axes and heading_offset are from, in words
     taken: Tuple[str, ...]  # which of them the poses of the run take
+    _mappings: List[_core.AxisMapping] = field(init=False, repr=False, compare=False)
+    _sinces: List[int] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         mappings = [_check(s, self.sources["axes"]) for s in self.changes]
         object.__setattr__(self, "_mappings", mappings)
         object.__setattr__(self, "_sinces", [s.since for s in self.changes])
 
-    def _index(self, stamp):
+    def _index(self, stamp: Time) -> int:
         return max(0, bisect.bisect_left(self._sinces, stamp.to_nsec()) - 1)
 
-    def mapping(self, stamp):
+    def mapping(self, stamp: Time) -> _core.AxisMapping:
         """The _core.AxisMapping of a pose stamped `stamp` (genpy.Time)."""
         return self._mappings[self._index(stamp)]
 
-    def heading(self, stamp, measured):
+    def heading(self, stamp: Time, measured: float) -> float:
         """True heading [rad] of a measured one, for poses that are planar already."""
         offset = self.changes[self._index(stamp)].heading_offset
         return math.remainder(measured - offset, 2 * math.pi) if offset else measured
 
     def values(self, name: str) -> Optional[Tuple[Any, ...]]:
-        """Of axes or heading_offset, in order of time; None where the run takes none."""
+        """Values of axes or heading_offset in order of time; None where the run takes none."""
         values = [getattr(s, name) for s in self.changes]
         kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
         return tuple(kept) if name in self.taken else None
 
-    def describe(self, zero):
-        """As plain values; times are those since `zero` [s]."""
+    def describe(self, zero: float) -> Document:
+        """The settings as plain values; times are those since `zero` [s]."""
         return {
             "axes": self.changes[0].axes,
             "heading_offset": self.changes[0].heading_offset,
@@ -94,7 +102,14 @@ class Settings:
         }
 
 
-def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
+def settings_of(
+    bag: BagReader,
+    path: str,
+    kind: str,
+    axes: Optional[str] = None,
+    heading_offset: Optional[float] = None,
+    warnings: Optional[List[str]] = None,
+) -> Settings:
     """The Settings of poses of type `kind` in the BagReader at `path`.
 
     They are `axes` and `heading_offset` [rad] where given, else those in the bag, else those in the
@@ -124,18 +139,18 @@ def settings_of(bag, path, kind, axes=None, heading_offset=None, warnings=None):
     return Settings(tuple(_distinct(changes)), sources, taken)
 
 
-def default():
+def default() -> Settings:
     """The default settings, for poses of no bag."""
     sources = {"axes": "default", "heading_offset": "default"}
     return Settings((Setting(0, AXES, 0.0),), sources, ())
 
 
-def differences(recordings: Sequence[Any]) -> str:
+def differences(recordings: Sequence["Recording"]) -> str:
     """A line that names recordings by their settings, and by the model and the room of their controllers,
     where these differ; empty where they do not."""
     parts = flown.differences(recordings)
     for name in ("axes", "heading_offset"):
-        groups = {}
+        groups: Dict[Tuple[Any, ...], List[str]] = {}
         for recording in recordings:
             values = recording.settings.values(name)
             if values is not None:
@@ -148,7 +163,7 @@ def differences(recordings: Sequence[Any]) -> str:
     return "the runs were recorded with different settings: " + "; ".join(parts) if parts else ""
 
 
-def _in_bag(bag, path, warnings):
+def _in_bag(bag: BagReader, path: str, warnings: List[str]) -> List[Setting]:
     topics = messages.topics_of(bag, TYPE)
     if not topics and messages.announced(bag, TYPE):
         warnings.append("the settings of the mocap that were recorded in the bag are lost")
@@ -163,7 +178,7 @@ def _in_bag(bag, path, warnings):
     return sorted(found, key=lambda s: s.since)
 
 
-def _distinct(changes):
+def _distinct(changes: Iterable[Setting]) -> List[Setting]:
     """Without those that change nothing: every part of a recording repeats the last one."""
     kept: List[Setting] = []
     for s in changes:
@@ -172,7 +187,7 @@ def _distinct(changes):
     return kept
 
 
-def _beside(path, warnings):
+def _beside(path: str, warnings: List[str]) -> Tuple[List[Setting], str]:
     """Settings by the parameters beside a bag, a list of one, and where they are from."""
     for name, parameters in run_parameters.beside(path, warnings):
         for node in run_parameters.nodes(parameters, "mocap_state"):

@@ -1,17 +1,21 @@
 """How well a craft followed its reference, at what cost."""
 
+from typing import Dict, Optional
+
 import numpy as np
+
+from ground.annotations import Array, Flags
 
 AT_BOUND = 1e-6  # an input so near to 0 or 1 is saturated
 
 
-def saturated(inputs):
+def saturated(inputs: Array) -> Flags:
     """Whether an input of each row (n, 2), 0..1, is at a bound (n,)."""
-    return ((inputs <= AT_BOUND) | (inputs >= 1 - AT_BOUND)).any(axis=1)
+    return np.asarray(((inputs <= AT_BOUND) | (inputs >= 1 - AT_BOUND)).any(axis=1))
 
 
-def summary(errors, inputs):
-    """Of position errors (n,) [m] and inputs (k, 2), 0..1: rms, max and final error [m], share of
+def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
+    """What position errors (n,) [m] and inputs (k, 2), 0..1, come to: rms, max and final error [m], share of
     the time in which an input is at a bound, mean square of the inputs. None for what has no
     rows."""
     numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
@@ -25,8 +29,8 @@ def summary(errors, inputs):
     return numbers
 
 
-def wanted_summary(wanted):
-    """Of rows left, right before the inputs were limited: the share outside 0..1 and the largest; None
+def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
+    """Share outside 0..1 and largest of rows left, right before the inputs were limited; None
     without rows."""
     outside = ((wanted < -AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
     return {
@@ -35,7 +39,7 @@ def wanted_summary(wanted):
     }
 
 
-def compute_ms(seconds):
+def compute_ms(seconds: Array) -> Optional[Dict[str, float]]:
     """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
     if not len(seconds):
         return None

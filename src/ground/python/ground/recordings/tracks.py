@@ -1,12 +1,15 @@
 """How a recorded craft followed its reference."""
 
 from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.recordings import tracking_error
 from ground.recordings.bag_reader import BagReader
+from ground.recordings.recording import Recording
 
 PAUSE = 0.5  # without a reference, after which another drive begins [s]
 LONGEST = 0.1  # between poses that a position is interpolated in [s]
@@ -17,25 +20,28 @@ SHORTEST = 1.0  # drive that is looked at [s]
 class Track:
     """One drive along a reference. Times since it began [s]."""
 
-    times: np.ndarray  # (n,) of the poses
-    eta: np.ndarray  # (n, 3) measured x, y [m], psi [rad], world_ned
-    reference: np.ndarray  # (n, 2) x, y [m]
-    inputs: np.ndarray  # (k, 3) time, left, right, 0..1
-    wanted: np.ndarray  # (j, 3) the same before the inputs were limited; may be empty
-    computing: np.ndarray  # (i, 2) time, processor time of a decision [s]; may be empty
+    times: Array  # (n,) of the poses
+    eta: Array  # (n, 3) measured x, y [m], psi [rad], world_ned
+    reference: Array  # (n, 2) x, y [m]
+    inputs: Array  # (k, 3) time, left, right, 0..1
+    wanted: Array  # (j, 3) the same before the inputs were limited; may be empty
+    computing: Array  # (i, 2) time, processor time of a decision [s]; may be empty
     controller: str  # node that drove; empty when that was not recorded
     began: float  # on the clock of the poses' stamps [s]
 
     @property
-    def errors(self):
+    def errors(self) -> Array:
         """Distance from the reference (n,) [m]."""
-        return np.hypot(*(self.eta[:, :2] - self.reference).T)
+        return np.asarray(np.hypot(*(self.eta[:, :2] - self.reference).T))
 
 
-def read(path, recording):
+def read(path: str, recording: Recording) -> List[Track]:
     """The Tracks of a Recording and the bag that it is of; GroundError where nothing followed a
     reference."""
-    references, wanted, computing, drivers = [], [], [], []
+    followed: List[Tuple[float, ...]] = []
+    limited: List[Tuple[float, ...]] = []
+    decided: List[Tuple[float, ...]] = []
+    drivers: List[Tuple[float, str]] = []
     with BagReader(path) as bag:
         topics = bag.get_type_and_topic_info().topics
         ours = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Reference"]
@@ -44,33 +50,39 @@ def read(path, recording):
         for topic, message, _ in bag.read_messages(ours + commands + decisions):
             stamp = message.header.stamp.to_sec()
             if topic in decisions:
-                computing.append((stamp, message.computing))
+                decided.append((stamp, message.computing))
                 continue
             if topic in ours:
-                references.append((stamp, *message.p, *message.p_dot))
+                followed.append((stamp, *message.p, *message.p_dot))
             elif topic.endswith("wanted"):
-                wanted.append((stamp, message.left, message.right))
+                limited.append((stamp, message.left, message.right))
             elif message.header.frame_id:
                 drivers.append((stamp, message.header.frame_id))
-    if not references:
+    if not followed:
         raise GroundError(
             "%s: no reference was recorded: nothing was tracked, or the topic reference is missing"
             % path
         )
-    references = np.array(sorted(set(references)))
-    wanted = np.array(sorted(wanted)).reshape(-1, 3)
-    computing = np.array(sorted(computing)).reshape(-1, 2)
+    references = np.array(sorted(set(followed)))
+    wanted = np.array(sorted(limited)).reshape(-1, 3)
+    computing = np.array(sorted(decided)).reshape(-1, 2)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
-    tracks = [
+    found = [
         _track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)
     ]
-    tracks = [track for track in tracks if track]
+    tracks = [track for track in found if track]
     if not tracks:
         raise GroundError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
     return tracks
 
 
-def _track(recording, references, wanted, computing, drivers):
+def _track(
+    recording: Recording,
+    references: Array,
+    wanted: Array,
+    computing: Array,
+    drivers: Sequence[Tuple[float, str]],
+) -> Optional[Track]:
     began, ended = references[0, 0], references[-1, 0]
     order = np.argsort(recording.pose_times, kind="stable")
     times, eta = recording.pose_times[order], recording.eta[order]
@@ -97,13 +109,13 @@ def _track(recording, references, wanted, computing, drivers):
     )
 
 
-def _during(rows, began, ended):
+def _during(rows: Array, began: float, ended: float) -> Array:
     kept = rows[(rows[:, 0] >= began) & (rows[:, 0] <= ended)]
     kept[:, 0] -= began
     return kept
 
 
-def numbers(track, settled=0.0):
+def numbers(track: Track, settled: float = 0.0) -> Document:
     """What a Track comes to, from `settled` [s] on: rms, max and final error [m], share of the time
     in which an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms of
     tracking_error (the latter of the whole drive), None where that was not recorded."""

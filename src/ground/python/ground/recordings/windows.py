@@ -1,5 +1,6 @@
 """Stretches of runs that are simulated, each from an initial state of its own, and the error there."""
-from typing import Any, List, Optional, Sequence
+
+from typing import Dict, List, Optional, Sequence
 
 from ground import _core
 from ground.errors import GroundError
@@ -8,7 +9,7 @@ from ground.recordings.repair import MAX_GAP
 WINDOW = 1.5  # of the error [s]
 
 
-def cut(runs: Sequence[Any], length: float = WINDOW) -> List[Any]:
+def cut(runs: Sequence[_core.RunData], length: float = WINDOW) -> List[_core.Window]:
     """Windows of `length` seconds over all runs (_core.RunData); GroundError when one has none."""
     windows = []
     for index, run in enumerate(runs):
@@ -21,16 +22,18 @@ def cut(runs: Sequence[Any], length: float = WINDOW) -> List[Any]:
     return windows
 
 
-def cut_part(run, index, start, end, length=WINDOW):
+def cut_part(
+    run: _core.RunData, index: int, start: float, end: float, length: float = WINDOW
+) -> List[_core.Window]:
     """Windows of the part of a run, number `index` of its problem, from `start` to `end` [s]."""
     return _core.cut_windows(run, index, start, end, length, MAX_GAP)
 
 
-def spread(windows, most):
+def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
     """At most about `most` windows, spread evenly over each run; every run keeps one."""
     if len(windows) <= most:
         return windows
-    of_run = {}
+    of_run: Dict[int, List[_core.Window]] = {}
     for window in windows:
         of_run.setdefault(window.run, []).append(window)
     chosen = []
@@ -40,14 +43,20 @@ def spread(windows, most):
     return chosen
 
 
-def cut_again(runs, window, length):
+def cut_again(
+    runs: Sequence[_core.RunData], window: _core.Window, length: float
+) -> List[_core.Window]:
     """Windows of `length` seconds in a window; the window itself where none fits in."""
     times = runs[window.run].times
     found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], length)
     return found or [window]
 
 
-def problem(runs: Sequence[Any], windows: List[Any], target: Any = _core.Target.velocities) -> Any:
+def problem(
+    runs: Sequence[_core.RunData],
+    windows: Sequence[_core.Window],
+    target: _core.Target = _core.Target.velocities,
+) -> _core.SimulationError:
     """The _core.SimulationError over windows; GroundError when the runs do not allow it."""
     try:
         return _core.SimulationError(runs, windows, target)
@@ -55,13 +64,17 @@ def problem(runs: Sequence[Any], windows: List[Any], target: Any = _core.Target.
         raise GroundError(str(error))
 
 
-def error(runs: Sequence[Any], model: Any, windows: Optional[List[Any]] = None) -> float:
+def error(
+    runs: Sequence[_core.RunData],
+    model: _core.Model,
+    windows: Optional[Sequence[_core.Window]] = None,
+) -> float:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 
     Initial velocities are those that suit the model best. Raises GroundError when the
     model cannot be simulated.
     """
     try:
-        return problem(runs, windows or cut(runs)).simulate(model)["objective"]
+        return float(problem(runs, windows or cut(runs)).simulate(model)["objective"])
     except RuntimeError as failure:
         raise GroundError(str(failure))

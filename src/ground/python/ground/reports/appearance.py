@@ -20,7 +20,7 @@ NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
 
 def model_color(index: int) -> str:
-    """Of a model, by its place."""
+    """Colour of a model by its place."""
     return MODELS[index % len(MODELS)]
 
 

@@ -1,10 +1,12 @@
 """The folder of a comparison: compare.json, wrenches over time as CSV, pictures and the page."""
+
 import os
-from typing import TYPE_CHECKING, Any, Dict, List, Sequence
+from typing import TYPE_CHECKING, Dict, List, Optional, Sequence
 
 import numpy as np
 
 from ground import files
+from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import quality
 from ground.reports import report
@@ -32,7 +34,7 @@ class Folder:
         self.force = force
         self.numbers = os.path.join(path, "compare.json")
         self.page = os.path.join(path, "report.html")
-        self._names: Dict[str, Dict[str, Any]] = {}  # of the files of each run
+        self._names: Dict[str, Document] = {}  # of the files of each run
 
     @property
     def to_look_at(self) -> str:
@@ -55,14 +57,14 @@ class Folder:
             if path:
                 files.refuse_existing(path, self.force)
 
-    def _files_of(self, run: str) -> Dict[str, Any]:
+    def _files_of(self, run: str) -> Document:
         """Names of all files of one run; None for pictures that are not drawn."""
 
-        def picture(stem: str) -> Any:
+        def picture(stem: str) -> Optional[str]:
             name = "%s.%s" % (stem, self.form)
             return os.path.join(self.path, name) if self.pictures else None
 
-        named: Dict[str, Any] = {
+        named: Document = {
             "comparison": picture(run),
             "where": picture(run + ".where"),
             "residuals": picture(run + ".residuals"),
@@ -84,20 +86,20 @@ class Folder:
         if self.pictures:
             _draw(run.studies, named, self.force)
 
-    def write(self, found: "Comparison") -> Dict[str, Any]:
+    def write(self, found: "Comparison") -> Document:
         """Writes compare.json and the page; gives what is in the first."""
         result = self.write_numbers(found)
         if self.pictures:
             self.write_page(found, result)
         return result
 
-    def write_numbers(self, found: "Comparison") -> Dict[str, Any]:
+    def write_numbers(self, found: "Comparison") -> Document:
         """Writes compare.json; gives what is in it."""
-        result: Dict[str, Any] = found.to_dict([self._names[run.name] for run in found.runs])
+        result: Document = found.to_dict([self._names[run.name] for run in found.runs])
         files.write_json(self.numbers, result, self.force)
         return result
 
-    def write_page(self, found: "Comparison", result: Dict[str, Any]) -> None:
+    def write_page(self, found: "Comparison", result: Document) -> None:
         """Writes the page; result: what is in compare.json."""
         inputs = [run.recording.path for run in found.runs]
         inputs += [model.path for model in found.models.values()]
@@ -111,7 +113,7 @@ class Folder:
         )
 
 
-def _draw(studies: List[Dict[str, Any]], named: Dict[str, Any], force: bool) -> None:
+def _draw(studies: List[Document], named: Document, force: bool) -> None:
     from ground.reports import figures, picture, wrench_figures
 
     picture.write(named["comparison"], [figures.motion(studies)], force)
@@ -124,7 +126,7 @@ def _draw(studies: List[Dict[str, Any]], named: Dict[str, Any], force: bool) -> 
         picture.write(named["models"][study["label"]]["wrench_picture"], drawn, force)
 
 
-def _write_wrench(path: str, study: Dict[str, Any], force: bool) -> None:
+def _write_wrench(path: str, study: Document, force: bool) -> None:
     missing = study["missing"]
     with files.new_file(path, force) as temporary:
         np.savetxt(

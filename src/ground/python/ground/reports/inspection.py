@@ -1,14 +1,21 @@
 """All that is found out about one model on one run."""
-from typing import Any, Dict
 
+from typing import Optional
+
+from ground import _core
 from ground.analysis import comparison, failure, residuals
+from ground.annotations import Document
 from ground.errors import GroundError
 from ground.reports import words
 
 
 def inspect(
-    run: Any, model: Any, label: str, role: str = "fit", wrench_of: Any = None
-) -> Dict[str, Any]:
+    run: _core.RunData,
+    model: _core.Model,
+    label: str,
+    role: str = "fit",
+    wrench_of: Optional[_core.Model] = None,
+) -> Document:
     """Errors of a model on a _core.RunData, where they are, what stays in the residuals and which
     wrench is missing, as a dictionary.
 

@@ -1,14 +1,16 @@
 """Pages of text, tables and interactive figures: one file that opens anywhere, nothing fetched."""
+
 import base64
 import gzip
 import html
 import json
 import string
+from typing import Dict, Iterable, List, Sequence
 
 from ground import files
+from ground.annotations import Document
 
-PAGE = string.Template(
-    """<!DOCTYPE html>
+PAGE = string.Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>$title</title>
 <link rel="icon" href="data:,">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -98,8 +100,7 @@ if (window.DecompressionStream) start();
 else document.querySelectorAll(".figure").forEach(
   plot => { plot.textContent = "This plot needs a newer browser (Chrome 80, Firefox 113, Safari 16.4)."; });
 </script></body></html>
-"""
-)
+""")
 
 
 text = html.escape
@@ -108,26 +109,32 @@ text = html.escape
 class Page:
     """A page that grows from top to bottom."""
 
-    def __init__(self, title):
+    def __init__(self, title: str) -> None:
         self.title = title
-        self._body, self._figures = [], {}
+        self._body: List[str] = []
+        self._figures: Dict[str, Document] = {}
 
-    def add(self, markup):
+    def add(self, markup: str) -> None:
+        """Adds HTML as it is."""
         self._body.append(markup)
 
-    def heading(self, text):
+    def heading(self, text: str) -> None:
+        """Adds a heading; special characters are escaped, here and below."""
         self.add("<h2>%s</h2>" % html.escape(text))
 
-    def subheading(self, text):
+    def subheading(self, text: str) -> None:
+        """Adds a heading of the second level."""
         self.add("<h3>%s</h3>" % html.escape(text))
 
-    def paragraph(self, text, kind=""):
+    def paragraph(self, text: str, kind: str = "") -> None:
+        """Adds a paragraph; kind: its class in the style sheet."""
         self.add('<p class="%s">%s</p>' % (kind, html.escape(text)))
 
-    def points(self, lines):
+    def points(self, lines: Iterable[str]) -> None:
+        """Adds a bulleted list."""
         self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
 
-    def figure(self, figure, hint=""):
+    def figure(self, figure: Document, hint: str = "") -> None:
         """A plotly figure; below it its caption, which layout.meta holds, and a hint."""
         name = "figure%d" % len(self._figures)
         self._figures[name] = figure
@@ -135,12 +142,14 @@ class Page:
         self.add('<div class="figure" id="%s" style="height:%dpx"></div>' % (name, height))
         self.paragraph(" ".join(filter(None, (figure["layout"]["meta"], hint))), "caption")
 
-    def table(self, head, rows, chosen=()):
+    def table(
+        self, head: Sequence[str], rows: Iterable[Sequence[object]], chosen: Sequence[int] = ()
+    ) -> None:
         """Texts. A heading that begins with # is that of numbers, with = of texts that no line may break.
         `chosen`: rows that stand out."""
         kinds = [{"#": ' class="n"', "=": ' class="whole"'}.get(h[0], "") for h in head]
 
-        def line(cells, tag):
+        def line(cells: Sequence[object], tag: str) -> str:
             return "".join(
                 "<%s%s>%s</%s>" % (tag, kind, html.escape(str(c)).replace("\n", "<br>"), tag)
                 for c, kind in zip(cells, kinds)
@@ -154,17 +163,18 @@ class Page:
             self.add("<tr%s>%s</tr>" % (kind, line(row, "td")))
         self.add("</table></div>")
 
-    def fold(self, summary, beside, is_open):
+    def fold(self, summary: str, beside: str, is_open: bool) -> None:
         """Begins a part that can be folded away; what is drawn in it is drawn when it is opened."""
         self.add(
             "<details%s><summary>%s <span>%s</span></summary>"
             % (" open" * is_open, html.escape(summary), html.escape(beside))
         )
 
-    def end_fold(self):
+    def end_fold(self) -> None:
+        """Ends the part that `fold` began."""
         self.add("</details>")
 
-    def write(self, path, color, force=False):
+    def write(self, path: str, color: str, force: bool = False) -> None:
         """Raises GroundError when the file exists."""
         from plotly.offline import get_plotlyjs
 
@@ -180,7 +190,7 @@ class Page:
                 file.write(text)
 
 
-def _packed(contents):
-    """As the page unpacks it: a quarter of the size. Level 9 takes twice as long for 0.4% less."""
+def _packed(contents: str) -> str:
+    """Text as the page unpacks it: a quarter of the size. Level 9 takes twice as long for 0.4% less."""
     packed = gzip.compress(contents.encode("utf-8"), compresslevel=7, mtime=0)
     return base64.b64encode(packed).decode("ascii")

@@ -1,8 +1,13 @@
 """report.html of compare and diagnose: the verdict first, then what it rests on."""
-import os
-from typing import Any, Dict, Sequence
 
-from ground import origin
+import os
+from typing import List, Mapping, Optional, Sequence, Tuple
+
+from ground import _core, origin
+from ground.analysis import bands as bands_of
+from ground.analysis.conclusion import Conclusion
+from ground.analysis.diagnosis import Diagnosis
+from ground.annotations import Document
 from ground.recordings import findings
 from ground.reports import appearance, figures, inspection, page, words, wrench_figures
 from ground.reports.words import number
@@ -21,11 +26,11 @@ NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 def diagnosis(
     path: str,
-    report: Dict[str, Any],
-    found: Any,
-    conclusion: Any,
-    described: Sequence[Any],
-    held: Sequence[Any] = (),
+    report: Document,
+    found: Diagnosis,
+    conclusion: Conclusion,
+    described: Sequence[Document],
+    held: Sequence[_core.RunData] = (),
     inputs: Sequence[str] = (),
     force: bool = False,
     thorough: bool = False,
@@ -36,20 +41,47 @@ def diagnosis(
     described: of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs:
     files read. Of more than DRAWN runs so many are drawn, unless thorough.
     """
-    winner = conclusion.improved if found.chosen else None
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
     most = len(runs) if thorough else min(DRAWN, len(runs))
     drawn = [i * len(runs) // most for i in range(most)]
+    inspected = _inspected(found, conclusion, [runs[i] for i in drawn])
+    sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
+    _verdict(sheet, report)
+    if most < len(runs):
+        sheet.paragraph(
+            "Of %d runs %d, spread evenly, are drawn; identify diagnose --thorough draws all."
+            % (len(runs), most)
+        )
+    winner = " + ".join(report["improved"]["effects"])
+    banded = {id(band.run): band for band in conclusion.bands}
+    _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
+    _evidence(sheet, report)
+    _open_questions(sheet, report)
+    _quality(sheet, described)
+    seeds = "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"
+    _origin(sheet, inputs, [_held_out(report["runs"]), seeds])
+    sheet.write(path, COLORS[report["verdict"]], force)
 
-    def both(task):
+
+def _inspected(
+    found: Diagnosis, conclusion: Conclusion, runs: Sequence[Tuple[_core.RunData, str]]
+) -> List[List[Document]]:
+    """Studies of each run: the refitted nominal model and, where effects were added, the improved
+    one."""
+    winner = conclusion.improved if found.chosen else None
+
+    def both(task: Tuple[_core.RunData, str]) -> List[Document]:
         run, role = task
         studies = [inspection.inspect(run, found.nominal.model, NOMINAL, role, winner)]
         if winner is not None:
             studies.append(inspection.inspect(run, winner, IMPROVED, role))
         return studies
 
-    inspected = list(found.pool.map(both, [runs[i] for i in drawn]))
-    sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
+    return list(found.pool.map(both, runs))
+
+
+def _verdict(sheet: page.Page, report: Document) -> None:
+    """The verdict in a sentence, what the error is made of, and how it falls."""
     sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
     sheet.paragraph(words.budget(report))
@@ -58,15 +90,10 @@ def diagnosis(
         sheet.paragraph(bands)
     fall = figures.fall(words.steps(report), report["noise_floor"], "held-out runs")
     sheet.figure(fall)
-    winner = " + ".join(report["improved"]["effects"])
-    if most < len(runs):
-        sheet.paragraph(
-            "Of %d runs %d, spread evenly, are drawn; identify diagnose --thorough draws all."
-            % (len(runs), most)
-        )
-    banded = {id(band.run): band for band in conclusion.bands}
-    _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
-    _evidence(sheet, report)
+
+
+def _open_questions(sheet: page.Page, report: Document) -> None:
+    """What the runs do not tell, the experiment that would, and what is left unexplained."""
     for sentence in list(words.extent(report)) + list(words.slight(report)):
         sheet.paragraph(sentence)
     apart = list(words.apart(report))
@@ -79,26 +106,20 @@ def diagnosis(
     if rest:
         sheet.heading("What is left")
         sheet.points(rest)
-    _quality(sheet, described)
-    heldout = report["runs"]["heldout"]
-    how = (
-        "held out: " + ", ".join(heldout)
-        if heldout != report["runs"]["fit"]
-        else "held out: each run (or quarter of a single one), by a fit to the others"
-    )
-    _origin(
-        sheet,
-        inputs,
-        [how, "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"],
-    )
-    sheet.write(path, COLORS[report["verdict"]], force)
+
+
+def _held_out(runs: Document) -> str:
+    """Which runs were held out, in words."""
+    if runs["heldout"] != runs["fit"]:
+        return "held out: " + ", ".join(runs["heldout"])
+    return "held out: each run (or quarter of a single one), by a fit to the others"
 
 
 def comparison(
     path: str,
-    result: Dict[str, Any],
-    inspected: Sequence[Any],
-    described: Sequence[Any],
+    result: Document,
+    inspected: Sequence[List[Document]],
+    described: Sequence[Document],
     inputs: Sequence[str] = (),
     force: bool = False,
 ) -> None:
@@ -126,7 +147,7 @@ def comparison(
     sheet.write(path, appearance.MODELS[1], force)
 
 
-def _numbers(sheet, pooled):
+def _numbers(sheet: page.Page, pooled: Mapping[str, Document]) -> None:
     sheet.subheading("All runs together")
     head = ["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)]
     rows = [
@@ -143,7 +164,13 @@ def _numbers(sheet, pooled):
     )
 
 
-def _measured_against(sheet, inspected, described, winner, banded=None):
+def _measured_against(
+    sheet: page.Page,
+    inspected: Sequence[List[Document]],
+    described: Sequence[Document],
+    winner: str,
+    banded: Optional[Mapping[int, bands_of.Bands]] = None,
+) -> None:
     """All runs against all models: over time and place, and where they fail.
 
     banded: bands.Bands by the id of their run.
@@ -162,21 +189,27 @@ def _measured_against(sheet, inspected, described, winner, banded=None):
             for s in studies
         )
         sheet.fold(run.name, "%s; error: %s" % (findings.when(about), errors), count == 0)
-        bands = (banded or {}).get(id(run))
-        sheet.figure(figures.motion(studies, bands), ZOOM)
-        sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
-        for heading, figure in (
-            ("Error against what was measured", figures.where(studies)),
-            ("Missing wrench against what was measured", wrench_figures.wrench(studies, winner)),
-            ("Missing wrench over time", wrench_figures.wrench_over_time(studies)),
-            ("Residuals", figures.residual_correlation(studies)),
-        ):
-            sheet.subheading(heading)
-            sheet.figure(figure)
+        _run(sheet, studies, winner, (banded or {}).get(id(run)))
         sheet.end_fold()
 
 
-def _evidence(sheet, report):
+def _run(
+    sheet: page.Page, studies: List[Document], winner: str, bands: Optional[bands_of.Bands]
+) -> None:
+    """One run against all models."""
+    sheet.figure(figures.motion(studies, bands), ZOOM)
+    sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
+    for heading, figure in (
+        ("Error against what was measured", figures.where(studies)),
+        ("Missing wrench against what was measured", wrench_figures.wrench(studies, winner)),
+        ("Missing wrench over time", wrench_figures.wrench_over_time(studies)),
+        ("Residuals", figures.residual_correlation(studies)),
+    ):
+        sheet.subheading(heading)
+        sheet.figure(figure)
+
+
+def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.heading("Evidence")
     sheet.paragraph(
         "Each effect beside the refitted nominal model. p: chance of so much evidence without the "
@@ -208,7 +241,11 @@ def _evidence(sheet, report):
             name,
             "%.4g" % nominal[name]["value"] if name in nominal else "",
             "%.4g" % p["value"],
-            "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "not identifiable from these data",
+            (
+                "%.4g to %.4g" % tuple(p["ci95"])
+                if p["identified"]
+                else "not identifiable from these data"
+            ),
             p["unit"],
         ]
         for name, p in improved.items()
@@ -217,7 +254,7 @@ def _evidence(sheet, report):
     sheet.table(["parameter", "#nominal", "#improved", "95% interval", "unit"], rows, new)
 
 
-def _quality(sheet, described):
+def _quality(sheet: page.Page, described: Sequence[Document]) -> None:
     sheet.heading("Data quality")
     rows = []
     for d in described:
@@ -248,7 +285,7 @@ def _quality(sheet, described):
     )
 
 
-def _origin(sheet, inputs, remarks):
+def _origin(sheet: page.Page, inputs: Sequence[str], remarks: Sequence[str]) -> None:
     sheet.heading("How it was made")
     sheet.add(
         "<p><code>%s</code><br>in <code>%s</code></p>"

@@ -1,9 +1,10 @@
 """What a comparison or a diagnosis found, in sentences."""
 
 import math
-from typing import Any, Dict, Iterator
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import failure
+from ground.annotations import Document
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
@@ -11,11 +12,14 @@ LEAST_SHARE = 0.05  # of the squared error: a random wrench that is worth a sent
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
-def number(value):
+def number(value: Optional[float]) -> str:
+    """Three digits after the point; "-" where there is no number."""
     return "-" if value is None else "%.3f" % value
 
 
-def summary(numbers, where, correlation, missing):
+def summary(
+    numbers: Document, where: Document, correlation: Document, missing: Document
+) -> List[str]:
     """A few sentences: axes that differ, the missing wrench, residuals, the error."""
     found = []
     thrust = missing["thrust"]
@@ -31,7 +35,8 @@ def summary(numbers, where, correlation, missing):
     return found
 
 
-def body_axes(thrust):
+def body_axes(thrust: Document) -> str:
+    """By how much the axes of model and measurement differ, and what would make them agree."""
     measured, own = thrust["measured"], thrust["model"]
     turn = -math.radians(thrust["off_deg"])
     return (
@@ -49,7 +54,8 @@ def body_axes(thrust):
     )
 
 
-def disturbances(events):
+def disturbances(events: Sequence[Document]) -> str:
+    """Which spans of time were left out."""
     spans = ", ".join("%.1f to %.1f" % (e["start"], e["end"]) for e in events)
     return (
         "left out of what follows, for no input explains the motion (contact, hand, wrong poses): "
@@ -57,9 +63,9 @@ def disturbances(events):
     )
 
 
-def missing_wrench(channels):
+def missing_wrench(channels: Document) -> str:
     """The channel that misses most of what the thrusters can give, and what it follows."""
-    name = max(channels, key=lambda c: channels[c]["rms"] / channels[c]["full_scale"])
+    name = max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
     channel = channels[name]
     if failure.is_nothing(channel):
         return "no wrench is missing beyond its uncertainty"
@@ -81,7 +87,7 @@ def missing_wrench(channels):
     )
 
 
-def followed_input(channels):
+def followed_input(channels: Document) -> Optional[str]:
     """The command that the residuals follow most, and how much later; None when none."""
     strongest, text = 0.0, None
     for channel, entry in channels.items():
@@ -89,7 +95,7 @@ def followed_input(channels):
             if entry[kind] is None or entry[kind]["accepted"]:
                 continue
             after = [i for i, lag in enumerate(entry[kind]["lag_seconds"]) if lag > -1e-9]
-            at = max(after, key=lambda i: abs(entry[kind]["value"][i]))
+            at = max(after, key=lambda i: float(abs(entry[kind]["value"][i])))
             value = entry[kind]["value"][at]
             if abs(value) > max(strongest, entry[kind]["band99"][at]):
                 strongest = abs(value)
@@ -102,8 +108,9 @@ def followed_input(channels):
     return text
 
 
-def error(by_channel, where):
-    name = max(by_channel, key=by_channel.get)
+def error(by_channel: Dict[str, float], where: Document) -> str:
+    """The channel with the largest part of the error, and what the error depends on."""
+    name = max(by_channel, key=by_channel.__getitem__)
     text = "%s has %.0f%% of the error" % (
         ERRORS[name],
         100 * by_channel[name] / max(1e-300, sum(by_channel.values())),
@@ -117,7 +124,7 @@ def error(by_channel, where):
     )
 
 
-def off_after_a_second(numbers):
+def off_after_a_second(numbers: Document) -> str:
     """How far a prediction is off a second later, in the middle; "-" where no run is that long."""
     after = next(h for h in numbers["horizons"] if h["seconds"] == 1.0)
     if not after["starts"]:
@@ -125,12 +132,12 @@ def off_after_a_second(numbers):
     return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])
 
 
-def comparison(result: Dict[str, Any]) -> str:
+def comparison(result: Document) -> str:
     """One sentence that says which of the models compared predicts best, and how well."""
     errors = {}
     for label, groups in result["pooled"].items():
         errors[label] = groups["all"]["error"]
-    ranked = sorted(errors, key=errors.get)
+    ranked = sorted(errors, key=errors.__getitem__)
     best = ranked[0]
     floor = "the noise of the poses alone would leave %.3f." % result["noise_floor"]
     if len(ranked) == 1:
@@ -141,12 +148,12 @@ def comparison(result: Dict[str, Any]) -> str:
     return text + floor
 
 
-def _listed(names):
+def _listed(names: List[str]) -> str:
     """ "a", "a and b", "a, b and c"."""
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
 
 
-def steps(report):
+def steps(report: Document) -> List[Tuple[str, float]]:
     """What was added to the model, and the error on held-out runs after it: a list of pairs."""
     found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
     found += [("+ " + step["added"], step["error"]["heldout"]) for step in report["steps"]]
@@ -156,7 +163,7 @@ def steps(report):
     return found
 
 
-def verdict(report: Dict[str, Any]) -> str:
+def verdict(report: Document) -> str:
     """One sentence that says what a diagnosis came to."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
@@ -194,13 +201,13 @@ def verdict(report: Dict[str, Any]) -> str:
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
 
 
-def _varying(found):
+def _varying(found: Document) -> str:
     """What differs between runs: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
     size = quantity(found["deviation"], found["unit"])
     return "the %s differs between runs (sd %s)" % (found["parameter"], size)
 
 
-def _sized(effect):
+def _sized(effect: Document) -> str:
     """An effect with the values of its parameters: "input_delay (delay 0.76 ms)"."""
     values = [
         "%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in effect["parameters"].items()
@@ -208,23 +215,25 @@ def _sized(effect):
     return "%s (%s)" % (effect["effect"], ", ".join(values))
 
 
-def quantity(value, unit):
+def quantity(value: float, unit: str) -> str:
     """A value with its unit, a small one in thousandths where the unit is a single one."""
     if unit in ("s", "m", "rad", "N") and 0 < abs(value) < 0.1:
         return "%.2g m%s" % (1e3 * value, unit)
     return ("%.2g %s" % (value, unit)).rstrip(" -")
 
 
-def parameters(values):
+def parameters(values: Mapping[str, Document]) -> Iterator[str]:
     """A line for each parameter of an effect."""
     for name, p in values.items():
         if p["identified"]:
-            yield "%s %.4g %s [%.4g, %.4g]" % ((name, p["value"], p["unit"]) + tuple(p["ci95"]))
+            low, high = p["ci95"]  # None in JSON: none at all
+            low, high = -math.inf if low is None else low, math.inf if high is None else high
+            yield "%s %.4g %s [%.4g, %.4g]" % (name, p["value"], p["unit"], low, high)
         else:
             yield "%s: not identifiable from these data" % name
 
 
-def apart(report):
+def apart(report: Document) -> Iterator[str]:
     """What cannot be told apart, and what would tell it."""
     for c in report["candidates"]:
         if not c["seen"]:
@@ -262,7 +271,7 @@ def apart(report):
         )
 
 
-def slight(report):
+def slight(report: Document) -> Iterator[str]:
     """An effect that is visible but too small to be called missing."""
     found = report["slight"]
     if found:
@@ -279,7 +288,7 @@ def slight(report):
         )
 
 
-def budget(report):
+def budget(report: Document) -> str:
     """What the error of the improved model is made of."""
     error, share = report["budget"]["error"], report["budget"]["share"]
     parts = ["%.0f%% noise of the poses" % (100 * share["noise"])]
@@ -302,7 +311,7 @@ def budget(report):
     return told
 
 
-def bands(report):
+def bands(report: Document) -> Optional[str]:
     """How well the improved model can predict, and what its bands hold; None without bands."""
     poses = _held_poses(report)
     if not poses:
@@ -322,16 +331,16 @@ def bands(report):
     )
 
 
-def _held_poses(report):
+def _held_poses(report: Document) -> Dict[float, float]:
     """Share of x, y and heading that the bands hold, by horizon [s]."""
-    shares = {}
+    shares: Dict[float, List[float]] = {}
     for band in report["bands"]:
         if band["channel"] in ("x", "y", "psi"):
             shares.setdefault(band["horizon"], []).append(band["coverage"])
     return {horizon: sum(found) / len(found) for horizon, found in shares.items()}
 
 
-def left(report):
+def left(report: Document) -> Iterator[str]:
     """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
         sentence = _varying(found)
@@ -352,7 +361,7 @@ def left(report):
     )
 
 
-def unexplained(report):
+def unexplained(report: Document) -> Iterator[str]:
     """Where the rest is, and what would lower it."""
     rest = report["unexplained"]
     if rest["where"]:
@@ -379,7 +388,7 @@ def unexplained(report):
         )
 
 
-def extent(report):
+def extent(report: Document) -> Iterator[str]:
     """How much of the data was looked at, where that is not all."""
     count = report["windows"]
     if count["used"] < count["available"]:
@@ -389,7 +398,7 @@ def extent(report):
         )
 
 
-def diagnosis(report: Dict[str, Any]) -> Iterator[str]:
+def diagnosis(report: Document) -> Iterator[str]:
     """What the terminal says of a diagnosis."""
     yield verdict(report)
     yield budget(report)

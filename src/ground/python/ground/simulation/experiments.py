@@ -3,13 +3,15 @@
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
 Everything runs in process, without ROS, and depends on nothing but its arguments.
 """
+
 import os
 from dataclasses import dataclass, field
-from typing import Any, Dict, Optional, Sequence, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground import _core
+from ground import _core, core_types
+from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings.recording import Recording
 from ground.recordings.settings import AXES
@@ -20,27 +22,39 @@ TAIL = 0.5  # recorded after the thrusters are off [s]
 LONGEST = 3600.0  # that an input may last [s]
 
 
+def _none() -> Array:
+    return np.empty(0)
+
+
+def _no_rows() -> Array:
+    return np.empty((0, 0))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
     """A recording and what only a simulator knows of it; all times on the recording's clock."""
 
-    delivered: np.ndarray = field(default=None)  # (n,) when the poses came in [s]
-    truth_times: np.ndarray = field(default=None)  # (k,) [s]: every frame, also those lost
-    truth_eta: np.ndarray = field(default=None)  # (k, 3) x, y [m], psi [rad], world_ned
-    truth_nu: np.ndarray = field(default=None)  # (k, 3) u, v [m/s], r [rad/s], body
-    truth_nu_dot: np.ndarray = field(default=None)  # (k, 3) their derivatives
-    truth_wrench: np.ndarray = field(default=None)  # (k, 3) disturbance: X, Y [N], N [N m], body
-    references: np.ndarray = field(default=None)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
+    delivered: Array = field(default_factory=_none)  # (n,) when the poses came in [s]
+    truth_times: Array = field(default_factory=_none)  # (k,) [s]: every frame, also those lost
+    truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
+    truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
+    truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
+    truth_wrench: Array = field(
+        default_factory=_no_rows
+    )  # (k, 3) disturbance: X, Y [N], N [N m], body
+    references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     # (i, 5) time, stamp of the state [s], wanted left and right (of full scale), processor time [s]
-    decisions: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
-    marks: list = field(default_factory=list)  # (time, number, burst or return, why) of excitations
-    stages: list = field(default_factory=list)  # (time, state, reason) of the controller's life
+    decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
+    # time [s], number, burst or return, why: of excitations
+    marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
+    # time [s], state, reason: of the controller's life
+    stages: List[Tuple[float, str, str]] = field(default_factory=list)
     stopped: str = ""  # why the controller stopped before its end
     made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
     axes: str = AXES  # world_ned x, y, z in the axes of the mocap
     heading_offset: float = 0.0  # of the rigid body against the craft [rad]
     sequence: str = ""  # how a file of bits was played
-    disturbance: Any = None  # _core.Disturbance that acted
+    disturbance: Optional[_core.Disturbance] = None  # that acted
 
     @property
     def frames_not_delivered(self) -> int:
@@ -69,20 +83,24 @@ class SimulatedRun(Recording):
     def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Gives the number of messages by
         topic. GroundError when it cannot be written, or exists and `force` is not set."""
-        from ground.recordings import bags
+        from ground.simulation import bag_writer
 
-        return bags.write(self, os.fspath(path), self.axes, self.heading_offset, force)
+        return bag_writer.write(self, os.fspath(path), self.axes, self.heading_offset, force)
 
 
 @dataclass
 class Schedule:
     """What an open-loop controller plays: rows of time, left, right, lift, until `end` [s]."""
 
-    rows: np.ndarray
+    rows: Array
     end: float
 
 
-def design(kind: str, duration: float, **options: Any) -> Any:
+# What drives a craft: inputs, or a controller in the loop.
+Drive = Union[Schedule, _core.TrackingParams, _core.ExcitationParams]
+
+
+def design(kind: str, duration: float, **options: Any) -> _core.InputSignal:
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
     options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
@@ -94,7 +112,7 @@ def design(kind: str, duration: float, **options: Any) -> Any:
         raise GroundError(str(error))
 
 
-def design_params(kind: str, **options: Any) -> Any:
+def design_params(kind: str, **options: Any) -> _core.DesignParams:
     """The _core.DesignParams of a design and its options."""
     params = _core.DesignParams()
     params.kind = kind
@@ -103,21 +121,19 @@ def design_params(kind: str, **options: Any) -> Any:
     return params
 
 
-def rows(kind: str, duration: float, **options: Any) -> np.ndarray:
+def rows(kind: str, duration: float, **options: Any) -> Array:
     """Rows time [s], left, right of a design; arguments are those of `design`."""
     return design(kind, duration, **options).rows[:, :3]
 
 
-def with_lift(
-    rows: np.ndarray, duration: float, lift: float = 1.0, lift_time: float = 1.0
-) -> Schedule:
+def with_lift(rows: Array, duration: float, lift: float = 1.0, lift_time: float = 1.0) -> Schedule:
     """The schedule of an open-loop run from rows of time, left, right: rest, lift alone for
     `lift_time` [s], the rows for `duration` [s], then everything off."""
     lifted = np.column_stack([rows[:, 0] + lift_time, rows[:, 1:3], np.full(len(rows), lift)])
     return as_given(np.vstack([(0.0, 0, 0, lift), lifted]), lift_time + duration)
 
 
-def as_given(rows: np.ndarray, duration: float) -> Schedule:
+def as_given(rows: Array, duration: float) -> Schedule:
     """The schedule of rows of time, left, right, lift that end after `duration` [s]: rest before
     them, everything off after them."""
     end = LEAD + duration
@@ -127,8 +143,8 @@ def as_given(rows: np.ndarray, duration: float) -> Schedule:
 
 
 def disturbance_in_shares(
-    model: Any, share: float = 0.0, time: float = 0.0, trim: float = 0.0
-) -> Any:
+    model: _core.Model, share: float = 0.0, time: float = 0.0, trim: float = 0.0
+) -> _core.Disturbance:
     """A _core.Disturbance in shares of what the craft's thrusters can do.
 
     The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
@@ -144,15 +160,15 @@ def disturbance_in_shares(
 
 
 def simulate(
-    model: Any,
-    drive: Any,
+    model: _core.Model,
+    drive: Drive,
     name: str = "simulated",
     pose: Sequence[float] = (0, 0, 0),
     velocity: Sequence[float] = (0, 0, 0),
-    mocap: Any = None,
+    mocap: Optional[_core.MocapParams] = None,
     seed: int = 1,
-    believed: Any = None,
-    disturbance: Any = None,
+    believed: Optional[_core.Model] = None,
+    disturbance: Optional[_core.Disturbance] = None,
 ) -> SimulatedRun:
     """Runs an experiment and gives its SimulatedRun.
 
@@ -164,29 +180,47 @@ def simulate(
     of the model does not act by itself. Raises ValueError on bad parameters, GroundError when
     nothing can be recorded or the motion is not finite.
     """
-    mocap = _core.MocapParams() if mocap is None else mocap
-    where = [np.array(pose, float), np.array(velocity, float), mocap, seed]
-    if disturbance is not None:
-        where.append(disturbance)
     try:
-        if isinstance(drive, Schedule):
-            log = _core.play_schedule(model, drive.rows, drive.end, *where)
-        elif isinstance(drive, _core.ExcitationParams):
-            log = _core.excite(model, believed or model, drive, *where)
-        else:
-            log = _core.track_reference(model, believed or model, drive, *where)
+        log = _log(
+            model,
+            drive,
+            believed or model,
+            np.array(pose, float),
+            np.array(velocity, float),
+            mocap or _core.MocapParams(),
+            seed,
+            disturbance or _core.Disturbance(),
+        )
     except RuntimeError as error:
         raise GroundError("%s: %s" % (name, error))
-    frames, commands, truth = log["frames"], log["commands"], log["truth"]
-    if len(frames) < 2:
+    delivered, frames = len(log["frames"]), len(log["truth"])
+    if delivered < 2:
         raise GroundError(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
-            % (name, len(frames), len(truth))
+            % (name, delivered, frames)
         )
+    return _recorded(log, name, "simulated with %s" % model.name, (believed or model).input_max)
+
+
+def _log(
+    model: _core.Model, drive: Drive, believed: _core.Model, *where: Any
+) -> core_types.ExperimentLog:
+    """What the core gives; where: pose, velocity, mocap, seed, disturbance."""
+    if isinstance(drive, Schedule):
+        return _core.play_schedule(model, drive.rows, drive.end, *where)
+    if isinstance(drive, _core.ExcitationParams):
+        return _core.excite(model, believed, drive, *where)
+    return _core.track_reference(model, believed, drive, *where)
+
+
+def _recorded(
+    log: core_types.ExperimentLog, name: str, source: str, full_scale: float
+) -> SimulatedRun:
+    """The run on the clock of a recording; full_scale: the largest input of the thrusters."""
+    frames, commands, truth = log["frames"], log["commands"], log["truth"]
     references = log["references"]
     references[:, 0] += START
-    full = (believed or model).input_max
-    decisions = log["decisions"][:, [0, 6, 4, 5, 3]] / [1, 1, full, full, 1]
+    decisions = log["decisions"][:, [0, 6, 4, 5, 3]] / [1, 1, full_scale, full_scale, 1]
     decisions[:, :2] += START
     return SimulatedRun(
         name=name,
@@ -194,7 +228,7 @@ def simulate(
         eta=frames[:, 2:],
         control_times=START + commands[:, 0],
         controls=commands[:, 1:],
-        source="simulated with %s" % model.name,
+        source=source,
         delivered=START + frames[:, 1],
         truth_times=START + truth[:, 0],
         truth_eta=truth[:, 1:4],
@@ -203,7 +237,7 @@ def simulate(
         truth_wrench=truth[:, 10:],
         references=references,
         decisions=decisions,
-        marks=[(START + mark[0],) + mark[1:] for mark in log["marks"]],
-        stages=[(START + stage[0],) + stage[1:] for stage in log["stages"]],
+        marks=[(START + t, number, burst, why) for t, number, burst, why in log["marks"]],
+        stages=[(START + t, state, reason) for t, state, reason in log["stages"]],
         stopped=log["stopped"],
     )

@@ -1,31 +1,33 @@
 """Gains of a controller in a YAML file: names and numbers as dynamic_reconfigure has them, so that
 rosparam load and dynparam load read them, too."""
+
 import math
 import os
-from typing import Any, Dict, Optional
+from typing import Dict, Iterable, Mapping, Optional
 
 import yaml
 
 from ground import _core, files
+from ground.core_types import Setting
 from ground.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
 
 
-def get(choice: Any) -> Dict[str, Any]:
+def get(choice: _core.ControllerChoice) -> Dict[str, Setting]:
     """Name to value of the parameters of a _core.ControllerChoice."""
     return choice.values
 
 
-def put(choice: Any, values: Dict[str, Any]) -> None:
+def put(choice: _core.ControllerChoice, values: Mapping[str, Setting]) -> None:
     """Sets parameters by their names; GroundError on unknown ones."""
     try:
-        choice.values = values
+        choice.values = dict(values)
     except ValueError as error:
         raise GroundError(str(error))
 
 
-def choice(kind: str, path: Optional[str] = None) -> Any:
+def choice(kind: str, path: Optional[str] = None) -> _core.ControllerChoice:
     """The _core.ControllerChoice of a kind with the gains in a file, or its own."""
     made = _core.ControllerChoice()
     made.kind = kind
@@ -52,7 +54,9 @@ def read(path: str) -> Dict[str, float]:
     return {str(name): float(value) for name, value in values.items()}
 
 
-def write(path, choice, comments, force=False):
+def write(
+    path: str, choice: _core.ControllerChoice, comments: Iterable[str], force: bool = False
+) -> str:
     """Writes the gains of a _core.ControllerChoice; comments: lines that say where they come from."""
     with files.new_file(path, force) as temporary:
         with open(temporary, "w") as file:
@@ -64,7 +68,7 @@ def write(path, choice, comments, force=False):
     return os.path.abspath(path)
 
 
-def _plain(value):
+def _plain(value: Setting) -> str:
     """A number as YAML 1.1 reads it back: with a point."""
-    text = "%.6g" % value
+    text = "%.6g" % float(value)
     return text if "." in text or "e" not in text else text.replace("e", ".0e")

@@ -6,6 +6,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
+from ground.annotations import Array, Document
+from ground.core_types import EffectUse, ExperimentLog
 from ground.errors import GroundError
 from ground.recordings import tracking_error
 from ground.simulation import gains
@@ -20,7 +22,7 @@ AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there
 # Numbers of a run that ended before its errors count
 NEVER_SETTLED = dict(rms=np.inf, max=np.inf, final=np.inf, saturated_fraction=1.0, effort=0.0)
 # What the references of the thesis look like; window: from settled until the end [s].
-REFERENCES = {
+REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
     "line": (dict(speed=0.707, end_x=2.5, end_y=2.5, smooth=False), (0.0, 20.0)),
     "rhodonea": (dict(size=1.5, petals=1.5, rate_of_turn=0.4), (20.0, 60.0)),
@@ -28,11 +30,14 @@ REFERENCES = {
 }
 
 
+Start = Tuple[Array, Array]  # pose x, y [m], psi [rad], and velocity u, v [m/s], r [rad/s]
+
+
 @dataclass
 class Task:
     """A reference and the window in which errors count, [s] since the reference began."""
 
-    reference: Any  # _core.ReferenceParams
+    reference: _core.ReferenceParams
     settled: float
     until: float
 
@@ -55,34 +60,35 @@ class Conditions:
 class Tracked:
     """One run. Arrays are over the frames; times since the reference began [s]."""
 
-    times: np.ndarray  # (n,)
-    eta: np.ndarray  # (n, 3) true x, y [m], psi [rad], world_ned
-    reference: np.ndarray  # (n, 2) x, y [m]
+    times: Array  # (n,)
+    eta: Array  # (n, 3) true x, y [m], psi [rad], world_ned
+    reference: Array  # (n, 2) x, y [m]
     # (k, 6) time, left, right (0..1), processor time [s], left and right before they were limited
-    decisions: np.ndarray
-    numbers: dict = field(default_factory=dict)
+    decisions: Array
+    numbers: Document = field(default_factory=dict)
 
     @property
-    def errors(self) -> np.ndarray:
-        return np.hypot(*(self.eta[:, :2] - self.reference).T)
+    def errors(self) -> Array:
+        """Distance from the reference (n,) [m]."""
+        return np.asarray(np.hypot(*(self.eta[:, :2] - self.reference).T))
 
     @property
-    def inputs(self):
+    def inputs(self) -> Array:
         """Rows of time, left, right, 0..1."""
         return self.decisions[:, :3]
 
     @property
-    def wanted(self):
-        """The same before the inputs were limited."""
+    def wanted(self) -> Array:
+        """Rows of time, left, right before they were limited (full scale is 1)."""
         return self.decisions[:, [0, 4, 5]]
 
     @property
-    def computing(self):
+    def computing(self) -> Array:
         """Rows of time, processor time of a decision [s]."""
         return self.decisions[:, [0, 3]]
 
 
-def reference(kind: str, **settings: Any) -> Any:
+def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
     """The _core.ReferenceParams of a kind with these parameters (_core.reference_parameters);
     GroundError when there is no such kind or it does not take one of them."""
     if kind not in KINDS:
@@ -120,20 +126,20 @@ def task(
     )
 
 
-def starts(count: int, seed: int, spread: float = SPREAD) -> List[Tuple[np.ndarray, np.ndarray]]:
+def starts(count: int, seed: int, spread: float = SPREAD) -> List[Start]:
     """(pose, velocity) of `count` starts, normally spread about rest at the origin."""
     random = np.random.default_rng(seed)
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def anywhere(count: int, seed: int, reach: float) -> List[Tuple[np.ndarray, np.ndarray]]:
+def anywhere(count: int, seed: int, reach: float) -> List[Start]:
     """(pose, velocity) of `count` starts at rest, within +-reach [m], any heading."""
     random = np.random.default_rng(seed)
     places = random.uniform(-1, 1, (count, 3)) * [reach, reach, np.pi]
     return [(place, np.zeros(3)) for place in places]
 
 
-def effect_use(kind: str, model: Any) -> Dict[str, Any]:
+def effect_use(kind: str, model: _core.Model) -> EffectUse:
     """What a kind of controller does with the effects of the model that it believes in: `used` and
     `unused` ones, a `remark` for people. GroundError when it must not drive by the model."""
     use = _core.effect_use(kind, model)
@@ -143,16 +149,16 @@ def effect_use(kind: str, model: Any) -> Dict[str, Any]:
 
 
 def run(
-    truth,
-    believed,
-    controller,
-    task,
-    start=None,
-    conditions=None,
-    seed=1,
-    rate=50.0,
-    max_error=0.0,
-):
+    truth: _core.Model,
+    believed: _core.Model,
+    controller: _core.ControllerChoice,
+    task: Task,
+    start: Optional[Start] = None,
+    conditions: Optional[Conditions] = None,
+    seed: int = 1,
+    rate: float = 50.0,
+    max_error: float = 0.0,
+) -> Tracked:
     """Tracks a Task once with a _core.ControllerChoice that believes in a model; gives a Tracked.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
@@ -187,7 +193,7 @@ def run(
     return found
 
 
-def _tracked(log, task, input_max):
+def _tracked(log: ExperimentLog, task: Task, input_max: float) -> Tracked:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began
@@ -204,7 +210,7 @@ def _tracked(log, task, input_max):
     return found
 
 
-def _numbers(found, task):
+def _numbers(found: Tracked, task: Task) -> Document:
     errors = found.errors
     counts = found.times >= task.settled - 1e-9
     at_work = found.decisions[found.decisions[:, 0] >= task.settled - 1e-9]
@@ -225,11 +231,11 @@ def _numbers(found, task):
 
 
 def many(
-    truth: Any,
-    believed: Any,
-    controller: Any,
+    truth: _core.Model,
+    believed: _core.Model,
+    controller: _core.ControllerChoice,
     task: Task,
-    starts: Sequence[Tuple[np.ndarray, np.ndarray]],
+    starts: Sequence[Start],
     conditions: Optional[Conditions] = None,
     seed: int = 1,
     rate: float = 50.0,
@@ -237,7 +243,7 @@ def many(
 ) -> List[Tracked]:
     """The Tracked of every start, each with a seed of its own."""
 
-    def one(i):
+    def one(i: int) -> Tracked:
         loop = (truth, believed, controller, task, starts[i], conditions)
         return run(*loop, seed + i, rate, max_error)
 
@@ -245,7 +251,7 @@ def many(
         return list(team.map(one, range(len(starts))))
 
 
-def perturbed(model: Any, factors: Dict[str, float]) -> Any:
+def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:
     """The model with parameters multiplied by factors, {name: factor}."""
     moved = model.copy()
     for name, factor in factors.items():
@@ -253,10 +259,10 @@ def perturbed(model: Any, factors: Dict[str, float]) -> Any:
     return moved
 
 
-def pooled(runs: Sequence[Tracked]) -> Dict[str, Any]:
+def pooled(runs: Sequence[Tracked]) -> Document:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
-    result = {
+    result: Document = {
         name: float(np.median([n[name] for n in numbers]))
         for name in ("rms", "max", "final", "saturated_fraction", "effort")
     }
@@ -265,8 +271,8 @@ def pooled(runs: Sequence[Tracked]) -> Dict[str, Any]:
         result[name] = float(np.median(values)) if values else None
     last = [n["last_saturation"] for n in numbers if n["last_saturation"] is not None]
     result["last_saturation"] = float(np.median(last)) if last else None
-    late = [n.get("after_stop_max") for n in numbers]
-    if None not in late:
+    late = [n["after_stop_max"] for n in numbers if n.get("after_stop_max") is not None]
+    if len(late) == len(numbers):
         result["after_stop_max"] = float(np.median(late))
     result["compute_ms"] = tracking_error.compute_ms(
         np.concatenate([r.decisions[:, 3] for r in runs])
@@ -286,6 +292,6 @@ def pooled(runs: Sequence[Tracked]) -> Dict[str, Any]:
     return result
 
 
-def quantile(values, share):
+def quantile(values: Sequence[float], share: float) -> float:
     """A value that was measured, which an endless one does not spoil."""
     return float(np.sort(values)[int(share * (len(values) - 1) + 0.5)])

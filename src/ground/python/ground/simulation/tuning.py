@@ -12,13 +12,19 @@ is as good as its errors, its saturation and its effort together:
 A cell is a reference in one of the conditions. The errors that decide are those of starts that the
 search has not seen.
 """
+
 import itertools
 from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
+from ground.annotations import Array, Document
+from ground.core_types import Setting
 from ground.errors import GroundError
 from ground.simulation import gains, tracking
+from ground.workers import Workers
 
 # kind of controller -> name -> sign and powers of ten of what is searched; others stay as they are
 SPACE = {
@@ -42,12 +48,13 @@ class Cell:
 
     reference: str
     condition: str
-    task: object  # tracking.Task
-    truth: object  # _core.Model
-    conditions: object  # tracking.Conditions
+    task: tracking.Task
+    truth: _core.Model
+    conditions: tracking.Conditions
 
     @property
-    def name(self):
+    def name(self) -> str:
+        """Reference and condition, in words."""
         return "%s, %s" % (self.reference, self.condition)
 
 
@@ -55,13 +62,14 @@ class Cell:
 class Candidate:
     """Gains and what came of them; errors are by cell, [m] rms of every start."""
 
-    gains: dict
-    errors: dict = field(default_factory=dict)
+    gains: Dict[str, Setting]
+    errors: Dict[str, List[float]] = field(default_factory=dict)
     saturated: float = np.nan
     effort: float = np.nan
     score: float = np.inf
 
-    def quantile(self, cell, share):
+    def quantile(self, cell: str, share: float) -> float:
+        """Error in a cell [m] that a share (0..1) of the starts stays below."""
         return tracking.quantile(self.errors[cell], share)
 
 
@@ -73,12 +81,13 @@ class Weights:
     saturation: float = 0.3
     effort: float = 0.3
     worse: float = 5.0
-    limits: dict = field(
-        default_factory=dict
-    )  # cell to the worst start of the best gains to start from
+    # cell to the worst start of the best gains to start from
+    limits: Dict[str, float] = field(default_factory=dict)
 
 
-def cells(tasks, truth, delay=0.02):
+def cells(
+    tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02
+) -> List[Cell]:
     """Cells of {name: Task}: as the model says, with mocap noise and delay, and a wrong model."""
     wrong = tracking.perturbed(truth, MODEL_ERROR)
     conditions = [
@@ -93,12 +102,21 @@ def cells(tasks, truth, delay=0.02):
     ]
 
 
-def _numbers(runs):
-    """Of runs that are given by the arguments of tracking.run."""
+def _numbers(runs: Sequence[Tuple[Any, ...]]) -> List[Document]:
+    """Numbers of runs; each is given by the arguments of tracking.run."""
     return [tracking.run(*run).numbers for run in runs]
 
 
-def evaluate(workers, choices, believed, cells, starts, weights, seed, rate=50.0):
+def evaluate(
+    workers: Workers,
+    choices: Sequence[_core.ControllerChoice],
+    believed: _core.Model,
+    cells: Sequence[Cell],
+    starts: Sequence[tracking.Start],
+    weights: Weights,
+    seed: int,
+    rate: float = 50.0,
+) -> List[Candidate]:
     """A Candidate of every _core.ControllerChoice; workers: ground.workers.Workers."""
     plan = list(itertools.product(range(len(choices)), cells, range(len(starts))))
     runs = [
@@ -128,32 +146,41 @@ def evaluate(workers, choices, believed, cells, starts, weights, seed, rate=50.0
     return found
 
 
-def score(candidate, weights):
+def score(candidate: Candidate, weights: Weights) -> float:
     """The lower the better; see the module."""
     logs = [
-        (_log(np.median(errors)) + 2 * _log(np.max(errors))) / 3
+        (_log(float(np.median(errors))) + 2 * _log(max(errors))) / 3
         for errors in candidate.errors.values()
     ]
     worse = [
-        max(0.0, _log(np.max(candidate.errors[cell])) - _log(limit) + MARGIN)
+        max(0.0, _log(max(candidate.errors[cell])) - _log(limit) + MARGIN)
         for cell, limit in weights.limits.items()
         if cell in candidate.errors
     ]
     return float(
         np.mean(logs)
-        + weights.worse * (np.mean(worse) if worse else 0.0)
+        + weights.worse * (float(np.mean(worse)) if worse else 0.0)
         + weights.saturation * candidate.saturated
         + weights.effort * candidate.effort
     )
 
 
-def _log(error):
-    return np.log10(min(error, 100.0) + SMALLEST)
+def _log(error: float) -> float:
+    return float(np.log10(min(error, 100.0) + SMALLEST))
 
 
 def search(
-    workers, first, believed, cells, starts, weights, evaluations, seed, rate=50.0, progress=None
-):
+    workers: Workers,
+    first: Sequence[_core.ControllerChoice],
+    believed: _core.Model,
+    cells: Sequence[Cell],
+    starts: Sequence[tracking.Start],
+    weights: Weights,
+    evaluations: int,
+    seed: int,
+    rate: float = 50.0,
+    progress: Optional[Callable[[int, Candidate], None]] = None,
+) -> List[Candidate]:
     """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
 
     progress(count, best) is called after every generation. Raises GroundError when the optimiser
@@ -172,7 +199,7 @@ def search(
         candidate.score = score(candidate, weights)
     places = [_coordinates(kind, gains.get(choice), bounds) for choice in first]
 
-    def attempt(generation):
+    def attempt(generation: Sequence[Array]) -> List[float]:
         choices = [_choice(first[0], kind, place) for place in generation]
         found = evaluate(workers, choices, believed, cells, starts, weights, seed, rate)
         tried.extend(found)
@@ -198,9 +225,11 @@ def search(
     return tried
 
 
-def _apart(places, tried, most, distance):
+def _apart(
+    places: Sequence[Array], tried: Sequence[Candidate], most: int, distance: float
+) -> List[int]:
     """Which of the Candidates are the best, none as near as that to another in all gains."""
-    chosen = []
+    chosen: List[int] = []
     for count in np.argsort([c.score for c in tried]):
         if all(np.max(np.abs(places[count] - places[other])) > distance for other in chosen):
             chosen.append(int(count))
@@ -209,7 +238,17 @@ def _apart(places, tried, most, distance):
     return chosen
 
 
-def choose(workers, tried, first, believed, cells, starts, weights, seed, rate=50.0):
+def choose(
+    workers: Workers,
+    tried: Sequence[Candidate],
+    first: Sequence[_core.ControllerChoice],
+    believed: _core.Model,
+    cells: Sequence[Cell],
+    starts: Sequence[tracking.Start],
+    weights: Weights,
+    seed: int,
+    rate: float = 50.0,
+) -> List[Candidate]:
     """The best of the finalists on other starts than the search had; gives Candidates, best first."""
     kind = first[0].kind
     bounds = _bounds(kind)
@@ -221,8 +260,8 @@ def choose(workers, tried, first, believed, cells, starts, weights, seed, rate=5
     )
 
 
-def trade_off(tried):
-    """Those that no other beats in score of error, saturation and effort at once."""
+def trade_off(tried: Sequence[Candidate]) -> List[Candidate]:
+    """Candidates that no other beats in score of error, saturation and effort at once."""
     points = np.array([[score(c, Weights(0, 0)), c.saturated, c.effort] for c in tried])
     return [
         c
@@ -231,27 +270,27 @@ def trade_off(tried):
     ]
 
 
-def _bounds(kind):
+def _bounds(kind: str) -> Array:
     return np.array([limits[1:] for limits in SPACE[kind].values()], float)
 
 
-def _coordinates(kind, values, bounds):
-    logs = [np.log10(max(1e-12, abs(values[name]))) for name in SPACE[kind]]
+def _coordinates(kind: str, values: Mapping[str, Setting], bounds: Array) -> Array:
+    logs = [np.log10(max(1e-12, abs(float(values[name])))) for name in SPACE[kind]]
     return np.clip(logs, bounds[:, 0], bounds[:, 1])
 
 
-def _choice(like, kind, place):
+def _choice(like: _core.ControllerChoice, kind: str, place: Array) -> _core.ControllerChoice:
     values = {n: s[0] * 10.0**x for (n, s), x in zip(SPACE[kind].items(), place)}
     return _with(like, {**gains.get(like), **values})
 
 
-def _with(like, values):
+def _with(like: _core.ControllerChoice, values: Dict[str, Setting]) -> _core.ControllerChoice:
     choice = gains.choice(like.kind)
     gains.put(choice, values)
     return choice
 
 
-def _optimizer():
+def _optimizer() -> Any:
     try:
         from cmaes import CMA
     except ImportError:

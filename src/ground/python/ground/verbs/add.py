@@ -1,5 +1,10 @@
 """identify add: a physical effect into a model, refitted, with the error before and after."""
+
+import argparse
+from typing import Iterator
+
 from ground import files
+from ground.annotations import Document
 from ground.api import adding
 from ground.verbs import common
 
@@ -7,7 +12,8 @@ NAME = "add"
 SUMMARY = "adds an effect to a model, refits it, and shows the error before and after"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "effect",
         metavar="EFFECT",
@@ -22,7 +28,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = adding.add(
         arguments.model,
@@ -40,7 +47,7 @@ def run(arguments):
     return {"model": arguments.output, **found.to_dict()}
 
 
-def _lines(arguments, found):
+def _lines(arguments: argparse.Namespace, found: adding.Addition) -> Iterator[str]:
     yield "%-28s %12s %12s   %s" % ("parameter", "without", "with", "95% interval")
     for name, p in found.parameters.items():
         was = found.parameters_before.get(name)
@@ -66,6 +73,6 @@ def _lines(arguments, found):
     yield "written to %s" % arguments.output
 
 
-def _row(name, errors, indent="  "):
+def _row(name: str, errors: adding.ChannelErrors, indent: str = "  ") -> str:
     numbers = errors.u, errors.v, errors.r, errors.error
     return "%-48s %8.3f %8.3f %8.3f %8.3f" % (indent + name, *numbers)

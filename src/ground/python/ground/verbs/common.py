@@ -1,27 +1,39 @@
 """What the verbs of the command line share."""
+
 import argparse
 import contextlib
 import sys
+from typing import Any, Iterator, List, Optional, Sequence
 
 import numpy as np
 
 from ground import errors
+from ground.annotations import Say
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import bags as bag_files, settings
+from ground.recordings import readers, settings
+from ground.recordings.recording import Recording
 
 
 class Bags(argparse.Action):
     """Bags on the command line, where a folder stands for the bags inside it."""
 
-    def __call__(self, parser, namespace, values, option_string=None):
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: Optional[str] = None,
+    ) -> None:
+        """Sets the list of bags; exits with status 1 when a folder has none."""
         try:
-            setattr(namespace, self.dest, bag_files.listed(values))
+            setattr(namespace, self.dest, readers.listed(values))
         except GroundError as error:
             parser.exit(1, "%s: %s\n" % (parser.prog, error))
 
 
-def reads_bags(parser):
+def reads_bags(parser: argparse.ArgumentParser) -> None:
+    """Adds the bags, and the settings in place of recorded ones."""
     parser.add_argument(
         "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
     )
@@ -37,7 +49,8 @@ def reads_bags(parser):
     )
 
 
-def takes_spans(parser):
+def takes_spans(parser: argparse.ArgumentParser) -> None:
+    """Adds the part of every run that is looked at."""
     parser.add_argument(
         "--from", dest="start", type=seconds, default=0.0, help="start, on the run's clock [s]"
     )
@@ -49,7 +62,8 @@ def takes_spans(parser):
     )
 
 
-def holds_out(parser):
+def holds_out(parser: argparse.ArgumentParser) -> None:
+    """Adds --holdout."""
     parser.add_argument(
         "--holdout",
         metavar="BAG",
@@ -60,7 +74,8 @@ def holds_out(parser):
     )
 
 
-def tells_progress(parser):
+def tells_progress(parser: argparse.ArgumentParser) -> None:
+    """Adds --progress."""
     parser.add_argument(
         "--progress",
         action="store_true",
@@ -68,62 +83,69 @@ def tells_progress(parser):
     )
 
 
-def progress(arguments, text):
+def progress(arguments: argparse.Namespace, text: str) -> None:
+    """Prints what is being done to standard error, where that is wanted."""
     if arguments.progress or (not arguments.json and sys.stderr.isatty()):
         print("... " + text, file=sys.stderr, flush=True)
 
 
-def positive(text):
+def positive(text: str) -> float:
+    """A finite number above zero."""
     value = float(text)
     if not value > 0 or not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not positive" % text)
     return value
 
 
-def count(text):
+def count(text: str) -> int:
+    """An integer above zero."""
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError("%s is not positive" % text)
     return value
 
 
-def seed(text):
+def seed(text: str) -> int:
+    """An integer from 0 to 2^31 - 1."""
     value = int(text)
     if not 0 <= value < 2**31:
         raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
     return value
 
 
-def seconds(text):
+def seconds(text: str) -> float:
+    """A finite time [s], zero or more."""
     value = float(text)
     if not np.isfinite(value) or value < 0:
         raise argparse.ArgumentTypeError("%s is not a time since the start [s]" % text)
     return value
 
 
-def angle(text):
+def angle(text: str) -> float:
+    """A finite angle [rad]."""
     value = float(text)
     if not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not an angle [rad]" % text)
     return value
 
 
-def say(arguments, text=""):
+def say(arguments: argparse.Namespace, text: str = "") -> None:
+    """Prints a line, unless the result is printed as JSON."""
     if not arguments.json:
         print(text)
 
 
-def teller(arguments):
+def teller(arguments: argparse.Namespace) -> Say:
     """What tells the progress of an API's function."""
     return lambda text: progress(arguments, text)
 
 
-def reading(arguments, bags):
+def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
     """The recordings in the bags, read when the first one is asked for."""
     return api.reading(bags, arguments.axes, arguments.heading_offset)
 
 
-def read(arguments):
+def read(arguments: argparse.Namespace) -> List[Recording]:
     """The recordings in the arguments' bags; GroundError when one cannot be read or is given twice.
     Notes different settings."""
     found = list(reading(arguments, arguments.bags))
@@ -132,7 +154,7 @@ def read(arguments):
 
 
 @contextlib.contextmanager
-def page(path, numbers):
+def page(path: str, numbers: str) -> Iterator[None]:
     """For a block that writes the page `path`: where it cannot, GroundError says that the file
     `numbers` is kept, and how to make the page."""
     try:

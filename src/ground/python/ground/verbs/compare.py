@@ -26,8 +26,13 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
 pooled    by label: the numbers over all, fit and held_out runs
 noise_floor  error that the noise of the poses alone would leave, were the best model the truth
 """
+
+import argparse
+from typing import Mapping
+
 from ground import workers
 from ground.analysis import comparison
+from ground.annotations import Document
 from ground.api import comparing
 from ground.api.recordings import Part
 from ground.reports import comparison_files, words
@@ -37,7 +42,8 @@ NAME = "compare"
 SUMMARY = "models against recordings: errors, where they come from, and pictures"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
@@ -55,7 +61,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     models = comparing.labelled(arguments.model)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(
@@ -87,7 +94,7 @@ def run(arguments):
 COLUMNS = "%9s %7s %10s %9s %14s %15s"
 
 
-def _say_header(arguments, width):
+def _say_header(arguments: argparse.Namespace, width: int) -> None:
     common.say(
         arguments,
         "  %-*s " % (width, "model")
@@ -95,7 +102,7 @@ def _say_header(arguments, width):
     )
 
 
-def _say_row(arguments, width, label, role, n):
+def _say_row(arguments: argparse.Namespace, width: int, label: str, role: str, n: Document) -> None:
     fits = ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS)
     common.say(
         arguments,
@@ -112,7 +119,7 @@ def _say_row(arguments, width, label, role, n):
     )
 
 
-def _say_run(arguments, compared):
+def _say_run(arguments: argparse.Namespace, compared: comparing.RunComparison) -> None:
     studies = compared.studies
     width = max(len(s["label"]) for s in studies)
     common.say(arguments, compared.name)
@@ -124,7 +131,7 @@ def _say_run(arguments, compared):
             common.say(arguments, "  %s: %s" % (study["label"], sentence))
 
 
-def _say_pooled(arguments, pooled):
+def _say_pooled(arguments: argparse.Namespace, pooled: Mapping[str, Document]) -> None:
     width = max(map(len, pooled))
     common.say(arguments, "all runs")
     _say_header(arguments, width)

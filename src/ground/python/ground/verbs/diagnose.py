@@ -1,7 +1,10 @@
 """identify diagnose: which physical effect a model lacks."""
+
+import argparse
 import os
 
 from ground.analysis import candidates
+from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
 
@@ -9,7 +12,8 @@ NAME = "diagnose"
 SUMMARY = "which physical effect a model lacks, with evidence, and the model with it"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     on_request = ", ".join(candidates.on_request())
     common.reads_bags(parser)
     common.takes_spans(parser)
@@ -54,7 +58,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     # slow to load, for the other verbs as well
     from ground.api import diagnosing
     from ground.reports import diagnosis_files
@@ -86,4 +91,5 @@ def run(arguments):
     common.say(arguments, "")
     for path in folder.written:
         common.say(arguments, "written to %s" % path)
-    return found.to_dict()
+    result: Document = found.to_dict()
+    return result

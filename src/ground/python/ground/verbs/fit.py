@@ -1,10 +1,14 @@
 """identify fit: a model's parameters from recordings."""
+
+import argparse
 import sys
+from typing import Iterator, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import files
 from ground.analysis import study, validation
+from ground.annotations import Document
 from ground.api import fitting
 from ground.recordings import windows
 from ground.verbs import common
@@ -14,7 +18,8 @@ SUMMARY = "fits a model's parameters to recordings by simulation error"
 FREE = list(study.FIVE)
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     common.takes_spans(parser)
     common.tells_progress(parser)
@@ -66,7 +71,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = fitting.fit(
         arguments.model,
@@ -91,7 +97,7 @@ def run(arguments):
     return {"model": arguments.output, **found.to_dict()}
 
 
-def _lines(arguments, found):
+def _lines(arguments: argparse.Namespace, found: fitting.Fit) -> Iterator[str]:
     """What is printed: parameters, errors, runs one by one, and what is not identifiable."""
     yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
     for p in found.parameters.values():
@@ -115,7 +121,9 @@ def _lines(arguments, found):
     yield "written to %s" % arguments.output
 
 
-def _errors(arguments, found):
+def _errors(
+    arguments: argparse.Namespace, found: fitting.Fit
+) -> Iterator[Tuple[str, Tuple[Optional[float], ...]]]:
     """What the error is of, and the error of the start values, of the fit, and held out."""
     errors, thesis = found.error, found.thesis_objective
     several = "all runs; held out: each by a fit to the others"
@@ -137,17 +145,18 @@ def _errors(arguments, found):
         yield "(3.4) over the first 4 s", (thesis.before, thesis.after, None)
 
 
-def _table(names, rows):
+def _table(names: Sequence[str], rows: Sequence[fitting.RunFit]) -> Iterator[str]:
     """One row a run, then mean and spread, as in the thesis's table 3.2."""
     width = max(map(len, [row.run for row in rows] + ["spread"]))
     head = "".join("%11s" % n.split(".")[-1] for n in names)
     yield "%-*s %s%9s%10s" % (width, "run", head, "error", "held out")
     for row in rows:
-        values = "".join("%11.4g" % row.parameters[n] for n in names)
-        yield "%-*s %s%9.3f%10.3f" % (width, row.run, values, row.error, row.heldout_error)
+        estimates = "".join("%11.4g" % row.parameters[n] for n in names)
+        errors = "%9.3f%10.3f" % (row.error, row.heldout_error)
+        yield "%s %s%s" % (row.run.ljust(width), estimates, errors)
     table = np.array([[row.parameters[n] for n in names] for row in rows])
     for name, values in (("mean", table.mean(axis=0)), ("spread", table.std(axis=0, ddof=1))):
-        yield "%-*s %s" % (width, name, "".join("%11.4g" % v for v in values))
+        yield "%s %s" % (name.ljust(width), "".join("%11.4g" % v for v in values))
     for row in rows:
         if row.disagrees_in:
             yield "%s disagrees with the others in %s: look at it before pooling them" % (

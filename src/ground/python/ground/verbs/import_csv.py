@@ -1,13 +1,18 @@
 """identify import: CSV exports to a bag."""
+
+import argparse
+
 from ground import files
-from ground.recordings import recording as recordings
+from ground.annotations import Document
+from ground.recordings import csv_exports
 from ground.verbs import common
 
 NAME = "import"
 SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z"
     )
@@ -18,9 +23,10 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
-    counts = recordings.import_csv(
+    counts = csv_exports.write_bag(
         arguments.controls, arguments.pose, arguments.output, arguments.force
     )
     common.say(

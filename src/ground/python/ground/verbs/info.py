@@ -1,4 +1,9 @@
 """identify info: what is in recordings, what is odd about it, what was repaired."""
+
+import argparse
+from typing import List
+
+from ground.annotations import Document
 from ground.recordings import findings, quality
 from ground.verbs import common
 
@@ -6,11 +11,13 @@ NAME = "info"
 SUMMARY = "what is in recordings, what is odd about it, which parts can be used"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> List[Document]:
+    """Does what the verb says; gives what --json prints."""
     described = quality.describe([r.repaired for r in common.read(arguments)])
     for d in described:
         common.say(arguments, d["name"])

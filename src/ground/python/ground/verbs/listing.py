@@ -1,10 +1,13 @@
 """The core's tables of controllers and references as text for --help."""
 
+from typing import Any, Dict, Iterable, Optional
+
 from ground import _core
+from ground.core_types import Setting
 from ground.simulation import gains, tracking
 
 
-def controllers(names):
+def controllers(names: Iterable[str]) -> str:
     """What controllers are, and their parameters; lines end with a line feed."""
     lines = ["controllers and their parameters [unit], range (default); * searched by tune:"]
     for info in (gains.CONTROLLERS[name] for name in names):
@@ -13,7 +16,7 @@ def controllers(names):
     return "\n".join(lines) + "\n"
 
 
-def references():
+def references() -> str:
     """What references are, what they take, and their parameters; lines end with a line feed."""
     lines = ["references, what each takes, and its defaults, the thesis's where it has them:"]
     parameters = {p.name: p for p in _core.reference_parameters()}
@@ -28,15 +31,15 @@ def references():
     return "\n".join(lines) + "\n"
 
 
-def option(parameter, default):
+def option(parameter: _core.TunableInfo, default: Optional[Setting]) -> Dict[str, Any]:
     """Metavar and help of an option that sets a parameter; a default of None is not told."""
     text = parameter.text[0].lower() + parameter.text[1:]
     if default is not None:
-        text += " (%g)" % default
+        text += " (%g)" % float(default)
     return {"metavar": "N" if parameter.unit == "-" else parameter.unit.upper(), "help": text}
 
 
-def _line(parameter, default=None):
+def _line(parameter: _core.TunableInfo, default: Optional[str] = None) -> str:
     unit = " [%s]" % parameter.unit if parameter.unit not in ("", "-") else ""
     text = "%-18s %s%s" % (parameter.name, parameter.text, unit)
     if parameter.type in ("double", "int"):
@@ -44,5 +47,5 @@ def _line(parameter, default=None):
     return text + (" (%s)" % _value(parameter.default) if default is None else "")
 
 
-def _value(value):
-    return str(value).lower() if isinstance(value, bool) else "%g" % value
+def _value(value: Setting) -> str:
+    return str(value).lower() if isinstance(value, bool) else "%g" % float(value)

@@ -1,16 +1,20 @@
 """identify simulate: a recording of a simulated experiment."""
+
 import argparse
 import os
 import sys
+from typing import Callable, Iterable, Iterator, List, Optional, Union
 
 import numpy as np
 
 from ground import _core, files
+from ground.annotations import Document
 from ground.api import simulating
 from ground.api.models import Model
 from ground.api.simulating import DESIGNS, DURATION, GAINS, KINDS, REFERENCE
 from ground.recordings.settings import AXES
 from ground.simulation import tracking as loop
+from ground.simulation.experiments import SimulatedRun
 from ground.verbs import common, listing
 
 NAME = "simulate"
@@ -51,7 +55,8 @@ OPTIONS = (
 )  # that go with some inputs only
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     _add_run_arguments(parser)
@@ -61,7 +66,7 @@ def configure(parser):
     _add_tracking_arguments(parser.add_argument_group("tracking"))
 
 
-def _add_run_arguments(parser):
+def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="M.yaml", required=True, help="moves the craft")
     parser.add_argument(
         "--input",
@@ -112,7 +117,7 @@ def _add_run_arguments(parser):
     )
 
 
-def _add_input_arguments(group):
+def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--clock", type=_between("clock"), metavar="HZ", help="bits per second (15)")
     group.add_argument(
         "--order",
@@ -154,7 +159,7 @@ def _add_input_arguments(group):
     )
 
 
-def _add_disturbance_arguments(group):
+def _add_disturbance_arguments(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--disturbance",
         type=_number,
@@ -173,7 +178,7 @@ def _add_disturbance_arguments(group):
     )
 
 
-def _add_mocap_arguments(group):
+def _add_mocap_arguments(group: argparse._ArgumentGroup) -> None:
     defaults = _core.MocapParams()
     for name, metavar, text in MOCAP:
         _add_number(group, name, metavar, text, getattr(defaults, name))
@@ -189,7 +194,7 @@ def _add_mocap_arguments(group):
     )
 
 
-def _add_tracking_arguments(group):
+def _add_tracking_arguments(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--controller", choices=loop.CONTROLLERS, help="(TrajectoryTracking)")
     kinds = [name for name in loop.KINDS if name != "file"]
     group.add_argument("--reference", choices=kinds, help="(circle)")
@@ -217,7 +222,8 @@ def _add_tracking_arguments(group):
     )
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
     run = simulating.simulate(
@@ -255,18 +261,18 @@ def run(arguments):
     }
 
 
-def _given(arguments, names):
+def _given(arguments: argparse.Namespace, names: Iterable[str]) -> Document:
     """The options that were given, by name."""
     values = {name: getattr(arguments, name) for name in names}
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _disturbance(given):
+def _disturbance(given: Optional[List[float]]) -> Union[bool, List[float]]:
     """What the API takes: whether that of the model acts, or a share and a time."""
     return given is not None if not given else given
 
 
-def _lines(arguments, model, run):
+def _lines(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[str]:
     yield "%s: %.2f s, %d poses (%d frames not delivered), %d commands" % (
         arguments.output,
         run.length,
@@ -284,7 +290,7 @@ def _lines(arguments, model, run):
         yield "tracking error: %.3f m rms" % run.tracking_error
 
 
-def _described(disturbance):
+def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
     """What --json says of a disturbance, SI units."""
     if disturbance is None:
         return None
@@ -292,7 +298,7 @@ def _described(disturbance):
     return dict(found, trim_thrust=disturbance.trim_thrust)
 
 
-def _bursts(run):
+def _bursts(run: SimulatedRun) -> str:
     """One line on the bursts of an excitation."""
     times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, 2] > 0][-1]]
     driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
@@ -303,13 +309,15 @@ def _bursts(run):
     )
 
 
-def _add_number(group, name, metavar, text, default):
+def _add_number(
+    group: argparse._ArgumentGroup, name: str, metavar: str, text: str, default: float
+) -> None:
     option = "--" + name.replace("_", "-")
     text = "%s (%g)" % (text, default)
     group.add_argument(option, type=_number, metavar=metavar, help=text)
 
 
-def _kind(text):
+def _kind(text: str) -> str:
     if text not in KINDS and not text.lower().endswith(".csv"):
         raise argparse.ArgumentTypeError(
             "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
@@ -317,17 +325,17 @@ def _kind(text):
     return text
 
 
-def _number(text):
+def _number(text: str) -> float:
     value = float(text)
     if not np.isfinite(value):
         raise argparse.ArgumentTypeError("%s is not finite" % text)
     return value
 
 
-def _between(name):
+def _between(name: str) -> Callable[[str], float]:
     low, high = simulating.RANGES[name]
 
-    def parse(text):
+    def parse(text: str) -> float:
         value = float(text)
         if not low <= value <= high:
             raise argparse.ArgumentTypeError("%s is not between %g and %g" % (text, low, high))

@@ -1,11 +1,14 @@
 """identify thrust: thrust from forces that were measured on a bench."""
 
+import argparse
 import os
+from typing import Dict, Iterator, Tuple
 
 import numpy as np
 
-from ground import files
+from ground import _core, files
 from ground.analysis import candidates, thrust_bench
+from ground.annotations import Document
 from ground.api.models import Model, with_provenance
 from ground.verbs import common
 
@@ -21,7 +24,8 @@ MEANS = {
 REACH = 0.8  # input up to which forces must have been measured for k to be more than a guess
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.add_argument(
         "table",
         metavar="BENCH.csv",
@@ -41,7 +45,8 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     off, full = arguments.inputs
     if not (np.isfinite([off, full]).all() and full != off):
@@ -53,7 +58,7 @@ def run(arguments):
     # a model's k is of an input of 1, that of a bench of the largest input
     units = {n: 1 / model.input_max if n == "k" else 1.0 for n in found.values}
     intervals = {
-        names[n]: tuple(units[n] * x for x in found.intervals[n]) for n in found.values
+        names[n]: (units[n] * low, units[n] * high) for n, (low, high) in found.intervals.items()
     }
     full_thrust = model.value("k") * model.input_max
     before = thrust_bench.Thrust({"k": full_thrust}, {}, {}, 0.0, 0.0).force(bench)
@@ -82,7 +87,7 @@ def run(arguments):
     }
 
 
-def _put_into(model, found):
+def _put_into(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_core.Model, Dict[str, str]]:
     """The model with the fitted thrust, and its parameters' names there."""
     fitted, names = model.copy(), {"k": "k"}
     for short, effect in EFFECTS.items():
@@ -97,7 +102,9 @@ def _put_into(model, found):
     return fitted, names
 
 
-def _lines(arguments, model, found, reach):
+def _lines(
+    arguments: argparse.Namespace, model: _core.Model, found: thrust_bench.Thrust, reach: float
+) -> Iterator[str]:
     for name, value in found.values.items():
         yield "%s = %.4g%s [%.4g, %.4g]  %s" % (
             name,

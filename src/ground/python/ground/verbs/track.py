@@ -1,9 +1,12 @@
 """track: a controller in closed loop with a simulated craft."""
+
 import argparse
+from typing import Callable, Dict, Iterator, Tuple
 
 import numpy as np
 
 from ground import _core, files
+from ground.annotations import Document
 from ground.api import tracking as api
 from ground.errors import GroundError
 from ground.simulation import tracking
@@ -27,7 +30,7 @@ times, and medians are given. As on the floor, a controller stops when the error
 MOST_STOPS = 5  # that are printed
 
 # options that set a parameter of the reference
-NUMBERS = {
+NUMBERS: Dict[str, Callable[[str], float]] = {
     "size": common.positive,
     "rate_of_turn": float,
     "petals": float,
@@ -35,7 +38,8 @@ NUMBERS = {
 }
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     _takes_loop(parser)
@@ -75,7 +79,7 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def _takes_loop(parser):
+def _takes_loop(parser: argparse.ArgumentParser) -> None:
     """Controller, craft, and what the loop has to cope with."""
     parser.add_argument("--controller", choices=tracking.CONTROLLERS, default="TrajectoryTracking")
     parser.add_argument("--model", required=True, metavar="M.yaml", help="what it believes in")
@@ -98,7 +102,8 @@ def _takes_loop(parser):
     parser.add_argument("--seed", type=common.seed, help="of noise and start (start: the origin)")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints. GroundError when the controller stopped."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     loop = api.prepare(
@@ -144,7 +149,7 @@ def run(arguments):
     return result
 
 
-def _settings(arguments):
+def _settings(arguments: argparse.Namespace) -> Document:
     """Parameters of the reference that were given."""
     settings = {n: getattr(arguments, n) for n in NUMBERS if getattr(arguments, n) is not None}
     for name, places in PLACES.items():
@@ -154,8 +159,11 @@ def _settings(arguments):
     return settings
 
 
-def _say(arguments, result):
-    say = lambda text: common.say(arguments, text)  # noqa: E731
+def _say(arguments: argparse.Namespace, result: Document) -> None:
+
+    def say(text: str) -> None:
+        common.say(arguments, text)
+
     many = result["starts"] > 1
     say(
         "%s on %s, %g to %g s%s"
@@ -189,7 +197,7 @@ def _say(arguments, result):
         say("           and %d more" % (len(result["stops"]) - MOST_STOPS))
 
 
-def effort_lines(numbers):
+def effort_lines(numbers: Document) -> Iterator[str]:
     """Lines on what the inputs of a drive came to, simulated or recorded; numbers that are None were
     not recorded."""
     if numbers["saturated_fraction"] is not None:
@@ -206,15 +214,16 @@ def effort_lines(numbers):
         )
 
 
-def _stop(stop):
+def _stop(stop: Document) -> str:
     return "at %.2f s: %s" % (stop["time"], stop["reason"])
 
 
-def metres(value):
+def metres(value: float) -> str:
+    """A length in mm below 0.1 m, else in m."""
     return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
 
 
-def _factor(text):
+def _factor(text: str) -> Tuple[str, float]:
     name, separator, factor = text.partition("=")
     try:
         value = float(factor)
@@ -225,14 +234,14 @@ def _factor(text):
     return name, value
 
 
-def _bound(text):
+def _bound(text: str) -> float:
     value = float(text)
     if not value > 0:
         raise argparse.ArgumentTypeError("%s is not positive" % text)
     return value
 
 
-def _share(text):
+def _share(text: str) -> float:
     value = float(text)
     if not 0 <= value < 1:
         raise argparse.ArgumentTypeError("%s is not between 0 and 1" % text)

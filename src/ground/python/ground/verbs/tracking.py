@@ -1,8 +1,13 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
+import argparse
+from typing import Iterator, List, Optional, Sequence, Tuple
+
 from ground import files
+from ground.annotations import Document
 from ground.api.models import Room
 from ground.recordings import tracks
+from ground.recordings.recording import Recording
 from ground.verbs import common
 from ground.verbs.track import effort_lines, metres
 
@@ -10,7 +15,8 @@ NAME = "tracking"
 SUMMARY = "how recorded crafts followed their reference: path, error, saturation, computing time"
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     common.reads_bags(parser)
     parser.add_argument(
         "--settled",
@@ -30,11 +36,13 @@ def configure(parser):
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     room = Room.load(arguments.room) if arguments.room else None
-    runs, longest = [], None
+    runs: List[Document] = []
+    longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
     for path, recording in zip(arguments.bags, common.read(arguments)):
         drives = []
         for track in tracks.read(path, recording):
@@ -47,8 +55,8 @@ def run(arguments):
         runs.append({"run": recording.name, "drives": drives, "changes": changes})
         for line in _lines(recording.name, drives, changes):
             common.say(arguments, line)
-    result = {"settled": arguments.settled, "runs": runs}
-    if arguments.picture:
+    result: Document = {"settled": arguments.settled, "runs": runs}
+    if arguments.picture and longest:
         from ground.reports import picture, tracking_figures
 
         track, numbers, recording = longest
@@ -56,14 +64,14 @@ def run(arguments):
         caption = tracking_figures.caption(name, numbers)
         counts = arguments.settled, track.times[-1]
         room = room or Room.of_recording(recording)
-        shown = tracking_figures.driven(track, caption, counts, room and room.core)
+        shown = tracking_figures.driven(track, caption, counts, room.core if room else None)
         picture.write(arguments.picture, [shown], arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result
 
 
-def _lines(name, drives, changes):
+def _lines(name: str, drives: Sequence[Document], changes: int) -> Iterator[str]:
     for drive in drives:
         yield "%s: %s, %.1f s" % (
             name,

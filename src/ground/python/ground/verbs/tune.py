@@ -1,8 +1,11 @@
 """tune: search for the gains of a controller."""
+
 import argparse
 import sys
+from typing import Dict, List, Mapping, Sequence, Tuple
 
-from ground import files, workers
+from ground import _core, files, workers
+from ground.annotations import Document
 from ground.api.models import Model
 from ground.errors import GroundError
 from ground.simulation import gains, tracking, tuning
@@ -39,7 +42,8 @@ THESIS = {
 }
 
 
-def configure(parser):
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     parser.add_argument("--controller", choices=list(tuning.SPACE), default="TrajectoryTracking")
@@ -78,7 +82,8 @@ def configure(parser):
     workers.takes_scheduler(parser)
 
 
-def run(arguments):
+def run(arguments: argparse.Namespace) -> Document:
+    """Does what the verb says; gives what --json prints."""
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
@@ -96,7 +101,7 @@ def run(arguments):
     with workers.Workers(arguments.scheduler) as team:
         tuned, tried, compared = _search(arguments, team, model, before, seen, unseen, weights)
     result = _result(arguments, compared, seen + unseen, tried)
-    result["effects"] = {name: use[name] for name in ("used", "unused")}
+    result["effects"] = {"used": use["used"], "unused": use["unused"]}
     comments = [
         "Found by tune: %d candidates on %s of %s."
         % (len(tried), ", ".join(arguments.references), model.name),
@@ -120,63 +125,47 @@ def run(arguments):
     return result
 
 
-def _search(arguments, team, model, before, seen, unseen, weights):
+def _search(
+    arguments: argparse.Namespace,
+    team: workers.Workers,
+    model: _core.Model,
+    before: Mapping[str, _core.ControllerChoice],
+    seen: List[tuning.Cell],
+    unseen: List[tuning.Cell],
+    weights: tuning.Weights,
+) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
     """The choice that was found, Candidates that were tried, and Candidates compared by name."""
     seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
-    places = [
-        tracking.starts(count, seed)
-        for count, seed in zip(
-            (arguments.starts, 5 * arguments.starts, arguments.test_starts), seeds
-        )
-    ]
+    counts = (arguments.starts, 5 * arguments.starts, arguments.test_starts)
+    places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
+    first, rate = list(before.values()), arguments.rate
+    told = None if arguments.json else _progress
     try:
         tried = tuning.search(
             team,
-            list(before.values()),
+            first,
             model,
             seen,
             places[0],
             weights,
             arguments.evaluations,
             seeds[0],
-            arguments.rate,
-            None if arguments.json else _progress,
+            rate,
+            told,
         )
         print(file=sys.stderr)
-        best = tuning.choose(
-            team,
-            tried,
-            list(before.values()),
-            model,
-            seen,
-            places[1],
-            weights,
-            seeds[1],
-            arguments.rate,
-        )[0]
+        chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate)
         tuned = gains.choice(arguments.controller)
-        gains.put(tuned, best.gains)
-        compared = dict(
-            zip(
-                list(before) + ["tuned"],
-                tuning.evaluate(
-                    team,
-                    list(before.values()) + [tuned],
-                    model,
-                    seen + unseen,
-                    places[2],
-                    weights,
-                    seeds[2],
-                    arguments.rate,
-                ),
-            )
+        gains.put(tuned, chosen[0].gains)
+        compared = tuning.evaluate(
+            team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate
         )
     except ValueError as error:
         raise GroundError(str(error))
-    return tuned, tried, compared
+    return tuned, tried, dict(zip([*before, "tuned"], compared))
 
 
-def _task(text):
+def _task(text: str) -> tracking.Task:
     """The tracking.Task of KIND:NAME=NUMBER,NAME=NUMBER."""
     kind, _, rest = text.partition(":")
     settings = {}
@@ -192,7 +181,7 @@ def _task(text):
         raise GroundError("%s: %s" % (text, error))
 
 
-def _starting(arguments):
+def _starting(arguments: argparse.Namespace) -> Dict[str, _core.ControllerChoice]:
     """Name to the _core.ControllerChoice to start from and to compare with."""
     found = {}
     if arguments.gains:
@@ -203,7 +192,7 @@ def _starting(arguments):
     return found or {"default": gains.choice(arguments.controller)}
 
 
-def _progress(count, best):
+def _progress(count: int, best: tuning.Candidate) -> None:
     print(
         "\r%5d candidates; best: score %.3f, saturated %.0f%%, effort %.3f "
         % (count, best.score, 100 * best.saturated, best.effort),
@@ -213,7 +202,12 @@ def _progress(count, best):
     )
 
 
-def _result(arguments, compared, cells, tried):
+def _result(
+    arguments: argparse.Namespace,
+    compared: Mapping[str, tuning.Candidate],
+    cells: Sequence[tuning.Cell],
+    tried: Sequence[tuning.Candidate],
+) -> Document:
     rows = []
     for cell in cells:
         rows.append(
@@ -252,7 +246,7 @@ def _result(arguments, compared, cells, tried):
 _SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 
-def _say(arguments, result):
+def _say(arguments: argparse.Namespace, result: Document) -> None:
     names = list(result["saturated"])
     labels = [
         "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])

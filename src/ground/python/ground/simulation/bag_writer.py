@@ -1,52 +1,46 @@
-"""Bags in folders, and simulated runs written like those that launch/record.launch records."""
-import glob
-import os
-from typing import Any, Dict, Iterable, List
+"""Simulated runs as bags, like those that launch/record.launch records."""
+
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
 from ground import _core, files
-from ground.errors import GroundError
+from ground.annotations import Array, Message, Time
+from ground.recordings import codecs
 from ground.recordings.settings import AXES
+from ground.recordings.topics import (
+    BURSTS,
+    CONTROLLER,
+    CONTROLS,
+    DECISION,
+    DRIVE,
+    POSE,
+    REFERENCE,
+    REFERENCE_PATH,
+    RUN_SETTINGS,
+    SETTINGS,
+    STATUS,
+    TRUTH,
+    WANTED,
+)
 
-POSE = "/vrpn_client_node/hovercraft/pose"
-SETTINGS = "/mocap_state/settings"
-RUN_SETTINGS = "/run/settings"
-CONTROLS = "/controls"
-WANTED = "/controls/wanted"
-DECISION = "/decision"
-STATUS = "/controller/status"
-DRIVE = "/drive"
-BURSTS = "/bursts"
-TRUTH = "/simulator/truth"
-REFERENCE = "/reference"
-REFERENCE_PATH = "/path/reference"
+if TYPE_CHECKING:
+    from ground.simulation.experiments import SimulatedRun
+
 DRIVE_PERIOD = 0.5  # between records of when the drive began [s]
 STATUS_PERIOD = 0.5  # a status that does not change is repeated so often [s]
-CONTROLLER = "/controller"  # name of its node
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # while it gives the commands
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
 NS = 10**9
-CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
-
-
-def listed(paths: Iterable[str]) -> List[str]:
-    """The paths with every folder replaced by the bags in it, by name; GroundError when it has
-    none."""
-    found = []
-    for path in paths:
-        inside = [path]
-        if os.path.isdir(path):
-            inside = sorted(glob.glob(os.path.join(glob.escape(path), "*.bag")))
-            if not inside:
-                raise GroundError("%s: there is no bag in this folder" % path)
-        found += inside
-    return found
 
 
 def write(
-    run: Any, path: str, axes: str = AXES, heading_offset: float = 0.0, force: bool = False
+    run: "SimulatedRun",
+    path: str,
+    axes: str = AXES,
+    heading_offset: float = 0.0,
+    force: bool = False,
 ) -> Dict[str, int]:
     """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
     of a controller.
@@ -55,11 +49,9 @@ def write(
     the craft; the bag says so. Header stamps are times of measurement, record times those of
     delivery. Gives the number of messages by topic; raises GroundError when the file exists.
     """
-    import rosbag
-
-    counts = {}
+    counts: Dict[str, int] = {}
     with files.new_file(path, force) as temporary:
-        with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=CHUNK) as bag:
+        with codecs.installed().bag_writer(temporary) as bag:
             for received, topic, stamp, message in _in_order(run, axes, heading_offset):
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = _time(stamp)
@@ -68,24 +60,31 @@ def write(
     return counts
 
 
-def _time(seconds):
-    import genpy
-
-    return genpy.Time(*divmod(int(round(seconds * NS)), NS))
+def _time(seconds: float) -> Time:
+    return codecs.installed().Time(*divmod(int(round(seconds * NS)), NS))
 
 
-def _in_order(run, axes, heading_offset):
+def _new(kind: str, **fields: Any) -> Message:
+    return codecs.installed().new(kind, **fields)
+
+
+def _in_order(
+    run: "SimulatedRun", axes: str, heading_offset: float
+) -> Iterator[Tuple[float, str, float, Message]]:
     """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
-    from ground_msgs.msg import MocapSettings, RunSettings
-
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
     decided, statuses = run.decisions[:, 0], _statuses(run)
     reported = np.array([status[0] for status in statuses], float)
     series = [
-        (SETTINGS, start, start, [MocapSettings(axes=axes, heading_offset=heading_offset)]),
-        (RUN_SETTINGS, made, made, [RunSettings(yaml=run.made_with)]),
+        (
+            SETTINGS,
+            start,
+            start,
+            [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)],
+        ),
+        (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
         (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
@@ -105,12 +104,10 @@ def _in_order(run, axes, heading_offset):
         yield at, series[which][0], stamp, message
 
 
-def _poses(run, axes, heading_offset):
-    from geometry_msgs.msg import PoseStamped
-
+def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Message]:
     mapping = _core.AxisMapping(axes, heading_offset)
     for eta in run.eta:
-        message = PoseStamped()
+        message = _new("geometry_msgs/PoseStamped")
         message.header.frame_id = "mocap"
         position, orientation = mapping.to_mocap(eta, MARKER_HEIGHT)
         p, q = message.pose.position, message.pose.orientation
@@ -119,39 +116,33 @@ def _poses(run, axes, heading_offset):
         yield message
 
 
-def _controls(run):
-    from ground_msgs.msg import Controls
-
+def _controls(run: "SimulatedRun") -> Iterator[Message]:
     started = [name in STARTED for _, name, _ in run.stages]
     at = np.searchsorted([stage[0] for stage in run.stages], run.control_times, side="right") - 1
     for stage, (left, right, lift) in zip(at, run.controls):
-        message = Controls(left=left, right=right, lift=lift)
+        message = _new("ground_msgs/Controls", left=left, right=right, lift=lift)
         if stage >= 0 and started[stage]:
             message.header.frame_id = CONTROLLER
         yield message
 
 
-def _wanted(run):
+def _wanted(run: "SimulatedRun") -> Iterator[Message]:
     """The inputs that a controller wanted before they were limited."""
-    from ground_msgs.msg import Controls
-
     at = np.searchsorted(run.control_times, run.decisions[:, 0])
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
-        message = Controls(left=row[2], right=row[3], lift=command[2])
+        message = _new("ground_msgs/Controls", left=row[2], right=row[3], lift=command[2])
         message.header.frame_id = CONTROLLER
         yield message
 
 
-def _decisions(run):
-    from ground_msgs.msg import Decision
-
+def _decisions(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.decisions:
-        message = Decision(state=_time(row[1]), computing=row[4])
+        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[4])
         message.header.frame_id = CONTROLLER
         yield message
 
 
-def _statuses(run):
+def _statuses(run: "SimulatedRun") -> List[Tuple[float, str, str, float]]:
     """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
     found, began, stages = [], None, run.stages
     if stages:
@@ -168,22 +159,19 @@ def _statuses(run):
     return found
 
 
-def _status_messages(statuses):
-    from ground_msgs.msg import ControllerStatus
-
+def _status_messages(statuses: Iterable[Tuple[float, str, str, float]]) -> Iterator[Message]:
     for _, state, reason, elapsed in statuses:
-        number = getattr(ControllerStatus, state)
-        yield ControllerStatus(None, number, CONTROLLER, reason, elapsed)
+        message = _new("ground_msgs/ControllerStatus", controller=CONTROLLER, reason=reason)
+        message.state, message.elapsed = getattr(message, state), elapsed
+        yield message
 
 
-def _bursts(run):
-    from ground_msgs.msg import Burst
-
+def _bursts(run: "SimulatedRun") -> Iterator[Message]:
     for _, number, burst, reason in run.marks:
-        yield Burst(number=number, burst=burst, reason=reason)
+        yield _new("ground_msgs/Burst", number=number, burst=burst, reason=reason)
 
 
-def _drives(run):
+def _drives(run: "SimulatedRun") -> Array:
     """Rows of when the newest drive began, and when the sender says so [s]."""
     starts = _core.drive_starts(run.control_times, run.controls[:, 2])
     ends = starts[1:] + [run.control_times[-1]]
@@ -191,48 +179,41 @@ def _drives(run):
     return np.array(rows, float).reshape(-1, 2)
 
 
-def _drive_records(drives):
-    from ground_msgs.msg import Drive
-
+def _drive_records(drives: Array) -> Iterator[Message]:
     for began in drives[:, 0]:
-        yield Drive(began=_time(began))
+        yield _new("ground_msgs/Drive", began=_time(began))
 
 
-def _truths(run):
-    from ground_msgs.msg import State
-
+def _truths(run: "SimulatedRun") -> Iterator[Message]:
     for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
-        message = State(eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
+        message = _new("ground_msgs/State", eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
         message.header.frame_id = "world_ned"
         yield message
 
 
-def _reference_times(run):
+def _reference_times(run: "SimulatedRun") -> Array:
     """When references are published: with the command that a state causes, on its delivery."""
     delivered = dict(zip(run.pose_times, run.delivered))
     return np.array([delivered[stamp] for stamp in run.references[:, 0]], float)
 
 
-def _references(run):
-    from ground_msgs.msg import Reference
-
+def _references(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.references:
-        message = Reference(p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9])
+        message = _new(
+            "ground_msgs/Reference", p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9]
+        )
         message.header.frame_id = "world_ned"
         yield message
 
 
-def _reference_path(run):
+def _reference_path(run: "SimulatedRun") -> Iterator[Message]:
     """All of the reference as a path, as controllers publish it when they start."""
-    from geometry_msgs.msg import PoseStamped
-    from nav_msgs.msg import Path
-
     if not len(run.references):
         return
-    message = Path()
+    message = _new("nav_msgs/Path")
     message.header.frame_id = "world_ned"
     for row in run.references[::PATH_STEP]:
-        pose = PoseStamped()
+        pose = _new("geometry_msgs/PoseStamped")
         pose.header.frame_id = "world_ned"
         pose.pose.position.x, pose.pose.position.y = row[1:3]
         pose.pose.orientation.w = 1

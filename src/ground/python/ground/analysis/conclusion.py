@@ -1,0 +1,192 @@
+"""What a diagnosis comes to: the verdict, the improved model, and how well it predicts."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import bands, budget, memory, remains, repeats, study, varying
+from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.search import Search
+from ground.analysis.trials import Dropped
+from ground.annotations import Document
+from ground.core_types import FittedParameter
+from ground.recordings import windows
+
+EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
+REFUSED = "it raises the error on the runs held out"
+FLOORS = 5  # simulations that the noise floor is the mean of
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What a diagnosis comes to."""
+
+    verdict: str  # complete, missing, varies, memory or unexplained
+    improved: _core.Model  # refitted
+    parameters: List[FittedParameter]  # of the improved model: name, unit, value, ci95, ...
+    noise_floor: float
+    heldout: List[float]  # error on held-out runs: nominal, then after each step
+    heldout_floor: float  # noise floor of the runs that those are of
+    varies: List[Document]  # what differs between runs
+    memory: Optional[memory.Memory]
+    history: remains.Remains
+    state: remains.Remains
+    diagnosis: Diagnosis  # that it is of
+    tested: Sequence[_core.RunData] = ()  # that the user held out
+
+    # What the verdict does not need is computed when it is asked for.
+
+    @cached_property
+    def nested(self) -> float:
+        """The last of `heldout` by folds in which the choice was made again."""
+        return _nested(self.diagnosis, self.tested)
+
+    @cached_property
+    def budget(self) -> budget.Budget:
+        """budget.Budget of the grown model's error."""
+        return budget.budget(self.diagnosis.runs, self.diagnosis.cut, self.diagnosis.fit)
+
+    @cached_property
+    def repeats(self) -> Optional[repeats.Repeats]:
+        """repeats.Repeats of the improved model's error."""
+        return repeats.repeats(self.diagnosis.runs, self.diagnosis.cut, self.improved)
+
+    @cached_property
+    def bands(self) -> List[bands.Bands]:
+        """bands.Bands of the grown model, one of each run held out."""
+        return _bands(self.diagnosis, self.tested)
+
+
+def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclusion:
+    """Judges what was found: the verdict, and the model that improves on the given one.
+
+    heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
+    out and told. Without any, each run is tested by a fit to the others, or each quarter of
+    a single one. Returns a Conclusion.
+    """
+    found.say("what is left")
+    fullest = _with_slight(found)
+    history = remains.of_history(found.likelihood, fullest)
+    state = remains.of_state(found.likelihood, fullest)
+    if heldout:
+        _obey(found, heldout)
+    floors = [study.noise_floor(found.runs, found.best.model, seed) for seed in range(FLOORS)]
+    floor = float(np.mean([f.sum() for f in floors]))
+    reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
+    varies = _varies(found)
+    explained = found.best.error.sum() < EXPLAINED * floor
+    return Conclusion(
+        _verdict(found, explained, varies, history, state),
+        found.model,
+        found.likelihood.intervals(found.fit),
+        floor,
+        _held_out(found, heldout),
+        reached,
+        varies,
+        found.memory,
+        history,
+        state,
+        found,
+        heldout,
+    )
+
+
+def _with_slight(found: Diagnosis) -> Fit:
+    """Fit of the grown model, with what is too small to matter: it is seen all the same."""
+    if found.slight and found.slight_sets[1] == found.names:
+        return found.search.fits[found.slight_sets[0]]
+    return found.fit
+
+
+def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
+    """Error of windows held out from choice and fit alike: in each fold the choice is made
+    again, beginning with the effects found, each of which has to reach the threshold there."""
+    if heldout or not found.chosen:
+        return _held_out(found, heldout)[-1]
+
+    def choose(likelihood: Likelihood) -> Fit:
+        search = Search(
+            likelihood,
+            found.given,
+            study.free_parameters,
+            found.candidates,
+            found.search.criteria,
+            found.pool.map,
+        )
+        search.nominal(replace(found.search.nominal(), loudness=()))
+        return search.fits[search.run(near=replace(found.fit, loudness=()))]
+
+    return float(found.folds.nested(choose, found.waiting.map).sum())
+
+
+def _bands(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:
+    """bands.Bands of the grown model, one of each run held out."""
+    if heldout:
+        return bands.of_others(heldout, found.fit, len(found.cut), found.pool.map)
+    return bands.of_folds(found.folds, found.fit)
+
+
+def _varies(found: Diagnosis) -> List[Document]:
+    """What differs between runs, as the grown model has it: a list of dictionaries."""
+    sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in found.fit.trims])
+    return [
+        {
+            "parameter": d.kind.parameter,
+            "unit": d.kind.unit,
+            "deviation": float(np.std(sizes[:, i], ddof=1)),
+            "p_value": d.p_value,
+            "by_run": sizes[:, i].tolist(),
+        }
+        for d in found.differences
+        for i in [varying.KINDS.index(d.kind)]
+    ]
+
+
+def _verdict(
+    found: Diagnosis,
+    explained: bool,
+    varies: Sequence[Document],
+    history: remains.Remains,
+    state: remains.Remains,
+) -> str:
+    if found.memory or (history.found and history.gain > state.gain):
+        return "memory"
+    # Where the likelihood asks for an effect that does not hold elsewhere, what is missing is open.
+    open_still = found.dropped and not found.chosen and not varies
+    if not explained and (state.found or open_still):
+        return "unexplained"
+    if found.chosen:
+        return "missing"
+    return "varies" if varies else "complete"
+
+
+def _obey(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
+    """Takes out the last effects as long as they raise the error on runs that the user held
+    out."""
+    while found.chosen:
+        errors = _held_out(found, heldout)
+        if errors[-1] <= min(errors):
+            return
+        last = found.chosen.pop()
+        names = found.names | {last.name}
+        found.dropped.append(Dropped(found.trial_in(names, last.name), REFUSED))
+        found.steps.pop()
+
+
+def _held_out(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:
+    """Errors on runs held out, of the nominal model and after each step. What differs between
+    runs is told by the poses before each window, as in the folds."""
+    if not heldout:
+        judged = [found.nominal] + [step.fit for step in found.steps]
+        return [float(fit.heldout.sum()) for fit in judged]
+    cut = windows.cut(heldout)
+    likelihood = Likelihood(heldout, found.given, found.likelihood.varying)
+    samples = [w.last - w.first + 1 for w in cut]
+    names = [c.name for c in found.chosen]
+    fits = [found.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
+    errors = [study.calibrated_errors(heldout, cut, likelihood, fit) for fit in fits]
+    return [float(np.average(e, axis=0, weights=samples).sum()) for e in errors]

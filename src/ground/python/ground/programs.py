@@ -1,0 +1,40 @@
+"""What the programs identify, track and tune start with."""
+
+from ground.errors import guarded
+
+# What they do takes a second to load, in which Ctrl-C is no traceback either.
+
+
+def identify() -> int:
+    """Exit status of identify VERB."""
+
+    def work() -> int:
+        from ground import cli
+
+        return cli.main()
+
+    return guarded("identify", work)
+
+
+def track() -> int:
+    """Exit status of track."""
+
+    def work() -> int:
+        from ground import cli
+        from ground.verbs import track as verb
+
+        return cli.program(verb)
+
+    return guarded("track", work)
+
+
+def tune() -> int:
+    """Exit status of tune."""
+
+    def work() -> int:
+        from ground import cli
+        from ground.verbs import tune as verb
+
+        return cli.program(verb)
+
+    return guarded("tune", work)

@@ -1,0 +1,60 @@
+"""What turns bytes of a bag into messages and messages into bags: ROS where it is installed, else rosbags.
+
+A codec is a module of this folder, see Codec. Both give the same values, bit by bit; an array of
+numbers is a tuple or a NumPy array.
+"""
+
+import functools
+import importlib
+import importlib.util
+from dataclasses import dataclass
+from typing import Any, Callable, ContextManager, Iterable, Optional, Protocol, Tuple, cast
+
+from ground.annotations import Message, Time
+from ground.errors import GroundError
+
+Decode = Callable[[bytes], Message]  # raises anything on bytes that are no such message
+
+CODECS = ("with_ros", "with_rosbags")  # the first one that finds what it needs is taken
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A message type as a codec knows it."""
+
+    md5sum: str
+    decode: Decode
+
+
+class Codec(Protocol):
+    """What a codec does. Message types are named as in bags, "ground_msgs/Controls"."""
+
+    NEEDS: Tuple[str, ...]  #: names of modules that it imports
+
+    def Time(self, seconds: int, nanoseconds: int) -> Time:
+        """A time with to_sec() and to_nsec(), which all times in messages have."""
+
+    def known(self, kind: str) -> Optional[Kind]:
+        """The Kind of a message type that is installed; None without it."""
+
+    def defined(self, kind: str, definition: str) -> Kind:
+        """The Kind of a type by the definition in a bag; raises anything when that is wrong."""
+
+    def new(self, kind: str, **fields: Any) -> Message:
+        """A message, its other fields empty or 0."""
+
+    def bag_writer(self, path: str) -> ContextManager[Any]:
+        """Of a new bag, with write(topic, message, time of receipt)."""
+
+    def unpack_lz4(self, frame: bytes) -> bytes:
+        """The contents of an LZ4 frame; raises when its checksum is wrong."""
+
+
+@functools.lru_cache(maxsize=None)
+def installed(names: Iterable[str] = CODECS) -> Codec:
+    """The codec of this computer. GroundError when there is none."""
+    for name in names:
+        codec = importlib.import_module("%s.%s" % (__name__, name))
+        if all(importlib.util.find_spec(module) for module in codec.NEEDS):
+            return cast(Codec, codec)
+    raise GroundError("bags take the Python modules of ROS, or rosbags: pip install rosbags")

@@ -1,0 +1,166 @@
+"""The codec of rosbags (PyPI), which is pure Python and knows the common messages of ROS 1."""
+
+import contextlib
+import functools
+import glob
+import os
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterator, Mapping, Optional
+
+import numpy as np
+
+import ground
+from ground.annotations import Message
+from ground.recordings import codecs
+from ground.recordings.topics import CHUNK
+
+NEEDS = ("rosbags", "lz4")
+PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs")  # of rosbags' messages
+TIME, DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
+# Of ROS 1; in ROS 2, whose names rosbags has, seconds are signed.
+BUILTIN = {TIME: "uint32 sec\nuint32 nanosec\n", DURATION: "int32 sec\nint32 nanosec\n"}
+
+
+@dataclass
+class Time:
+    """A time in a message; also rosbags' class of it."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+    def to_sec(self) -> float:
+        """In seconds."""
+        return float(self.sec) + float(self.nanosec) / 1e9
+
+    def to_nsec(self) -> int:
+        """In nanoseconds."""
+        return self.sec * 10**9 + self.nanosec
+
+
+def _name(kind: str) -> str:
+    """ "ground_msgs/Controls" as rosbags has it."""
+    return "/msg/".join(kind.split("/"))
+
+
+def _store(definitions: Mapping[str, Any]) -> Any:
+    """A Typestore of definitions as rosbags parses them."""
+    from rosbags.typesys import get_types_from_msg
+    from rosbags.typesys.store import Typestore
+
+    store, builtin = Typestore(), {}
+    for name, text in BUILTIN.items():
+        builtin.update(get_types_from_msg(text, name))
+    store.register({**definitions, **builtin})
+    store.types[TIME] = Time
+    return store
+
+
+@functools.lru_cache(maxsize=None)
+def _installed() -> Any:
+    """The Typestore of ground's messages, which the wheel brings, and those that they are made of."""
+    from rosbags.typesys import get_types_from_msg
+    from rosbags.typesys.stores import ros1_noetic
+
+    definitions = {
+        name: fields
+        for name, fields in ros1_noetic.FIELDDEFS.items()
+        if name.split("/")[0] in PACKAGES
+    }
+    for path in glob.glob(os.path.join(os.path.dirname(ground.__file__), "msg", "*.msg")):
+        name = "ground_msgs/msg/" + os.path.splitext(os.path.basename(path))[0]
+        with open(path) as file:
+            definitions.update(get_types_from_msg(file.read(), name))
+    return _store(definitions)
+
+
+def _kind(store: Any, kind: str) -> codecs.Kind:
+    name = _name(kind)
+    md5sum = store.generate_msgdef(name)[1]
+    return codecs.Kind(md5sum, lambda data: store.deserialize_ros1(data, name))
+
+
+def known(kind: str) -> Optional[codecs.Kind]:
+    """See codecs.Codec."""
+    store = _installed()
+    return _kind(store, kind) if _name(kind) in store.types else None
+
+
+def defined(kind: str, definition: str) -> codecs.Kind:
+    """See codecs.Codec."""
+    from rosbags.typesys import get_types_from_msg
+
+    return _kind(_store(get_types_from_msg(definition, _name(kind))), kind)
+
+
+def new(kind: str, **fields: Any) -> Message:
+    """See codecs.Codec."""
+    plain = {
+        name: np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
+        for name, value in fields.items()
+    }
+    return _new(_name(kind), plain)
+
+
+def _new(name: str, fields: Mapping[str, Any]) -> Message:
+    definition = _installed().get_msgdef(name)
+    return definition.cls(**{**{n: _empty(*of) for n, of in definition.fields}, **fields})
+
+
+def _empty(node: Any, of: Any) -> Any:
+    """The value of a field that nobody has set; node, of: as rosbags describes its type."""
+    from rosbags.interfaces import Nodetype
+
+    if node == Nodetype.NAME:
+        return Time() if of == TIME else _new(of, {})
+    if node == Nodetype.BASE:
+        return {"string": "", "bool": False}.get(of[0], 0)
+    if node == Nodetype.SEQUENCE:
+        return []
+    inner, count = of
+    values = [_empty(*inner) for _ in range(count)]
+    return np.array(values, inner[1][0]) if inner[0] == Nodetype.BASE else values
+
+
+@dataclass
+class _Bag:
+    """A bag that is written."""
+
+    writer: Any
+    connections: Dict[str, Any] = field(default_factory=dict)  # by topic
+
+    def write(self, topic: str, message: Message, time: Time) -> None:
+        """Adds a message that was received at `time`."""
+        store, name = _installed(), message.__msgtype__
+        if topic not in self.connections:
+            definition, md5sum = store.generate_msgdef(name)
+            self.connections[topic] = self.writer.add_connection(
+                topic, name, msgdef=definition, md5sum=md5sum
+            )
+        data = store.serialize_ros1(message, name)
+        self.writer.write(self.connections[topic], time.to_nsec(), data)
+
+
+@contextlib.contextmanager
+def bag_writer(path: str) -> Iterator[_Bag]:
+    """See codecs.Codec."""
+    import lz4.frame
+    from rosbags.rosbag1 import Writer
+
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)  # rosbags writes new files only
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.LZ4)
+    # With a checksum, as rosbag has it, and rosbags has not: damage shows.
+    writer.compressor = functools.partial(
+        lz4.frame.compress, content_checksum=True, store_size=False, block_linked=False
+    )
+    writer.chunk_threshold = CHUNK
+    with writer:
+        yield _Bag(writer)
+
+
+def unpack_lz4(frame: bytes) -> Any:
+    """See codecs.Codec."""
+    import lz4.frame
+
+    return lz4.frame.decompress(frame)

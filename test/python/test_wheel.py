@@ -1,0 +1,165 @@
+"""The wheel: what needs no ROS, installed into a bare virtual environment, gives the same as with ROS.
+
+The wheel takes the libraries that the workspace has built (GROUND_BUILT), which would take minutes to
+build again; its Python module and all the rest are its own.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from conftest import MODEL, ROOT, SHARED, identify, program
+from test_downstream import devel_space
+
+import rosbag
+
+PRINT = ROOT / "test" / "python" / "print_recording.py"
+STAMP = "2019-04-16-11-28-36"  # of a real recording
+ROS = ("ROS", "CATKIN", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH")
+
+
+def run(*command):
+    """A command that knows nothing of ROS; its standard output."""
+    bare = {name: value for name, value in os.environ.items() if not name.startswith(ROS)}
+    if shutil.which("ccache"):
+        bare["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
+    result = subprocess.run(
+        ["nice", *map(str, command)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=580,
+        env={**bare, "PATH": "/usr/bin:/bin"},
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """Folder of the programs of a virtual environment with the wheel and what it depends on."""
+    folder = tmp_path_factory.mktemp("wheel")
+    programs = folder / "bare" / "bin"
+    run("/usr/bin/python3", "-m", "venv", folder / "bare")
+    pip = (programs / "python", "-m", "pip", "--disable-pip-version-check", "--quiet")
+    try:
+        fetch = ("download", "--retries", 1, "--timeout", 20, "--no-deps", "--dest", folder)
+        run(*pip, *fetch, "rosbags")
+    except AssertionError as error:
+        pytest.skip("PyPI cannot be reached: %s" % str(error).strip().splitlines()[-1])
+    settings = ("--config-settings", "cmake.define.GROUND_BUILT=%s" % devel_space())
+    run(*pip, "wheel", "--no-deps", "--wheel-dir", folder, *settings, ROOT)
+    (wheel,) = folder.glob("ground_hovercraft-*.whl")
+    run(*pip, "install", "--no-compile", wheel)
+    return programs
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Bags written with ROS: one of a simulated controller and, where it is, a real one."""
+    folder = tmp_path_factory.mktemp("bags")
+    simulated, real = folder / "simulated.bag", folder / "real.bag"
+    options = ("--model", MODEL, "--input", "prbs", "--duration", 8, "--seed", 3)
+    assert identify("simulate", *options, "-o", simulated).returncode == 0
+    if not SHARED.is_dir():
+        return [simulated]
+    assert identify("import", *exported(), "-o", real).returncode == 0
+    return [simulated, real]
+
+
+def exported():
+    return [SHARED / (kind + "_" + STAMP + ".csv") for kind in ("controls", "pose")]
+
+
+def test_recordings_are_the_same_bit_for_bit(bare, bags):
+    with_ros = subprocess.check_output(
+        [sys.executable, str(PRINT), *map(str, bags)], universal_newlines=True
+    ).splitlines()
+    without = run(bare / "python", PRINT, *bags).splitlines()
+    assert with_ros[0].endswith("with_ros") and without[0].endswith("with_rosbags")
+    assert len(without) == 1 + len(bags)
+    for path, wanted, found in zip(bags, with_ros[1:], without[1:]):
+        (recording, messages), (same, as_many) = json.loads(found), json.loads(wanted)
+        assert not [name for name in same if recording[name] != same[name]], path.name
+        assert len(messages) == len(as_many) > 1000
+        assert not [pair for pair in zip(messages, as_many) if pair[0] != pair[1]][:1], path.name
+
+
+def test_fit_finds_the_same_parameters(bare, bags, tmp_path):
+    options = ("--model", MODEL, "--json", "-o")
+    for path in bags:
+        with_ros = json.loads(identify("fit", path, *options, tmp_path / "ros.yaml").stdout)
+        found = run(bare / "identify", "fit", path, *options, tmp_path / (path.stem + ".yaml"))
+        parameters, wanted = json.loads(found)["parameters"], with_ros["parameters"]
+        assert list(parameters) == list(wanted)
+        for name, parameter in wanted.items():
+            assert parameters[name]["value"] == pytest.approx(parameter["value"], rel=1e-6)
+        (tmp_path / "ros.yaml").unlink()
+
+
+def test_compare_writes_its_report(bare, bags, tmp_path):
+    # the model files that the wheel brings
+    model = bare.parent / "share" / "ground" / "cfg" / "hovercraft" / MODEL.name
+    options = ("--model", model, "--json", "-o")
+    found = json.loads(run(bare / "identify", "compare", bags[0], *options, tmp_path / "bare"))
+    wanted = json.loads(identify("compare", bags[0], *options, tmp_path / "ros").stdout)
+    names = {path.name for path in (tmp_path / "ros").iterdir()}
+    assert {path.name for path in (tmp_path / "bare").iterdir()} == names
+    error = [r["pooled"]["tiny_whoover"]["held_out"]["error"] for r in (found, wanted)]
+    assert error[0] == pytest.approx(error[1], rel=1e-6)
+
+
+def contents(path):
+    with rosbag.Bag(str(path)) as bag:
+        return list(bag.read_messages())
+
+
+def test_bags_written_without_ros_are_those_of_ros(bare, bags, tmp_path):
+    if len(bags) > 1:
+        run(bare / "identify", "import", *exported(), "-o", tmp_path / "real.bag")
+        pairs = zip(contents(tmp_path / "real.bag"), contents(bags[1]))
+        assert not [pair for pair in pairs if pair[0] != pair[1]][:1]
+    options = ("--model", MODEL, "--input", "prbs", "--duration", 8, "--seed", 3)
+    run(bare / "identify", "simulate", *options, "-o", tmp_path / "simulated.bag")
+    found, wanted = contents(tmp_path / "simulated.bag"), contents(bags[0])
+    assert len(found) == len(wanted)
+    assert all(a[0] == b[0] and a[2] == b[2] for a, b in zip(found, wanted))
+    # Commands come from no model, which libraries for wider processors round otherwise.
+    commands = [(a, b) for a, b in zip(found, wanted) if a.topic == "/controls"]
+    assert commands and all(a == b for a, b in commands)
+
+
+def test_controllers_run(bare):
+    options = (
+        "--controller",
+        "ModelPredictive",
+        "--reference",
+        "circle",
+        "--end-time",
+        3,
+        "--json",
+    )
+    found = json.loads(run(bare / "track", "--model", MODEL, *options))
+    wanted = json.loads(program("track", "--model", MODEL, *options).stdout)
+    assert found["final"] == pytest.approx(wanted["final"], rel=1e-3)
+    assert "--scheduler" in run(bare / "tune", "--help")
+
+
+def test_nodes_stay_where_ros_is(bare):
+    script = "import importlib.util as u; print(u.find_spec('ground.nodes'), u.find_spec('rospy'))"
+    assert run(bare / "python", "-c", script).split() == ["None", "None"]
+
+
+def test_the_whole_wheel_configures_without_catkin(tmp_path):
+    """What builds the core needs nothing that only catkin sets."""
+    build = tmp_path / "build"
+    options = ["-DSKBUILD_PROJECT_VERSION=1.0", "-DSKBUILD_DATA_DIR=%s" % tmp_path]
+    source = ROOT / "src" / "ground" / "python"
+    run("cmake", "-S", source, "-B", build, "-G", "Ninja", "-DGROUND_WIDE=OFF", *options)
+    names = run("cmake", "--build", build, "--target", "help")
+    libraries = ("model", "estimation", "control", "simulation", "identification", "core")
+    assert all("ground_%s: phony" % library in names for library in libraries)
+    assert "ground_link" not in names and "ground_nodelets" not in names
