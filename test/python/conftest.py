@@ -2,12 +2,14 @@
 import contextlib
 import functools
 import io
+import json
 import pathlib
 import socket
 import subprocess
 import time
 from unittest import mock
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -17,8 +19,20 @@ MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 
 
 def identify(*arguments):
-    """Runs the tool as a user does."""
-    return program("identify", *arguments)
+    """Runs the tool as a user does; what it writes as JSON fits its schema."""
+    result = program("identify", *arguments)
+    written = {"compare": "compare.json", "diagnose": "diagnosis.json"}.get(arguments[0])
+    if written and result.returncode == 0 and "-o" in arguments:
+        path = pathlib.Path(str(arguments[arguments.index("-o") + 1])) / written
+        schema(path.stem).validate(json.loads(path.read_text()))
+    return result
+
+
+@functools.lru_cache(maxsize=None)
+def schema(name):
+    """The validator of a JSON file by its schema in docs/schemas."""
+    path = ROOT / "docs" / "schemas" / (name + ".schema.json")
+    return jsonschema.Draft7Validator(json.loads(path.read_text()))
 
 
 def program(name, *arguments):

@@ -122,12 +122,14 @@ def test_the_plot_shows_one_horizon_at_a_time(cases):
     runs, _, fit = cases[0]
     found = of_folds(cases[0])[0]
     drawn = figures.motion([inspection.inspect(runs[0], fit.model, "model")], found)
-    traces = [t for t in drawn["data"] if t["name"] == "90% band"]
+    traces = [t for t in drawn["data"] if t.get("name") == "90% band"]
     assert len(traces) == 9 and drawn["data"][:9] == traces  # behind all others
     assert [t["visible"] for t in traces] == [False] * 3 + [True] * 3 + [False] * 3
     (menu,) = drawn["layout"]["updatemenus"]
     assert menu["buttons"][menu["active"]]["args"][0]["visible"] == [t["visible"] for t in traces]
-    shown = picture.draw([drawn]).findobj(lambda artist: artist.get_gid() in map("0.{}".format, range(9)))
+    shown = picture.draw([drawn]).findobj(
+        lambda artist: artist.get_gid() in map("0.{}".format, range(9))
+    )
     assert [artist.get_gid() for artist in shown] == ["0.3", "0.4", "0.5"]
     assert "90% prediction bands of the improved model hold" in words.bands(
         {"bands": bands.coverage([found])}
