@@ -32,7 +32,7 @@ test: $(configured)
 
 # Spelling, Python, XML and catkin packages; TIDY=1: clang-tidy over all C++ as well, which is slow.
 lint: $(if $(TIDY),build)
-	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages tidy)
+	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions tidy)
 
 # All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
 sanitize: $(installed)

@@ -102,57 +102,27 @@ def read_bag(
     with BagReader(path) as bag:
         warnings = bag.warnings
         info = bag.get_type_and_topic_info().topics
-        pose_topic = _choose(info, path, "poses", _pose_rank)
-        control_topic = _choose(info, path, "controls", _control_rank)
-        drive_topics = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
-        poses: List[Tuple[float, ...]] = []
-        controls: List[Tuple[float, ...]] = []
-        receipts: Dict[str, List[float]] = {pose_topic: [], control_topic: []}
-        drives = {}
+        topics = {
+            "poses": _choose(info, path, "poses", _pose_rank),
+            "controls": _choose(info, path, "controls", _control_rank),
+        }
         changes = live_changes.changes_of(bag)
         flown_by, run_files = flown.read(path, bag)
-        kind = info[pose_topic].msg_type
+        kind = info[topics["poses"]].msg_type
         settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
-        lost = 0
-        for topic, message, received in bag.read_messages(
-            [pose_topic, control_topic] + drive_topics
-        ):
-            stamp = message.header.stamp.to_sec()
-            if topic in drive_topics:
-                drives[message.began.to_sec()] = stamp
-                continue
-            if topic == control_topic:
-                controls.append((stamp,) + _control(info[topic].msg_type, message))
-            else:
-                pose = _pose(kind, message, settings)
-                if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
-                    lost += 1
-                    continue
-                poses.append((stamp,) + pose)
-            receipts[topic].append(received.to_sec())
-    if lost:
-        warnings.append("%d poses are invalid and were left out" % lost)
-    source = "%s (%s), %s (%s)" % (
-        pose_topic,
-        info[pose_topic].msg_type,
-        control_topic,
-        info[control_topic].msg_type,
-    )
-    for what, topic, rows in (("poses", pose_topic, poses), ("controls", control_topic, controls)):
-        stamps, count, error = plausibility.mend_stamps([r[0] for r in rows], receipts[topic])
-        if count:
-            rows[:] = [(stamp,) + row[1:] for stamp, row in zip(stamps, rows)]
-            warnings.append(
-                "the bag may be damaged: single stamps of the %s contradict the recorder's clock and "
-                "were replaced (%d, by up to %.3f s)" % (what, count, error)
-            )
+        rows = _rows(bag, info, topics, settings)
+    if rows.lost:
+        warnings.append("%d poses are invalid and were left out" % rows.lost)
+    rows.mend_stamps(warnings)
+    controls = rows.rows["controls"]
     disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    found = checked(path, poses, controls, source, warnings)
+    source = ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values())
+    found = checked(path, rows.rows["poses"], controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
-    ordered = sorted(drives.items(), key=lambda row: float(row[1]))
+    ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
         found,
         path=str(path),
@@ -162,11 +132,58 @@ def read_bag(
         flown_by=flown_by,
         files=run_files,
         # The recorder received both: if their delays differ by much, their stamps are of two clocks.
-        clock_offset=float(
-            np.median(np.subtract(receipts[pose_topic], [r[0] for r in poses]))
-            - np.median(np.subtract(receipts[control_topic], [r[0] for r in controls]))
-        ),
+        clock_offset=rows.delay("poses") - rows.delay("controls"),
     )
+
+
+@dataclass
+class _Rows:
+    """What a bag has of poses and controls."""
+
+    rows: Dict[str, List[Tuple[float, ...]]]  # stamp and values
+    receipts: Dict[str, List[float]]  # when each row was received [s]
+    drives: Dict[float, float]  # when each drive began, and the last stamp that says so [s]
+    lost: int = 0  # poses that are invalid
+
+    def mend_stamps(self, warnings: List[str]) -> None:
+        """Replaces single stamps that contradict the recorder's clock."""
+        for what, rows in self.rows.items():
+            stamps, count, error = plausibility.mend_stamps(
+                [r[0] for r in rows], self.receipts[what]
+            )
+            if count:
+                rows[:] = [(stamp,) + row[1:] for stamp, row in zip(stamps, rows)]
+                warnings.append(
+                    "the bag may be damaged: single stamps of the %s contradict the recorder's "
+                    "clock and were replaced (%d, by up to %.3f s)" % (what, count, error)
+                )
+
+    def delay(self, what: str) -> float:
+        """From stamp to receipt, the median [s]."""
+        return float(np.median(np.subtract(self.receipts[what], [r[0] for r in self.rows[what]])))
+
+
+def _rows(
+    bag: BagReader,
+    info: Mapping[str, Topic],
+    topics: Mapping[str, str],
+    settings: measured.Settings,
+) -> _Rows:
+    found = _Rows({what: [] for what in topics}, {what: [] for what in topics}, {})
+    drives = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
+    for topic, message, received in bag.read_messages([*topics.values(), *drives]):
+        stamp, kind = message.header.stamp.to_sec(), info[topic].msg_type
+        if topic in drives:
+            found.drives[message.began.to_sec()] = stamp
+            continue
+        what = "controls" if topic == topics["controls"] else "poses"
+        values = _control(kind, message) if what == "controls" else _pose(kind, message, settings)
+        if values is None or (what == "poses" and max(abs(p) for p in values[:2]) > FARTHEST):
+            found.lost += 1
+            continue
+        found.rows[what].append((stamp,) + values)
+        found.receipts[what].append(received.to_sec())
+    return found
 
 
 def read_settings(
@@ -226,9 +243,7 @@ def _choose(
     return same[0]
 
 
-def _pose(
-    kind: str, message: Message, settings: measured.Settings
-) -> Optional[Tuple[float, ...]]:
+def _pose(kind: str, message: Message, settings: measured.Settings) -> Optional[Tuple[float, ...]]:
     if kind == "geometry_msgs/PoseStamped":
         p, q = message.pose.position, message.pose.orientation
         mapping = settings.mapping(message.header.stamp)
