@@ -202,7 +202,7 @@ def main():
     parser.add_argument("--noise", type=float, default=1.0, help="factor on it in white cases")
     parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"],
                         help="of white cases")  # fmt: skip
-    workers.takes_scheduler(parser)
+    workers.add_scheduler_argument(parser)
     parser.add_argument("--results", default="build/hidden.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")
     parser.add_argument("--picture", help="file for the matrix of white single effects")

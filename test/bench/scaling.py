@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """How sweeps scale: gains evaluated by threads and by a Dask cluster on this computer, measured; and on
-up to 1000 workers, foretold.
+up to 1000 workers, predicted.
 
 The forecast is a simulation: pieces of work as long as the measured ones, drawn with replacement, go in
 order to whichever worker is free; the scheduler hands out one piece after the other and takes for each
@@ -25,7 +25,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
 CANDIDATES, STARTS = 40, 4
 WORKERS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000]
-SWEEP = 100000  # pieces of work in the sweep that is foretold
+SWEEP = 100000  # pieces of work in the sweep that is predicted
 
 
 def nothing(_):
@@ -91,7 +91,7 @@ def diagnoses():
     return np.array(lengths)
 
 
-def foretold(lengths, overhead, count):
+def predicted(lengths, overhead, count):
     """Seconds of the sweep on so many workers."""
     random = np.random.default_rng(1)
     free, handed, end = [0.0] * count, 0.0, 0.0
@@ -129,7 +129,7 @@ def main():
     first = times["1 threads"]
     for name, seconds in times.items():
         print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
-    print("the scheduler takes %.2f ms a piece; %d pieces, foretold:" % (1e3 * overhead, SWEEP))
+    print("the scheduler takes %.2f ms a piece; %d pieces, predicted:" % (1e3 * overhead, SWEEP))
     kinds = {
         "gains, %d runs a piece" % tuning.TOGETHER: lengths,
         "diagnoses of hidden effects": diagnoses(),
@@ -138,8 +138,8 @@ def main():
     for count in WORKERS:
         row = "%8d" % count
         for each in kinds.values():
-            seconds = foretold(each, overhead, count)
-            faster = foretold(each, overhead, 1) / seconds
+            seconds = predicted(each, overhead, count)
+            faster = predicted(each, overhead, 1) / seconds
             row += "%12.0f s, %5.1f x, %3.0f%%" % (seconds, faster, 100 * faster / count)
         print(row)
     return 0

@@ -111,7 +111,7 @@ def test_numbers_of_a_wrong_model(tmp_path):
 
 
 def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
-    """A yaw moment that the model lacks turns the craft as the closed form says."""
+    """A missing yaw moment turns the craft as the closed form says."""
     one = study(tmp_path, "{name: yaw_bias, n0: 1.0e-4}")
     inertia, damping = 8.8e-5, 4.62e-5
     for horizon in one["horizons"][3:5]:

@@ -110,7 +110,7 @@ class ParametersTest(unittest.TestCase):
 
         for arguments, reason in (
             (("controller", "k_e=-1"), r"k_e = -1 is outside \[1e-06, 100\]"),
-            (("controller", "k_e=fast"), "is no number"),
+            (("controller", "k_e=fast"), "is not a number"),
             (("controller", "wings=2"), "has no parameter wings; it has k_e"),
             (("nobody", "k_e=1"), "no node of this name.*/controller"),
             (("controller", "reference=file"), "refused"),

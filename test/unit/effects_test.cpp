@@ -632,7 +632,7 @@ TEST(StatesOfEffects, RefusesWhatIsNotAStateWithItsReason) {
       {refusal([](D& d) { d.states[0].name = "tau"; }), "state name 'tau' is taken"},
       {refusal([](D& d) { d.states.push_back(d.states[0]); }), "state name 'p' is taken"},
       {refusal([](D& d) { d.states[0].name = "1p"; }), "state name '1p' is taken or not"},
-      {refusal([](D& d) { d.states[0].rate = ""; }), "state p lacks the formula"},
+      {refusal([](D& d) { d.states[0].rate = ""; }), "state p has no formula"},
       {refusal([](D& d) { d.states[0].initial = INFINITY; }), "initial value of state p is not"},
       {refusal([](D& d) { d.states[0].rate = "p, u"; }), "it must give one number"},
       {refusal([](D& d) { d.parameters[1].neutral = 0; }),

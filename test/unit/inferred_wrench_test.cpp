@@ -1,4 +1,4 @@
-// The wrench that a model lacks, from poses with noise, and predictions from a measured state.
+// The missing wrench of a model, from poses with noise, and predictions from a measured state.
 #include "ground/identification/inferred_wrench.h"
 
 #include <gtest/gtest.h>
@@ -159,7 +159,7 @@ TEST(InferredWrench, FollowsOneThatChanges) {
   }
 }
 
-TEST(InferredWrench, RespondsToAnActingWrenchAsForetold) {
+TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
   // A force that toggles faster than the smoother follows.
   const Model truth = with(
       "  - name: buzz\n"
@@ -177,8 +177,8 @@ TEST(InferredWrench, RespondsToAnActingWrenchAsForetold) {
   noise.position = kPositionNoise;
   noise.heading = kHeadingNoise;
   const InferredWrench inferred = filter.smooth(noise, acting, {1});
-  const Eigen::VectorXd found = inferred.wrench.col(1), foretold = inferred.responses.col(0);
-  EXPECT_LT((found - foretold).norm(), 0.1 * found.norm());
+  const Eigen::VectorXd found = inferred.wrench.col(1), predicted = inferred.responses.col(0);
+  EXPECT_LT((found - predicted).norm(), 0.1 * found.norm());
   // and it is not simply the force: the smoother weakens it
   EXPECT_LT(found.norm(), 0.8 * acting.norm());
   EXPECT_GT(found.norm(), 0.2 * acting.norm());

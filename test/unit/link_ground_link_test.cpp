@@ -108,7 +108,7 @@ class GroundLinkTest : public testing::Test {
 TEST_F(GroundLinkTest, SendsNothingBeforeACraftIsKnown) {
   feed(1, kZero);
   EXPECT_TRUE(packets_.empty());
-  EXPECT_EQ(arm(), "no craft has been heard of");
+  EXPECT_EQ(arm(), "no craft is connected");
 }
 
 TEST_F(GroundLinkTest, DisarmedSendsZerosAtTheKeepaliveRate) {
@@ -190,7 +190,7 @@ TEST_F(GroundLinkTest, OnABenchAllButTheStateIsWatched) {
     return arm();
   };
   command(kZero);
-  EXPECT_EQ(arm(), "no craft has been heard of");
+  EXPECT_EQ(arm(), "no craft is connected");
   ASSERT_EQ(rearmed(), "");
   drive(1, true);
   EXPECT_TRUE(lastIs(push));
@@ -961,7 +961,7 @@ TEST_F(GroundLinkTest, AFixedHostSpeaksFromItsOwnPort) {
   make(UdpAddress::parse("10.0.0.2"));
   wait(0.1);
   EXPECT_TRUE(packets_.empty());
-  EXPECT_EQ(arm(), "no craft has been heard of");
+  EXPECT_EQ(arm(), "no craft is connected");
   telemetry(kStranger);
   EXPECT_EQ(link().counters().foreign, 1u);
   garbage(kReborn);

@@ -152,7 +152,7 @@ TEST(ModelFile, StatesOfEffectsAreRefusedWithTheirLine) {
   const struct {
     const char *from, *to, *says;
   } cases[] = {
-      {"p: \"(lift - p)/tau\"", "p: [1, 2]", "line 16: p must be a text"},
+      {"p: \"(lift - p)/tau\"", "p: [1, 2]", "line 16: p must be a string"},
       {"initial: 0.25", "initial: much", "line 17: initial must be a number"},
       {"initial: 0.25", "start: 0.25", "line 17: unknown key 'start' in state q; allowed are "},
       {"      q:", "      p:", "duplicate key 'p' in states of skirt"},
@@ -235,7 +235,7 @@ struct Bad {
 
 TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
   const Bad cases[] = {
-      {"N_r: 3.0e-5, ", "", "line 3: body lacks N_r"},
+      {"N_r: 3.0e-5, ", "", "line 3: body has no N_r"},
       {"N_r: 3.0e-5", "N_r: -1", "line 3: N_r = -1 N m s is outside [0, inf)"},
       {"N_r: 3.0e-5", "N_r: .nan", "line 3: N_r must not be NaN"},
       {"N_r: 3.0e-5", "N_r: .inf", "N_r = inf N m s is outside [0, inf)"},
@@ -244,14 +244,14 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"m: 0.06", "m: 0.06, m: 0.07", "duplicate key 'm'"},
       {"m: 0.06", "m: 0.06, mass: 1", "unknown key 'mass' in body; allowed are m, l,"},
       {"input_max: 1", "input_max: 0", "input_max = 0"},
-      {", input_max: 1", "", "lacks input_max"},
+      {", input_max: 1", "", "has no input_max"},
       {"tau: 0.05", "tau: 5", "line 6: tau = 5 s is outside [0, 2]"},
       {"tau: 0.05", "tua: 0.05", "line 6: unknown key 'tua' in effect motor_lag; allowed are tau"},
-      {"    tau: 0.05\n", "", "line 5: effect motor_lag lacks tau"},
+      {"    tau: 0.05\n", "", "line 5: effect motor_lag has no tau"},
       {"motor_lag", "motor_lug", "line 5: unknown effect 'motor_lug'; known are added_mass"},
       {"battery_sag", "motor_lag", "has effect 'motor_lag' already"},
       {"sin(2*pi*x/w)*cos", "sin(2*pi*x/w*cos", "formula X"},
-      {"unit: N, ", "", "line 12: parameter a lacks its unit"},
+      {"unit: N, ", "", "line 12: parameter a has no unit"},
       {"value: 0.01", "value: 2", "line 12: a = 2 N is outside [-1, 1]"},
       {"schema: ground/model/1", "schema: ground/model/9", "not a model file"},
       {"name: test", "nam: test", "unknown key 'nam' in the model file"},

@@ -156,21 +156,21 @@ TEST(DisturbanceObserver, FindsTheForceAndTheMomentThatTheModelLacks) {
   });
 }
 
-TEST(DisturbanceObserver, ForetellsTheStateAtWhichACommandOfNowActs) {
+TEST(DisturbanceObserver, PredictsTheStateAtWhichACommandOfNowActs) {
   const Model truth =
       craft({{"input_delay", {0.07}}, {"motor_lag", {0.05}}, {"marker_offset", {0.02, -0.01}}});
-  std::vector<std::pair<double, RigidState<double>>> foretold;
+  std::vector<std::pair<double, RigidState<double>>> predicted;
   observe(truth, truth, 4,
           [&](double t, const DisturbanceObserver& observer, const auto& simulation, auto&) {
             if (t > 2 && t < 3)
-              foretold.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
-            for (const auto& [time, state] : foretold) {
+              predicted.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
+            for (const auto& [time, state] : predicted) {
               if (std::abs(time - t) > 1e-9) continue;
               EXPECT_LT((state.eta - simulation.state().eta).norm(), 1e-3) << t;
               EXPECT_LT((state.nu - simulation.state().nu).norm(), 2e-2) << t;
             }
           });
-  EXPECT_GT(foretold.size(), 50u);
+  EXPECT_GT(predicted.size(), 50u);
 }
 
 TEST(DisturbanceObserver, FollowsTheStatesOfEffects) {

@@ -16,7 +16,7 @@ RETRIES = 3  # of a piece of work whose worker died or that failed there
 PATIENCE = 10  # with a scheduler [s]
 
 
-def takes_scheduler(parser: argparse.ArgumentParser) -> None:
+def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --scheduler."""
     parser.add_argument(
         "--scheduler",
@@ -76,7 +76,7 @@ class Workers:
         except KilledWorker as error:
             raise GroundError("a piece of work has ended several workers: %s" % error)
         except ImportError as error:
-            raise GroundError("the workers lack a module: %s" % error)
+            raise GroundError("a module is missing on the workers: %s" % error)
         finally:
             self._client.cancel(futures)
 

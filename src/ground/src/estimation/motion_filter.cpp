@@ -93,7 +93,7 @@ bool JumpDetector::add(double stamp, const Vector3<double>& eta, const Estimator
       count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, kUnknownMotion, params) ? count_ + 1 : 1;
   stamp_ = stamp;
   eta_ = eta;
-  return count_ >= kEnough;
+  return count_ >= kMinPoses;
 }
 
 }  // namespace ground

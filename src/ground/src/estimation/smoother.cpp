@@ -57,7 +57,7 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
       jump.clear();
     } else if (jump.add(stamps[k], eta.row(k), params)) {
       // The craft is elsewhere: take the poses from the first one there once more.
-      start = k - JumpDetector::kEnough + 1;
+      start = k - JumpDetector::kMinPoses + 1;
       k = start - 1;
       used_stamp = stamps[start];
       jump.clear();

@@ -19,7 +19,7 @@ double quantileOf(double freedom);
 
 /// What is told of the free parameter `i`: its value before the fit and its interval of `quantile`
 /// deviations to either side. `scaled` and `deviation` are of its coordinate over its scale; an
-/// infinite deviation means that the data do not tell it.
+/// infinite deviation means that it is not identifiable from the data.
 FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
                            double scaled, double deviation, double quantile, double before);
 

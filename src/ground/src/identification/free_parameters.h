@@ -37,7 +37,7 @@ struct Free {
 };
 
 /// The named parameters at the model's values. Throws std::invalid_argument on an unknown or
-/// repeated name and on masses, levers and thrusts that motion cannot tell apart.
+/// repeated name and on masses, levers and thrusts that motion does not distinguish.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
 
 }  // namespace ground::detail

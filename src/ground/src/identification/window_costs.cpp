@@ -111,7 +111,7 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns);
   for (const Share& share : windows_)
     if (share.finite) sum += share.shared;
-  // Of what the derivatives do not tell apart rounding may leave less than nothing.
+  // Where derivatives do not distinguish parameters, rounding may leave less than 0.
   const Eigen::LDLT<Eigen::MatrixXd> decomposed(sum);
   const Eigen::MatrixXd upper = decomposed.matrixU();
   const Eigen::PermutationMatrix<Eigen::Dynamic> order(decomposed.transpositionsP());
@@ -136,7 +136,7 @@ void WindowCosts::eliminate(const NormalEquations& equations, Share& share) cons
   for (Eigen::Index i = 0; i < k; ++i) {
     const Eigen::Index rest = columns - i;
     const double left = A(i, i);
-    // What is not told apart from those before it leaves rounding, no more.
+    // A column that depends on those before it leaves only rounding.
     if (!(left > 1e-14 * equations.A(n + i, n + i))) continue;
     share.own.row(i).tail(rest) = A.row(i).tail(rest) / std::sqrt(left);
     for (Eigen::Index j = i + 1; j < columns; ++j)

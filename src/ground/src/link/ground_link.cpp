@@ -190,7 +190,7 @@ std::string GroundLink::arm(double now, const std::string& remark) {
 
 /// Why the craft does not allow arming; empty if it does.
 std::string GroundLink::craftMissing(double now) const {
-  if (peer_.port == 0) return "no craft has been heard of";
+  if (peer_.port == 0) return "no craft is connected";
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
   if (craftSilent(now)) return "the craft has fallen silent (craft_timeout)";
   return "";

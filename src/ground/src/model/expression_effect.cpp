@@ -284,7 +284,7 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
     take("state", state.name);
     if (state.rate.empty())
       throw std::invalid_argument("effect '" + definition.name + "': state " + state.name +
-                                  " lacks the formula of its derivative");
+                                  " has no formula of its derivative");
     if (!std::isfinite(state.initial))
       throw std::invalid_argument("effect '" + definition.name + "': the initial value of state " +
                                   state.name + " is not finite");

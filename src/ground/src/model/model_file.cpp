@@ -64,9 +64,9 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, Bo
   });
   for (std::size_t i = 0; i < values.size(); ++i)
     if (std::isnan(values[i]))
-      reader.fail(node, "body lacks " + bodyParameters()[i].name + " (" + bodyParameters()[i].doc +
+      reader.fail(node, "body has no " + bodyParameters()[i].name + " (" + bodyParameters()[i].doc +
                             ", " + bodyParameters()[i].unit + ")");
-  if (!has_input_max) reader.fail(node, "body lacks input_max (largest input of a thruster)");
+  if (!has_input_max) reader.fail(node, "body has no input_max (largest input of a thruster)");
   model.setValues(values);
 }
 
@@ -98,8 +98,8 @@ ParameterInfo readExpressionParameter(const YamlReader& reader, const std::strin
                      "value, unit, doc, neutral, lower, upper, scale");
     }
   });
-  if (!has_value) reader.fail(node, "parameter " + name + " lacks its value");
-  if (info.unit.empty()) reader.fail(node, "parameter " + name + " lacks its unit");
+  if (!has_value) reader.fail(node, "parameter " + name + " has no value");
+  if (info.unit.empty()) reader.fail(node, "parameter " + name + " has no unit");
   const std::string wrong = checkValue(info, info.neutral);
   if (!wrong.empty()) reader.fail(node, "neutral value of " + wrong);
   if (std::isnan(scale)) {
@@ -210,7 +210,7 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
   });
   for (std::size_t i = 0; i < given.size(); ++i)
     if (!given[i])
-      reader.fail(node, "effect " + name + " lacks " + parameters[i].name + " (" +
+      reader.fail(node, "effect " + name + " has no " + parameters[i].name + " (" +
                             parameters[i].doc + ", " + parameters[i].unit + ")");
 }
 
@@ -429,7 +429,7 @@ Model parse(const std::string& yaml, const std::string& source, BodyLines& lines
   if (!root.IsMap()) reader.fail(root, top + " must be a map with schema, name, body, effects");
   if (!root["schema"] || !root["schema"].IsScalar() || root["schema"].Scalar() != kSchema)
     reader.fail(root, std::string("not a model file: it must say 'schema: ") + kSchema + "'");
-  if (!root["body"]) reader.fail(root, top + " lacks body");
+  if (!root["body"]) reader.fail(root, top + " has no body");
   reader.each(root, top, [&](const std::string& key, const YAML::Node& value) {
     if (key == "name") {
       model.name = reader.text(value, key);

@@ -63,7 +63,7 @@ double YamlReader::number(const YAML::Node& node, const ParameterInfo& parameter
 }
 
 std::string YamlReader::text(const YAML::Node& node, const std::string& key) const {
-  if (!node.IsScalar()) fail(node, key + " must be a text");
+  if (!node.IsScalar()) fail(node, key + " must be a string");
   return node.Scalar();
 }
 

@@ -190,7 +190,7 @@ class MocapState : public nodelet::Nodelet {
     if (estimate.used) publishOdometry(estimate);
   }
 
-  /// Whether a pose is the last one said again: a mocap that measures has noise and never does so,
+  /// Whether a pose repeats the last one: a mocap that measures has noise and never does so,
   /// one that has lost the craft may.
   bool repeats(const geometry_msgs::Pose& pose) {
     const std::array<double, 7> now = {pose.position.x,    pose.position.y,    pose.position.z,

@@ -26,7 +26,7 @@
 
 namespace ground {
 
-/// What rviz shows of the craft: its path, its thrust, the force that the model lacks, how well
+/// What rviz shows of the craft: its path, its thrust, the missing force, how well
 /// models predict, and where on the floor they err.
 ///
 /// Parameters: model (model file, required), room (file of a room, whose walls and floor are shown;
@@ -216,7 +216,7 @@ class Visualizer : public nodelet::Nodelet {
     return error && !states_.empty() && std::abs(age(*states_.back(), *error)) < kRecent;
   }
 
-  /// The force that the first model lacks, at the craft, and its moment as a side force at the bow;
+  /// The missing force of the first model, at the craft, and its moment as a side force at the bow;
   /// by colour, from green to red, in parts of full thrust.
   template <class At>
   void addMissing(visualization_msgs::MarkerArray& array, const ros::Time& stamp, At at) {

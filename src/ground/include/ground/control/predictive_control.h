@@ -29,7 +29,7 @@ struct PredictiveParams {
 
 /// Nonlinear model predictive control with the whole model, effects included.
 ///
-/// An observer estimates velocity and the acceleration that the model lacks, so that a wrong model
+/// An observer estimates velocity and the missing acceleration, so that a wrong model
 /// leaves no lasting error; it also predicts the state at which the inputs will act, which makes
 /// up for latency, delay and lag. A plan is carried on from decision to decision and improved a few
 /// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that

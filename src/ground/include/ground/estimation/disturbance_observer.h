@@ -22,7 +22,7 @@ struct ObserverParams {
   static const Tunables<ObserverParams>& table();  ///< all but max_gap
 };
 
-/// Pose, velocity and the acceleration that the model lacks, from measured poses and from the
+/// Pose, velocity and the missing acceleration, from measured poses and from the
 /// commands that were given: an extended Kalman filter around the craft's own model, the missing
 /// acceleration a random walk in the body frame. Knows the model's delay and the states of its
 /// effects, which it follows but does not correct, so that it also predicts the state at which a

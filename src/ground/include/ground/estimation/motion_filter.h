@@ -101,7 +101,7 @@ class JumpDetector {
   /// Notes a pose that was not believed, at `stamp` [s]; true when it is time to start anew.
   bool add(double stamp, const Vector3<double>& eta, const EstimatorParams& params);
 
-  static constexpr int kEnough = 5;
+  static constexpr int kMinPoses = 5;
 
  private:
   int count_ = 0;

@@ -18,7 +18,7 @@ struct Provenance {
   std::vector<std::string> bags;                                   ///< recordings fitted to
   std::map<std::string, double> error_before, error_after;         ///< by kind of runs
   std::map<std::string, std::pair<double, double>> confidence_95;  ///< by parameter name
-  std::vector<std::string> not_identified;  ///< parameters whose values the bags do not tell
+  std::vector<std::string> not_identified;  ///< parameters that are not identifiable from the bags
 
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };

@@ -1,4 +1,4 @@
-"""Effects that a model may lack: those of the library, and one's own from YAML files."""
+"""Effects that may be missing in a model: those of the library, and one's own from YAML files."""
 
 import math
 import os
@@ -133,7 +133,7 @@ def values(model: _core.Model) -> Dict[str, float]:
 
 
 def carried_over(fitted: _core.Model, extended: _core.Model) -> _core.Model:
-    """The extended model with the values of the fitted one, which may lack some parameters."""
+    """The extended model with the values of the fitted one, which may have fewer parameters."""
     model = extended.copy()
     known = values(model)
     for name, value in values(fitted).items():

@@ -1,4 +1,4 @@
-"""Which physical effect a model lacks.
+"""Which physical effect is missing in a model.
 
 A set of effects is sought by which the recorded poses are likeliest, a random disturbance being
 part of the model (ground.analysis.search). Each effect has to raise the likelihood of what it
@@ -50,7 +50,7 @@ class Step:
 
 
 class Diagnosis:
-    """A model held against runs, grown by the effects that it lacks.
+    """A model held against runs, grown by the missing effects.
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all

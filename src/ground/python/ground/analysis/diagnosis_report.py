@@ -234,7 +234,7 @@ def _next_experiment(
 
 
 def where_of(diagnosis: Diagnosis) -> List[Document]:
-    """What the wrench that the grown model still lacks depends on, most first."""
+    """What the wrench that is still missing in the grown model depends on, most first."""
     return unexplained.explain(diagnosis.runs, diagnosis.best.model)[0]
 
 

@@ -1,4 +1,4 @@
-"""Where a model fails: its error and the wrench it lacks, against everything that was measured."""
+"""Where a model fails: its error and the missing wrench, against everything that was measured."""
 
 from dataclasses import dataclass
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -236,7 +236,7 @@ def undisturbed(
 
 @dataclass
 class Missing:
-    """The wrench that a model lacks along a run."""
+    """The missing wrench of a model along a run."""
 
     times: Array  # (n,) [s]
     wrench: Array  # (n, 3) X, Y [N], N [N m], body

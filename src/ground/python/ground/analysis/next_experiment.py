@@ -1,4 +1,4 @@
-"""The experiment that would tell apart effects that recorded runs do not."""
+"""The experiment that would distinguish effects that recorded runs do not."""
 
 import dataclasses
 import itertools
@@ -23,7 +23,7 @@ LIFTS = (1.0, 0.6)
 RATE = 120.0  # of the mocap [Hz]
 REFITTED, TOGETHER = 12, 4  # experiments at most, and at a time
 LEAST = 1.0  # standard deviations between rivals that make an experiment worth while
-SURE = 6.0  # standard deviations that tell rivals apart in nearly all cases
+SURE = 6.0  # standard deviations that distinguish rivals in nearly all cases
 
 Options = Tuple[Tuple[str, Any], ...]  # (name, value) of _core.DesignParams
 

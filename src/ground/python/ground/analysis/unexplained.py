@@ -1,6 +1,6 @@
 """What remains when no effect of the library explains the rest: where it is, and a term for it.
 
-The wrench that a model lacks (ground.analysis.failure) is regressed on formulas of everything
+The missing wrench of a model (ground.analysis.failure) is regressed on formulas of everything
 that a wrench may depend on. The smoother that infers the wrench weakens what is fast, so each
 formula is seen through the smoother's own response to it. Few terms are chosen by orthogonal
 matching pursuit (Pati et al. 1993), as many as predict stretches of time that were left out
@@ -103,7 +103,7 @@ def dictionary() -> List[Term]:
 def explain(
     runs: Sequence[_core.RunData], model: _core.Model
 ) -> Tuple[List[Document], Optional[Document]]:
-    """Where the wrench that a model lacks comes from, and a proposal for it.
+    """Where the missing wrench of a model comes from, and a proposal for it.
 
     Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and
     `share`, the part of the variance on stretches left out that is lost without the terms that

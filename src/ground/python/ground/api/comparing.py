@@ -238,7 +238,7 @@ def each_run(
     progress: Progress = None,
 ) -> Iterator[RunComparison]:
     """What is found out about all models on each run, in their order; the last model is asked how
-    much it accounts for of what the first one lacks."""
+    much it accounts for of what is missing in the first one."""
     say = progress or silent
     runs = [recording.repaired for recording in recordings]
     for model in models.values():

@@ -1,4 +1,4 @@
-"""diagnose: which physical effect a model lacks."""
+"""diagnose: which physical effect is missing in a model."""
 
 import math
 import os
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
-    """Which effects a model lacks, by how much they improve it, and the model with them."""
+    """Which effects are missing in a model, by how much they improve it, and the model with them."""
 
     verdict: str  #: complete, missing, varies, memory or unexplained
     effects: Tuple[str, ...]  #: that were added, in the order in which the error falls
@@ -45,7 +45,7 @@ class Diagnosis(Shown):
         float, ...
     ]  #: on what was held out: of the model as it was, then after each effect
     noise_floor: float  #: error there that the noise of the poses alone would leave
-    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: what would tell the rest apart
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: an experiment that would distinguish the rest
     report: Document  #: all of it, as diagnosis.json has it
     problem: "Problem"  #: what was diagnosed
     found: diagnosis.Diagnosis  #: how it was found, for the page
@@ -165,7 +165,7 @@ def diagnose(
     resume: Optional[Path] = None,
     progress: Progress = None,
 ) -> Diagnosis:
-    """Which physical effects a model lacks, with evidence, and the model with them.
+    """Which physical effects are missing in a model, with evidence, and the model with them.
 
     recordings, holdout: recordings or bags to fit to and to test on; without the latter, parts of
     the former are held out. only, exclude: names of effects to try and not to try (all of the
@@ -280,7 +280,7 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
 
 
 def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> diagnosis.Diagnosis:
-    """The model with the effects that it lacks."""
+    """The model with the missing effects."""
     found = diagnosis.Diagnosis(
         problem.runs,
         problem.model.core,

@@ -42,7 +42,7 @@ class Parameter:
         try:
             return KINDS[self.kind](text)
         except ValueError:
-            raise GroundError("%s: %s is no number of type %s" % (self.name, text, self.kind))
+            raise GroundError("%s: %s is not a number of type %s" % (self.name, text, self.kind))
 
     def nudged(self, value: Any, up: bool, factor: float = 1.0) -> Any:
         """A value a little higher or lower, inside the range: by 5%, or 1 in 200 of the range at 0."""

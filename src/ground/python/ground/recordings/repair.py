@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
 CLOCK_OFFSET = 0.05  # topics whose stamps differ by more, by the recorder's clock, are shifted [s]
-FROZEN = 3  # equal poses in a row of a craft that moves: the last one, said again
+FROZEN = 3  # equal poses in a row of a craft that moves: a repeated sample
 FLIP_LIKELIHOOD = (3.0, 0.5)  # minus log-likelihood of a change to mirrored headings, of each one
 TYPICAL_NOISE = (4e-4, 6e-3)  # of poses [m], [rad], where the recording does not tell
 POLLED_NOISE = (4e-3, 3e-2)  # of poses whose instants are known to some milliseconds only

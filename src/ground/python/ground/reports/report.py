@@ -82,7 +82,7 @@ def _inspected(
 
 def _verdict(sheet: page.Page, report: Document) -> None:
     """The verdict in a sentence, what the error is made of, and how it falls."""
-    sheet.add("<h1>What does %s lack?</h1>" % page.text(os.path.basename(report["model"])))
+    sheet.add("<h1>What is missing in %s?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
     sheet.paragraph(words.budget(report))
     bands = words.bands(report)
@@ -93,15 +93,15 @@ def _verdict(sheet: page.Page, report: Document) -> None:
 
 
 def _open_questions(sheet: page.Page, report: Document) -> None:
-    """What the runs do not tell, the experiment that would, and what is left unexplained."""
+    """What the runs do not show, the experiment that would, and what is left unexplained."""
     for sentence in list(words.extent(report)) + list(words.slight(report)):
         sheet.paragraph(sentence)
     apart = list(words.apart(report))
-    sheet.heading("What cannot be told apart, and the next experiment")
+    sheet.heading("What is not distinguished, and the next experiment")
     if apart:
         sheet.points(apart)
     else:
-        sheet.paragraph("These runs tell all effects tried apart.")
+        sheet.paragraph("These runs distinguish all effects that were tried.")
     rest = list(words.left(report)) + list(words.unexplained(report))
     if rest:
         sheet.heading("What is left")

@@ -234,7 +234,7 @@ def parameters(values: Mapping[str, Document]) -> Iterator[str]:
 
 
 def apart(report: Document) -> Iterator[str]:
-    """What cannot be told apart, and what would tell it."""
+    """What these runs do not distinguish, and the experiment that would."""
     for c in report["candidates"]:
         if not c["seen"]:
             others = c["group"][1:]
@@ -249,7 +249,7 @@ def apart(report: Document) -> Iterator[str]:
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
         if others:
-            yield "These runs cannot tell %s from %s." % (step["added"], _listed(others))
+            yield "These runs cannot distinguish %s from %s." % (step["added"], _listed(others))
     proposed = report["next_experiment"]
     if proposed:
         yield (
@@ -257,7 +257,7 @@ def apart(report: Document) -> Iterator[str]:
             "deviations apart: %s (first simulated: identify simulate %s)"
             % (
                 (
-                    "tell %s apart" % _listed(proposed["separates"])
+                    "distinguish %s" % _listed(proposed["separates"])
                     if len(proposed["separates"]) > 1
                     else "show " + proposed["separates"][0]
                 ),
@@ -291,12 +291,12 @@ def slight(report: Document) -> Iterator[str]:
 def budget(report: Document) -> str:
     """What the error of the improved model is made of."""
     error, share = report["budget"]["error"], report["budget"]["share"]
-    parts = ["%.0f%% noise of the poses" % (100 * share["noise"])]
-    parts.append("%.0f%% a random wrench" % (100 * share["disturbance"]))
+    parts = ["noise of the poses %.0f%%" % (100 * share["noise"])]
+    parts.append("a random wrench %.0f%%" % (100 * share["disturbance"]))
     if abs(share["trim"]) >= 0.005:
-        parts.append("%.0f%% what differs between runs" % (100 * share["trim"]))
-    rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than was measured"
-    told = "Of its squared error (%.3f on the runs fitted to) %s; %s." % (
+        parts.append("differences between runs %.0f%%" % (100 * share["trim"]))
+    rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than measured"
+    told = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
         error["measured"],
         _listed(parts),
         rest % (100 * abs(share["rest"])),

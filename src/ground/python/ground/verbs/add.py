@@ -19,12 +19,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="EFFECT",
         help="name of an effect of the library, or a YAML file with one effect as model files have it",
     )
-    common.reads_bags(parser)
-    common.takes_spans(parser)
-    common.tells_progress(parser)
+    common.add_bag_arguments(parser)
+    common.add_span_arguments(parser)
+    common.add_progress_argument(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="what it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
-    common.holds_out(parser)
+    common.add_holdout_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 

@@ -32,7 +32,7 @@ class Bags(argparse.Action):
             parser.exit(1, "%s: %s\n" % (parser.prog, error))
 
 
-def reads_bags(parser: argparse.ArgumentParser) -> None:
+def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the bags, and the settings in place of recorded ones."""
     parser.add_argument(
         "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
@@ -49,7 +49,7 @@ def reads_bags(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def takes_spans(parser: argparse.ArgumentParser) -> None:
+def add_span_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the part of every run that is looked at."""
     parser.add_argument(
         "--from", dest="start", type=seconds, default=0.0, help="start, on the run's clock [s]"
@@ -62,7 +62,7 @@ def takes_spans(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def holds_out(parser: argparse.ArgumentParser) -> None:
+def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --holdout."""
     parser.add_argument(
         "--holdout",
@@ -74,7 +74,7 @@ def holds_out(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def tells_progress(parser: argparse.ArgumentParser) -> None:
+def add_progress_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --progress."""
     parser.add_argument(
         "--progress",

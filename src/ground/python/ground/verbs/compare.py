@@ -44,10 +44,10 @@ SUMMARY = "models against recordings: errors, where they come from, and pictures
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.reads_bags(parser)
-    common.takes_spans(parser)
-    common.tells_progress(parser)
-    workers.takes_scheduler(parser)
+    common.add_bag_arguments(parser)
+    common.add_span_arguments(parser)
+    common.add_progress_argument(parser)
+    workers.add_scheduler_argument(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", action="append", required=True, help="once for each model"
     )

@@ -1,4 +1,4 @@
-"""identify diagnose: which physical effect a model lacks."""
+"""identify diagnose: which physical effect is missing in a model."""
 
 import argparse
 import os
@@ -9,18 +9,18 @@ from ground.api.recordings import Part
 from ground.verbs import common
 
 NAME = "diagnose"
-SUMMARY = "which physical effect a model lacks, with evidence, and the model with it"
+SUMMARY = "which physical effect is missing in a model, with evidence, and the model with it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     on_request = ", ".join(candidates.on_request())
-    common.reads_bags(parser)
-    common.takes_spans(parser)
-    common.tells_progress(parser)
+    common.add_bag_arguments(parser)
+    common.add_span_arguments(parser)
+    common.add_progress_argument(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to diagnose")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
-    common.holds_out(parser)
+    common.add_holdout_argument(parser)
     parser.add_argument(
         "--only",
         metavar="EFFECT",

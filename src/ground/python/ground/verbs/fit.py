@@ -20,14 +20,14 @@ FREE = list(study.FIVE)
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.reads_bags(parser)
-    common.takes_spans(parser)
-    common.tells_progress(parser)
+    common.add_bag_arguments(parser)
+    common.add_span_arguments(parser)
+    common.add_progress_argument(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", required=True, help="model, with the start values"
     )
     parser.add_argument("-o", "--output", metavar="FITTED.yaml", required=True)
-    common.holds_out(parser)
+    common.add_holdout_argument(parser)
     parser.add_argument(
         "--free",
         metavar="NAME",
@@ -114,7 +114,7 @@ def _lines(arguments: argparse.Namespace, found: fitting.Fit) -> Iterator[str]:
         yield from _table(arguments.free, found.runs)
     same = sorted({name for pair in found.same_inputs for name in pair})
     if same:
-        yield "the same inputs drove %s: as a test of each other they are kind" % ", ".join(same)
+        yield "the same inputs drove %s: validating one on the other is optimistic" % ", ".join(same)
     yield from found.remarks
     if arguments.starts > 1:
         yield "%d of %d starts came to this end" % (found.starts["at_best"], arguments.starts)

@@ -13,7 +13,7 @@ SUMMARY = "what is in recordings, what is odd about it, which parts can be used"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.reads_bags(parser)
+    common.add_bag_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> List[Document]:

@@ -17,7 +17,7 @@ SUMMARY = "how recorded crafts followed their reference: path, error, saturation
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.reads_bags(parser)
+    common.add_bag_arguments(parser)
     parser.add_argument(
         "--settled",
         type=common.seconds,

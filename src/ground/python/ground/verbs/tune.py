@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--effort-weight", type=float, default=0.3, help="(%(default)s)")
     parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
     parser.add_argument("--seed", type=common.seed, default=1, help="(%(default)s)")
-    workers.takes_scheduler(parser)
+    workers.add_scheduler_argument(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
