@@ -21,7 +21,8 @@ MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 def identify(*arguments):
     """Runs the tool as a user does; what it writes as JSON fits its schema."""
     result = program("identify", *arguments)
-    written = {"compare": "compare.json", "diagnose": "diagnosis.json"}.get(arguments[0])
+    files = {("compare",): "compare.json", ("diagnose",): "diagnosis.json"}
+    written = files.get(arguments[:1])
     if written and result.returncode == 0 and "-o" in arguments:
         path = pathlib.Path(str(arguments[arguments.index("-o") + 1])) / written
         schema(path.stem).validate(json.loads(path.read_text()))
