@@ -45,7 +45,7 @@ class Diagnosis(Shown):
         float, ...
     ]  #: on what was held out: of the model as it was, then after each effect
     noise_floor: float  #: error there that the noise of the poses alone would leave
-    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: that would distinguish the rest
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right, which would distinguish the rest
     report: Document  #: all of it, as diagnosis.json has it
     problem: "Problem"  #: what was diagnosed
     found: diagnosis.Diagnosis  #: how it was found, for the page
