@@ -30,7 +30,7 @@ test: $(configured)
 	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
-# Spelling, Python, XML and catkin packages; TIDY=1: clang-tidy over all C++ as well, which is slow.
+# Spelling, Python and its types, XML, catkin packages, long functions; TIDY=1: clang-tidy over all C++ as well, which is slow.
 lint: $(if $(TIDY),build)
 	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions tidy)
 

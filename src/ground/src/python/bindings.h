@@ -37,6 +37,13 @@ Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill
   return rows;
 }
 
+/// The result of compute(), during which other threads may run Python.
+template <class Compute>
+auto withoutGil(const Compute& compute) {
+  const pybind11::gil_scoped_release release;
+  return compute();
+}
+
 /// A property for each parameter in a table.
 template <class Params>
 void defFields(pybind11::class_<Params>& type, const Tunables<Params>& table) {

@@ -55,11 +55,7 @@ py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector
                 bool levels, std::vector<std::string> held, double cap, bool far,
                 int max_iterations, int threads) {
   GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
-  GreyBoxFit fit;
-  {
-    const py::gil_scoped_release release;
-    fit = box.fit(start, options);
-  }
+  const auto fit = withoutGil([&] { return box.fit(start, options); });
   return toDict(fit);
 }
 
@@ -74,22 +70,14 @@ py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point,
   options.held = std::move(held);
   options.cap = cap;
   options.threads = threads;
-  std::vector<FittedParameter> found;
-  {
-    const py::gil_scoped_release release;
-    found = box.intervals(fit, options);
-  }
+  const auto found = withoutGil([&] { return box.intervals(fit, options); });
   return toList(found);
 }
 
 py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
                   const std::vector<std::string>& parameters, double cap, double block,
                   int threads) {
-  GreyBoxScores found;
-  {
-    const py::gil_scoped_release release;
-    found = box.scores(point, parameters, cap, block, threads);
-  }
+  const auto found = withoutGil([&] { return box.scores(point, parameters, cap, block, threads); });
   py::dict d;
   d["scale"] = found.scale;
   d["score"] = found.score;
@@ -100,11 +88,7 @@ py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
 
 py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
                      const Eigen::MatrixXd& acting, const std::vector<int>& channels) {
-  GreyBoxResiduals found;
-  {
-    const py::gil_scoped_release release;
-    found = box.residuals(point, run, cap, acting, channels);
-  }
+  const auto found = withoutGil([&] { return box.residuals(point, run, cap, acting, channels); });
   py::dict d;
   d["whitened"] = found.whitened;
   d["scored"] = found.scored;
@@ -123,11 +107,7 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
       std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
       information,       std::move(scale),    part,             draws,
       velocity_noise,    cap,                 seed};
-  std::vector<Forecast> found;
-  {
-    const py::gil_scoped_release release;
-    found = box.forecast(point, run, options);
-  }
+  const auto found = withoutGil([&] { return box.forecast(point, run, options); });
   py::list result;
   for (const Forecast& forecast : found) {
     py::dict d;

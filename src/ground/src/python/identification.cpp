@@ -121,11 +121,7 @@ void defSimulationError(py::module_& module) {
       .def(
           "simulate",
           [](const SimulationError& problem, const Model& model, FitOptions::Objective objective) {
-            WindowSimulation simulation;
-            {
-              const py::gil_scoped_release release;
-              simulation = problem.simulate(model, objective);
-            }
+            const auto simulation = withoutGil([&] { return problem.simulate(model, objective); });
             py::dict d;
             d["objective"] = problem.objective(simulation);
             d["eta"] = simulation.eta;
@@ -147,11 +143,7 @@ void defSimulationError(py::module_& module) {
             options.starts = starts;
             options.threads = threads;
             options.objective = objective;
-            FitResult result;
-            {
-              const py::gil_scoped_release release;
-              result = problem.fit(model, options);
-            }
+            const auto result = withoutGil([&] { return problem.fit(model, options); });
             return toDict(result);
           },
           py::arg("model"), py::arg("free"),
@@ -165,11 +157,7 @@ void defPrediction(py::module_& module) {
       "predict",
       [](const Model& model, const RunData& run, const std::vector<Window>& windows,
          const Eigen::MatrixX3d& nu) {
-        WindowSimulation simulation;
-        {
-          const py::gil_scoped_release release;
-          simulation = predict(model, run, windows, nu);
-        }
+        const auto simulation = withoutGil([&] { return predict(model, run, windows, nu); });
         py::dict d;
         d["eta"] = simulation.eta;
         d["nu"] = simulation.nu;
@@ -197,11 +185,7 @@ void defWrenchFilter(py::module_& module) {
       .def(
           "innovations",
           [](const WrenchFilter& filter, WrenchNature nature, const WrenchNoise& noise) {
-            Innovations innovations;
-            {
-              const py::gil_scoped_release release;
-              innovations = filter.innovations(nature, noise);
-            }
+            const auto innovations = withoutGil([&] { return filter.innovations(nature, noise); });
             py::dict d;
             d["normalised"] = innovations.normalised;
             d["valid"] = innovations.valid;
@@ -213,11 +197,8 @@ void defWrenchFilter(py::module_& module) {
           "smooth",
           [](const WrenchFilter& filter, const WrenchNoise& noise, const Eigen::MatrixXd& acting,
              const std::vector<int>& channels) {
-            InferredWrench inferred;
-            {
-              const py::gil_scoped_release release;
-              inferred = filter.smooth(noise, acting, channels);
-            }
+            const auto inferred =
+                withoutGil([&] { return filter.smooth(noise, acting, channels); });
             py::dict d;
             d["wrench"] = inferred.wrench;
             d["sigma"] = inferred.sigma;

@@ -69,11 +69,7 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
             const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
             unsigned long seed, const Disturbance& disturbance) {
         const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
-        ExperimentLog log;
-        {
-          const py::gil_scoped_release release;
-          log = run(model, believed, drive, params);
-        }
+        const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
@@ -126,11 +122,7 @@ void defExperiments(py::module_& module) {
          unsigned long seed, const Disturbance& disturbance) {
         const InputSequence inputs = toInputs(schedule);
         const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
-        ExperimentLog log;
-        {
-          const py::gil_scoped_release release;
-          log = playSchedule(model, inputs, duration, params);
-        }
+        const auto log = withoutGil([&] { return playSchedule(model, inputs, duration, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),

@@ -21,9 +21,7 @@ class Candidate:
     """An effect that can be added to a model."""
 
     name: str
-    add: Callable[
-        [_core.Model], _core.Model
-    ]  # of a _core.Model, gives a copy with the effect in it
+    add: Callable[[_core.Model], _core.Model]  # gives a copy with the effect in it
 
     def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""

@@ -16,7 +16,7 @@ from ground.annotations import Document
 from ground.core_types import FittedParameter
 from ground.recordings import windows
 
-EXPLAINED = 1.15  # of the noise floor: a model with such an error explains the data
+EXPLAINED = 1.15  # error over noise floor up to which a model explains the data
 REFUSED = "it raises the error on the runs held out"
 FLOORS = 5  # simulations that the noise floor is the mean of
 
@@ -27,16 +27,16 @@ class Conclusion:
 
     verdict: str  # complete, missing, varies, memory or unexplained
     improved: _core.Model  # refitted
-    parameters: List[FittedParameter]  # of the improved model: name, unit, value, ci95, ...
+    parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
     heldout: List[float]  # error on held-out runs: nominal, then after each step
-    heldout_floor: float  # noise floor of the runs that those are of
+    heldout_floor: float  # noise floor of the runs on which heldout is measured
     varies: List[Document]  # what differs between runs
     memory: Optional[memory.Memory]
     history: remains.Remains
     state: remains.Remains
-    diagnosis: Diagnosis  # that it is of
-    tested: Sequence[_core.RunData] = ()  # that the user held out
+    diagnosis: Diagnosis  # what was concluded from
+    tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     # What the verdict does not need is computed when it is asked for.
 
@@ -65,7 +65,7 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclus
     """Judges what was found: the verdict, and the model that improves on the given one.
 
     heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
-    out and told. Without any, each run is tested by a fit to the others, or each quarter of
+    out, and listed as dropped. Without any, each run is tested by a fit to the others, or each quarter of
     a single one. Returns a Conclusion.
     """
     found.say("what is left")
@@ -73,7 +73,7 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclus
     history = remains.of_history(found.likelihood, fullest)
     state = remains.of_state(found.likelihood, fullest)
     if heldout:
-        _obey(found, heldout)
+        _drop_refuted(found, heldout)
     floors = [study.noise_floor(found.runs, found.best.model, seed) for seed in range(FLOORS)]
     floor = float(np.mean([f.sum() for f in floors]))
     reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
@@ -164,7 +164,7 @@ def _verdict(
     return "varies" if varies else "complete"
 
 
-def _obey(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
+def _drop_refuted(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
     """Takes out the last effects as long as they raise the error on runs that the user held
     out."""
     while found.chosen:

@@ -45,7 +45,7 @@ class Step:
     """An effect that was added."""
 
     added: str
-    fit: held_out.Judged  # of the model with it
+    fit: held_out.Judged  # the model with the effect, fitted and judged
     group: Tuple[str, ...]  # effects that the data cannot tell from it, itself first
 
 
@@ -87,7 +87,7 @@ class Diagnosis:
         self.dropped: List[Dropped] = []
         # that the poses prefer and that is too small to matter
         self.slight: Optional[trials.Trial] = None
-        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # of effects, with it and without
+        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # sets of effects with the slight one and without
         self.tried: List[trials.Trial] = []  # beside the nominal model, best first
         self.memory: Optional[memory.Memory] = None  # beside the grown model
         self.say("fitting %s as it is" % model.name)

@@ -39,7 +39,7 @@ class Variable:
     name: str
     label: str
     unit: str
-    centres: List[Any]  # of the bins; pairs x, y for the map
+    centres: List[Any]  # middles of the bins; pairs x, y for the map
     index: Indices  # (n,) bin of each sample, -1 for none
 
     def indicators(self) -> Array:

@@ -42,8 +42,8 @@ class Fit:
     parameters: Tuple[
         FittedParameter, ...
     ]  # name, unit, value, ci95, deviation, at_bound, identified
-    level_information: Array  # of the logarithms of levels, then of the runs' loudness
-    trims: Tuple[RunTrim, ...]  # of each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    level_information: Array  # by logarithms of the levels, then of each run's loudness
+    trims: Tuple[RunTrim, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
 
     @property
