@@ -180,7 +180,7 @@ def truth(effects, factor, seed, strengths=STRENGTHS):
     random = np.random.default_rng(_number(seed, *effects))
     model = _core.load_model(MODEL)
     model.name = "truth"
-    for name in study.FIVE:
+    for name in study.NOMINAL:
         model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
     for effect in effects:
         if effect in OUTSIDE:
@@ -267,7 +267,7 @@ def calibrate(effects, seeds, excitation):
         for seed in range(1, seeds + 1):
             model = truth([effect], 1.0, seed)
             on_runs = study.Study(runs(model, excitation, 1.0, seed))
-            nominal = on_runs.fit(_core.load_model(MODEL), list(study.FIVE)).heldout.sum()
+            nominal = on_runs.fit(_core.load_model(MODEL), list(study.NOMINAL)).heldout.sum()
             fitted = on_runs.fit(model, study.free_parameters(model))
             ratios.append(nominal / fitted.heldout.sum())
         ratio = float(np.median(ratios))

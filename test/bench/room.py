@@ -89,11 +89,11 @@ def described(run, room):
 def fitted(run, model):
     """Estimates and standard deviations by name, as `identify fit` finds them."""
     data = [quality.Run(run).data(model)]
-    result = windows.problem(data, windows.cut(data)).fit(model, list(study.FIVE))
+    result = windows.problem(data, windows.cut(data)).fit(model, list(study.NOMINAL))
     return {
         p["name"]: {"value": p["value"], "deviation": (p["ci95"][1] - p["ci95"][0]) / (2 * Z95)}
         for p in result["parameters"]
-        if p["name"] in study.FIVE
+        if p["name"] in study.NOMINAL
     }
 
 
@@ -203,7 +203,7 @@ def _fit_rows(fits):
     pairs = [(f["bounded"], f["unbounded"]) for f in fits if f["bounded"] and f["unbounded"]]
     failed = {name: sum(not f[name] for f in fits) for name in ("bounded", "unbounded")}
     yield "fits that failed, bounded; unbounded", "%(bounded)d; %(unbounded)d" % failed
-    for name in study.FIVE if pairs else ():
+    for name in study.NOMINAL if pairs else ():
         sizes = np.array([[fit[name]["deviation"] for fit in pair] for pair in pairs])
         errors = np.array(
             [[fit[name]["value"] - model.value(name) for fit in pair] for pair in pairs]

@@ -26,7 +26,7 @@ def fitted(seed):
     case = hidden_cases.make("disturbed_null", seed)
     runs, others = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    return runs, others, Likelihood(runs, model).fit(model, study.FIVE)
+    return runs, others, Likelihood(runs, model).fit(model, study.NOMINAL)
 
 
 @pytest.fixture(scope="module")

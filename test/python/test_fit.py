@@ -52,10 +52,10 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
 
     def fit(cut, initial):
         near = {"near": True, "initial": initial} if initial else {}
-        return windows.problem(runs, cut).fit(model, list(study.FIVE), **near)
+        return windows.problem(runs, cut).fit(model, list(study.NOMINAL), **near)
 
     def whole(cut, initial):
-        return windows.problem(runs, cut).fit(model, list(study.FIVE))
+        return windows.problem(runs, cut).fit(model, list(study.NOMINAL))
 
     parts = validation.leave_blocks_out(runs, [model], fit, block=3)
     single = validation.leave_blocks_out(runs, [model], whole, block=3, most=1000)

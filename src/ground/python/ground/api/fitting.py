@@ -184,7 +184,7 @@ def fit(
     recordings: Recordings,
     *,
     holdout: Recordings = (),
-    free: Sequence[str] = study.FIVE,
+    free: Sequence[str] = study.NOMINAL,
     objective: str = "least-squares",
     target: str = "velocities",
     window: float = windows.WINDOW,

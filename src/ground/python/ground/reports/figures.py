@@ -409,7 +409,7 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
 
 def _share_of_missing(entry: Document, name: str) -> float:
     """Of a wrench that is there; none of one that is within its uncertainty."""
-    return 0.0 if failure.is_nothing(entry) else float(entry["against"][name]["share"]["share"])
+    return 0.0 if failure.is_negligible(entry) else float(entry["against"][name]["share"]["share"])
 
 
 def _axes_differ(study: Document) -> bool:

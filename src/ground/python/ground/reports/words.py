@@ -67,7 +67,7 @@ def missing_wrench(channels: Document) -> str:
     """The channel that misses most of what the thrusters can give, and what it follows."""
     name = max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
     channel = channels[name]
-    if failure.is_nothing(channel):
+    if failure.is_negligible(channel):
         return "no wrench is missing beyond its uncertainty"
     ratio = channel["rms"] / channel["full_scale"]
     text = "missing most is %s, rms %.3g %s (%s full thrust), mean %.3g %s" % (

@@ -15,7 +15,7 @@ from ground.verbs import common
 
 NAME = "fit"
 SUMMARY = "fits a model's parameters to recordings by simulation error"
-FREE = list(study.FIVE)
+FREE = list(study.NOMINAL)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
