@@ -118,7 +118,7 @@ def test_files_are_written_where_there_are_no_hard_links(tmp_path, monkeypatch, 
     assert path.read_text().split() == ["{", '"a":', "1", "}"]
     with pytest.raises(errors.GroundError, match="exists"):
         files.write_json(str(path), {})
-    with pytest.raises(errors.GroundError, match="come to exist meanwhile"):
+    with pytest.raises(errors.GroundError, match="created by another program meanwhile"):
         with files.new_file(str(tmp_path / "late.json")) as temporary:
             (tmp_path / "late.json").write_text("somebody else's")
             open(temporary, "w").close()

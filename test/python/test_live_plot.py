@@ -215,7 +215,7 @@ def test_the_window_says_which_topics_it_waits_for(window):
     assert said(window) == [
         "controller no message yet on controller/status",
         "sender no message yet on sender/status",
-        "Waits for messages on state, model_error, controls.",
+        "Waiting for messages on state, model_error, controls.",
     ]
     notes = [diagram.strip.note for diagram in window.diagrams]
     assert notes[0] == "no message yet on state and model_error"
@@ -224,7 +224,7 @@ def test_the_window_says_which_topics_it_waits_for(window):
     assert colors(window, 4, 0).get(live_plot.NOTE, 0) > 20, "the note can be read"
     drive(window.feed, 1000, 1, ["state"])
     window.redraw()
-    assert said(window)[2] == "Waits for messages on model_error, controls."
+    assert said(window)[2] == "Waiting for messages on model_error, controls."
     assert window.diagrams[0].strip.note == ""
 
 
@@ -304,7 +304,7 @@ def test_a_bag_that_begins_again_clears_the_curves(window):
     assert "predicted by" in titles(window)[0]
     drive(window.feed, 900, 0.5, ["controls"])
     window.redraw()
-    assert said(window)[2] == "Waits for messages on state, model_error."
+    assert said(window)[2] == "Waiting for messages on state, model_error."
     assert live_plot.appearance.MEASURED not in colors(window, 0, 0)
     assert "predicted by" not in titles(window)[0]
     assert colors(window, 1, 1).get(live_plot.appearance.RIGHT, 0) > 5
@@ -338,8 +338,8 @@ def test_statuses_are_told_until_a_node_falls_silent(window, monkeypatch):
     later = live_plot.time.monotonic() + 7
     monkeypatch.setattr(live_plot.time, "monotonic", lambda: later)
     window.redraw()
-    assert said(window)[1].endswith("(said 7 s ago; silent since)")
-    assert said(window)[2] == "No new message for 7 s; the newest is of 1001 s."
+    assert said(window)[1].endswith("(7 s ago; silent since)")
+    assert said(window)[2] == "No new message for 7 s; the newest has stamp 1001 s."
 
 
 def test_a_picture_is_written_and_none_is_overwritten(window, tmp_path):

@@ -1,4 +1,4 @@
-"""Recordings: reading them, and the part of them that models are held against."""
+"""Recordings: reading them, and choosing the part that models are compared with."""
 
 import os
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ def read(
     """The recordings in bags.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
-    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of
-    what was recorded with the run. GroundError when a bag cannot be read or is given twice; what is
-    odd about a bag is a GroundWarning.
+    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
+    was recorded with the run. GroundError when a bag cannot be read or is given twice; anything odd
+    in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -41,7 +41,7 @@ def read(
 def reading(
     bags: Sequence[str], axes: Optional[str] = None, heading_offset: Optional[float] = None
 ) -> Iterator[Recording]:
-    """The recordings in bags, which are read when the first one is asked for."""
+    """The recordings in bags, all of which are read before the first one is returned."""
     found = []
     for path in bags:
         found.append(readers.read(path, axes, heading_offset))
@@ -58,7 +58,7 @@ def reading(
 
 
 def taken(given: Recordings) -> List[Recording]:
-    """The recordings that were given, or are in the bags that were."""
+    """The given recordings, and those in the given bags."""
     if isinstance(given, Recording):
         return [given]
     if isinstance(given, (str, os.PathLike)):
@@ -81,14 +81,14 @@ def taken(given: Recordings) -> List[Recording]:
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
-    """Notes that runs, of these and of `others`, were recorded with different settings."""
+    """Warns if runs, of these and of `others`, were recorded with different settings."""
     different = settings.differences([*others, *found])
     if different and different != settings.differences(others):
         warn(different, GroundNote)
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
-    """Notes what a model's heading_offset means for runs whose heading is corrected already."""
+    """Warns what a model's heading_offset means for runs whose heading is corrected already."""
     if "heading_offset" not in model.effects:
         return
 
@@ -110,11 +110,11 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a run that is looked at, on the run's clock."""
+    """The part of a run that is used, on the run's clock."""
 
     start: float = 0.0  #: [s]
-    end: Optional[float] = None  #: [s]; None: of the run
-    everything: bool = False  #: also what is not usable by ground.recordings.quality
+    end: Optional[float] = None  #: [s]; None: the end of the run
+    everything: bool = False  #: includes what ground.recordings.quality finds not usable
 
     def of(self, run: quality.Run, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
@@ -123,7 +123,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Measured:
-    """Recordings as fits see them."""
+    """Recordings as fits use them."""
 
     recordings: List[Recording]
     data: List[_core.RunData]
@@ -137,8 +137,8 @@ class Measured:
 def measured(
     given: Recordings, model: Model, part: Part, others: Sequence[Recording] = ()
 ) -> Measured:
-    """What a model is fitted to or tested on. Warns of what the repair of a recording may have got
-    wrong, and of different settings, also of `others`. GroundError when a recording cannot be used.
+    """Recordings to fit to or to test on. Warns of possible errors of a recording's repair, and of
+    settings that differ among these and `others`. GroundError when a recording cannot be used.
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")

@@ -1,4 +1,4 @@
-"""What is odd about a recording, which parts of it can be used, and the run that fits see."""
+"""Oddities of a recording, its usable parts, and the run that fits use."""
 
 from typing import TYPE_CHECKING, List, Optional, Tuple, TypedDict
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
 GAP = 0.05  # a longer pause is a gap [s]
-LATE = 0.05  # a stamp that comes more after its frame is a late one [s]
-SHORTEST = 0.3  # no shorter stretch is of use [s]
-MOVED = 0.01  # a craft that has moved by more does not rest [m]
-CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw moment
-CONTACT_NOISE = 6.0  # nor less than this many times its noise
-CONTACT_MARGIN = 0.1  # left out before and after one [s]
-LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
-LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
-IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
+LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
+SHORTEST = 0.3  # shortest usable stretch [s]
+MOVED = 0.01  # largest movement of a craft at rest [m]
+CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
+CONTACT_NOISE = 6.0  # least excess in multiples of its noise
+CONTACT_MARGIN = 0.1  # time left out before and after a contact [s]
+LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
+LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
+IMPOSSIBLE_LAG = -0.03  # motion before its command by more is impossible [s]
 
 Span = Tuple[float, float]  # start, end [s]
 
@@ -30,19 +30,19 @@ Span = Tuple[float, float]  # start, end [s]
 class _Reply(TypedDict):
     """How accelerations follow from the commands."""
 
-    lag: float  # of the motion after the commands [s]
-    share: float  # of the accelerations that the commands explain
-    coefficients: Array  # (13, 3) of left, right, and _smooth_terms
+    lag: float  # lag of the motion behind the commands [s]
+    share: float  # share of the accelerations that the commands explain
+    coefficients: Array  # (13, 3) coefficients of left, right, and _smooth_terms
 
 
 class Run:
-    """A recording with its motion repaired: findings and usable spans are of its own clock.
+    """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
-    Attributes: recording; motion; zero [s], the instant that the run's clock calls 0, and end [s] on
-    it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
-    reply, how the motion follows the commands; drives, when each drive began [s], the origins of
-    the model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first
-    command" (which has lift already) or "start" (of the run: no command has lift).
+    Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans
+    and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how
+    the motion follows the commands; drives, when each drive began [s], the origins of the model's
+    t; drives_by, the source of these: "record", "lift" (the first command with lift), "first
+    command" (which has lift already) or "start" (of the run, because no command has lift).
     """
 
     def __init__(self, recording: "Recording") -> None:
@@ -117,7 +117,7 @@ class Run:
         end: Optional[float] = None,
         everything: bool = False,
     ) -> _core.RunData:
-        """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
+        """_core.RunData of the usable spans, or of the whole overlap if `everything` is set.
 
         `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
         left of it.
@@ -154,7 +154,7 @@ class Run:
         return float(sum(b - a for a, b in self.spans))
 
     def describe(self) -> Document:
-        """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
+        """Contents of `info`, as a dictionary of plain values; times are on the run's clock [s]."""
         recording = self.recording
         stamps, controls = recording.pose_times, recording.control_times
         return {
@@ -183,7 +183,7 @@ class Run:
         }
 
     def _describe_poses(self) -> Document:
-        """What `info` says of the poses."""
+        """Contents of `info` on the poses."""
         recording, motion = self.recording, self.motion
         stamps = recording.pose_times
         steps = np.diff(np.sort(stamps))
@@ -223,7 +223,7 @@ class Run:
         return poses
 
     def _describe_controls(self) -> Document:
-        """What `info` says of the commands."""
+        """Contents of `info` on the commands."""
         recording, motion = self.recording, self.motion
         controls, commands = recording.control_times, recording.controls
         changes = (np.abs(np.diff(commands[:, :2], axis=0)) > 1e-6).any(axis=1)
@@ -239,7 +239,7 @@ class Run:
 
 
 def describe(runs: List[Run]) -> List[Document]:
-    """What `info` says of runs, a dictionary each; with those that share their inputs."""
+    """Contents of `info` on runs, a dictionary each, with the runs that have the same inputs."""
     pairs = same_inputs(runs)
     described = [run.describe() for run in runs]
     for d in described:
@@ -268,7 +268,7 @@ def _held(recording: "Recording") -> Array:
 
 
 def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
-    """Whether two sequences of held commands are one, up to some of them at the start."""
+    """Whether two sequences of held commands agree, except for some at the start."""
     for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
         count = min(len(a) - i, len(b) - j)
         if count < fewest:
@@ -280,7 +280,7 @@ def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
 
 
 def _stretches(times: Array, inside: Flags) -> List[Indices]:
-    """Indices of the samples inside, apart where there is a gap between them."""
+    """Indices of the samples inside, split at gaps."""
     index = np.flatnonzero(inside)
     if not len(index):
         return []
@@ -302,10 +302,10 @@ def _accelerations(motion: Motion) -> Array:
 
 
 def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
-    """How accelerations follow from the commands: linearly, at the lag that suits best.
+    """Linear regression of the accelerations on the commands, at the lag that fits best.
 
-    Whatever the body's axes and its drag: all accelerations on both commands and on products of the
-    velocities. None when the commands explain next to nothing.
+    It needs no knowledge of the body's axes and drag: it regresses all accelerations on both commands
+    and on products of the velocities. None when the commands explain less than 10%.
     """
     middle = _middle(motion.times)
     times = motion.times[middle]
@@ -331,7 +331,7 @@ def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
 
 
 def _smooth_terms(nu: Array) -> Array:
-    """What accelerations may depend on besides the commands, (n, 11)."""
+    """Regressors of the accelerations besides the commands, (n, 11)."""
     u, v, r = nu.T
     return np.column_stack(
         [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
@@ -339,7 +339,7 @@ def _smooth_terms(nu: Array) -> Array:
 
 
 def _middle(times: Array, margin: float = 0.06) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are guesses."""
+    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate."""
     inside = np.zeros(len(times), bool)
     for stretch in _stretches(times, np.ones(len(times), bool)):
         start, end = times[stretch[0]], times[stretch[-1]]
@@ -348,7 +348,7 @@ def _middle(times: Array, margin: float = 0.06) -> Flags:
 
 
 def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -> List[Span]:
-    """Spans of time in which the craft accelerates as no input within its bounds explains."""
+    """Spans with accelerations that no input within its bounds explains."""
     if reply is None:
         return [(t, t) for t in motion.times[motion.jumps]]
     coefficients = reply["coefficients"]
@@ -359,7 +359,7 @@ def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -
     turn = np.abs(by_input[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
-    # Noise is no contact, however little the commands (both alike, say) tell of what they can do.
+    # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
     rest = wanted - _commands_at(recording, motion.times - reply["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
@@ -370,7 +370,7 @@ def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -
             off = (wanted - [left, right] @ by_input) / scale
             force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
             beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
-    # A contact pushes for some frames; what only one shows is noise.
+    # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
     hit = ((beyond > 1) & _middle(motion.times)) | motion.jumps
     return [(motion.times[s[0]], motion.times[s[-1]]) for s in _stretches(motion.times, hit)]

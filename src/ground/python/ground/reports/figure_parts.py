@@ -1,4 +1,4 @@
-"""Parts that the package's figures are made of: curves, arrows, notes, small multiples (plotly)."""
+"""Parts of the package's figures: curves, arrows, notes, small multiples (plotly)."""
 
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
@@ -11,10 +11,10 @@ from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports.appearance import LEFT, RIGHT, short_label, transparent
 
-MOST = 1000  # points of a curve; what is left out is said
-ARROW_HEAD = 0.3  # of the length of an arrow
+MAX_POINTS = 1000  # points of a curve; captions say what is left out
+ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
-Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # of what is seen from above
+Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
 ZERO_LINE = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
@@ -58,7 +58,7 @@ def curve(
 
 
 def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> go.Scatter:
-    """What is between two curves."""
+    """The area between two curves."""
     edge = outline(x, low, high)
     trace = curve(edge[0], edge[1], "", {"width": 0, "color": shade}, False)
     trace.update(fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
@@ -139,7 +139,7 @@ def label_axes(
 def note_share(
     figure: go.Figure, row: int, column: int, share: Mapping[str, float], shade: str, count: int
 ) -> None:
-    """A share of the count-th model, bold when it is worth naming. row, column: from 0."""
+    """A share of the count-th model, bold if failure.is_named. row, column: from 0."""
     named = failure.is_named(share)
     text = "%s%.0f%%%s" % ("<b>" * named, 100 * share["share"], "</b>" * named)
     note(figure, row + 1, column + 1, text, shade, 0.98, 12 * count)
@@ -156,7 +156,7 @@ def note(
     y: float = 0.99,
     **style: Any,
 ) -> None:
-    """A text inside a panel at (x, y), as shares of it, and so many pixels further down."""
+    """A text inside a panel at (x, y), as shares of it, and `down` pixels lower."""
     figure.add_annotation(
         text=text,
         xref="x domain",
@@ -199,8 +199,8 @@ def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
 
 
 def every_so_many(times: Array) -> slice:
-    """What is drawn of so many samples: at most MOST."""
-    return slice(None, None, max(1, int(np.ceil(len(times) / MOST))))
+    """Slice that leaves at most MAX_POINTS samples to draw."""
+    return slice(None, None, max(1, int(np.ceil(len(times) / MAX_POINTS))))
 
 
 def fewer(series: Sequence[Array], step: int) -> List[Array]:
@@ -211,14 +211,14 @@ def fewer(series: Sequence[Array], step: int) -> List[Array]:
 
 
 def with_gaps(times: Array, *series: Array) -> List[Array]:
-    """The same with NaN inside gaps, where no line shall be."""
+    """The arrays with NaN inserted into gaps, where no line is drawn."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
 
 
 def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
-    """Outline of what is between two curves, NaN between stretches."""
+    """Outline of the area between two curves, with NaN between stretches."""
     x: List[Array] = []
     y: List[Array] = []
     gap = np.array([np.nan])
@@ -230,5 +230,5 @@ def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
 
 
 def short(values: Any) -> List[Optional[float]]:
-    """Numbers of five digits, None where there is none: pages stay small."""
+    """Numbers with five digits, so that pages stay small; None for NaN."""
     return [float("%.5g" % v) if np.isfinite(v) else None for v in np.asarray(values, float)]

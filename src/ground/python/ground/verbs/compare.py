@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     models = comparing.labelled(arguments.model)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(

@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     # slow to load, for the other verbs as well
     from ground.api import diagnosing
     from ground.reports import diagnosis_files

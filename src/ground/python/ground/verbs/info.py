@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> List[Document]:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     described = quality.describe([r.repaired for r in common.read(arguments)])
     for d in described:
         common.say(arguments, d["name"])

@@ -223,7 +223,7 @@ def _add_tracking_arguments(group: argparse._ArgumentGroup) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
     run = simulating.simulate(

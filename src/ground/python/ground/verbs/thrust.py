@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     off, full = arguments.inputs
     if not (np.isfinite([off, full]).all() and full != off):

@@ -103,7 +103,7 @@ def _takes_loop(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints. GroundError when the controller stopped."""
+    """Runs the verb; returns what --json prints. GroundError when the controller stopped."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     loop = api.prepare(

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     room = Room.load(arguments.room) if arguments.room else None

@@ -83,7 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
