@@ -76,7 +76,7 @@ def pieces(cells, model):
         for seed in range(3):
             run = (cell.truth, model, choice, cell.task, place, cell.conditions, seed, 50.0)
             begin = time.perf_counter()
-            tuning._numbers([run] * tuning.TOGETHER)
+            tuning._numbers([run] * tuning.BATCH)
             lengths.append(time.perf_counter() - begin)
     return np.array(lengths)
 
@@ -110,7 +110,7 @@ def main():
     print(
         "%d pieces of work; one takes %.0f ms in the middle, %.0f to %.0f ms"
         % (
-            CANDIDATES * len(cells) * STARTS / tuning.TOGETHER,
+            CANDIDATES * len(cells) * STARTS / tuning.BATCH,
             *1e3 * np.quantile(lengths, [0.5, 0, 1]),
         )
     )
@@ -131,7 +131,7 @@ def main():
         print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
     print("the scheduler takes %.2f ms a piece; %d pieces, predicted:" % (1e3 * overhead, SWEEP))
     kinds = {
-        "gains, %d runs a piece" % tuning.TOGETHER: lengths,
+        "gains, %d runs a piece" % tuning.BATCH: lengths,
         "diagnoses of hidden effects": diagnoses(),
     }
     print("%8s" % "workers" + "".join("%32s" % name for name in kinds))

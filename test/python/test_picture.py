@@ -266,7 +266,7 @@ SHAPE = {
         (("layout", "images"), [], "layout.images"),
         (("layout", "xaxis", "rangeslider"), {}, "axis.rangeslider"),
         (("layout", "annotations"), [dict(NOTE, showarrow=True)], "annotation.showarrow True"),
-        (("layout", "annotations"), [dict(NOTE, text="<i>a</i>")], "the marks in <i>a</i>"),
+        (("layout", "annotations"), [dict(NOTE, text="<i>a</i>")], "the markup in <i>a</i>"),
         (("layout", "shapes"), [SHAPE], "type circle"),
     ],
 )

@@ -48,12 +48,12 @@ def sentences(fit: Fit) -> Iterator[str]:
     """Sentences for the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:
-            yield "%s is at its bound: the data would have it beyond" % p["name"]
+            yield "%s is at its bound; the data prefer a value beyond it" % p["name"]
     for weak in weak_directions(fit):
         first, second = weak["parameters"]
         yield (
-            "%s and %s are only known as %s: that to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
-            "standard deviation); fix one of them, or record inputs that move them apart"
+            "%s and %s are only known as %s: this to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
+            "standard deviation); fix one of them, or record inputs that distinguish them"
             % (
                 first,
                 second,

@@ -1,8 +1,8 @@
-"""Figures of measurement and model: each plot is described here once, as a plotly figure.
+"""Figures of measurement and model: each plot is defined here once, as a plotly figure.
 
-The page (ground.reports.page) shows them, ground.reports.picture draws them into files. Each takes
-what ground.reports.inspection found out about one run by one or more models, and
-gives what plotly's `to_plotly_json` gives, with the caption in layout.meta.
+The page (ground.reports.page) shows them; ground.reports.picture draws them into files. Each function
+takes the results of ground.reports.inspection for one run and one or more models. It returns the
+result of plotly's `to_plotly_json`, with the caption in layout.meta.
 """
 
 from typing import Any, List, Optional, Sequence, Tuple
@@ -51,7 +51,7 @@ from ground.reports.words import number
 
 ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
-    "initial velocities of its own; σ are the run's standard deviations."
+    "its own initial velocities; σ are the run's standard deviations."
 )
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
@@ -86,9 +86,9 @@ def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on
 
 
 def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
-    """Velocities and commands over time, the path from above and the numbers of every model.
+    """Velocities and commands over time, the path from above and the errors of every model.
 
-    bands: of the last model, drawn behind the velocities.
+    bands: the last model's, drawn behind the velocities.
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
@@ -145,7 +145,7 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
 def _add_motion(
     figure: go.Figure, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
 ) -> None:
-    """Velocities over time and the path of times, velocities and poses."""
+    """Adds velocities over time and the path; series: times, velocities and poses."""
     times, nu, eta = series
     for row, (_, label, unit) in enumerate(CHANNELS):
         trace = curve(times, nu[:, row], name, line, row == 0, opacity)
@@ -181,7 +181,7 @@ def _add_numbers(figure: go.Figure, studies: Sequence[Document]) -> None:
 
 
 def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) -> None:
-    """Bands in the rows of u, v, r. The horizon of a window is shown first; buttons choose another.
+    """Adds bands to the rows of u, v, r, first with the horizon of a window; buttons choose another.
     The bands have to be the figure's first traces."""
     traces = []  # horizon of each
     for horizon in bands_of.HORIZONS:
@@ -213,23 +213,23 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
     caption = (
-        "Run %s: velocities in the body frame, path in world_ned seen from above; models start "
-        "anew every 1.5 s." % run.name
+        "Run %s: velocities in the body frame, path in world_ned seen from above; models restart "
+        "every 1.5 s." % run.name
     )
     if step > 1:
         caption += " One sample in %d is drawn." % step
     if bands is not None:
         caption += (
-            " Shaded: %.0f%% prediction band of a fit without this run. It starts anew every %g s "
-            "(or as the buttons say) from the poses up to there; random wrench and noise are in it."
+            " Shaded: %.0f%% prediction band of a fit without this run. It restarts every %g s "
+            "(or as the buttons say) from the poses so far; it includes random wrench and noise."
             % (100 * bands_of.PART, windows.WINDOW)
         )
     return caption
 
 
 def where(studies: Sequence[Document]) -> Document:
-    """Normalised error of each channel against what was measured, of every model, and a map of the
-    last one's."""
+    """Normalised error of each channel against each measured variable, of every model, and a map of
+    the last one's."""
     against = ERROR_AGAINST
     figure = small_multiples(3, len(against) + 1)
     for row, (channel, label, _) in enumerate(CHANNELS):
@@ -248,7 +248,7 @@ def where(studies: Sequence[Document]) -> Document:
         _add_map(figure, row, len(against), studies[-1]["where"]["position"], channel)
     caption = (
         "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-        "beyond chance, bold where that is worth naming. Right: mean |error|/σ of %s, place by place."
+        "beyond chance, bold if significant. Right: mean |error|/σ of %s, place by place."
         % (studies[0]["run"].name, studies[-1]["label"])
     )
     return finish(figure, 540, caption, margin={"r": 115})
@@ -336,7 +336,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
 def _add_correlation(
     figure: go.Figure, row: int, column: int, entry: Optional[Document], label: str, count: int
 ) -> None:
-    """Correlation at each lag, its band, and how many lags are outside; None: it has no such one."""
+    """Correlation at each lag, its band, and how many lags are outside; entry: None without one."""
     shade = model_color(count)
     if entry is None:
         text = "the command never changes"
@@ -350,8 +350,8 @@ def _add_correlation(
 
 
 def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
-    """What the failure depends on: share of the variance of error and missing wrench that each variable
-    explains beyond chance, mean over runs. by_model: label and its studies, of all runs."""
+    """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
+    over runs. by_model: a model's label and its studies of all runs."""
     rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
     figure = make_subplots(
         rows=1,
@@ -408,7 +408,7 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
 
 
 def _share_of_missing(entry: Document, name: str) -> float:
-    """Of a wrench that is there; none of one that is within its uncertainty."""
+    """Share that a variable explains; 0 for a wrench within its uncertainty."""
     return 0.0 if failure.is_negligible(entry) else float(entry["against"][name]["share"]["share"])
 
 
@@ -418,12 +418,12 @@ def _axes_differ(study: Document) -> bool:
 
 
 def _timed(trace: go.Scatter, times: Any) -> go.Scatter:
-    """A path that knows when it was where: the page shows the part that is zoomed into."""
+    """A path with times, so that the page can show the part that is zoomed into."""
     trace.update(customdata=short(times), meta="path")
     trace.update(hovertemplate="%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m")
     return trace
 
 
 def _thinned(piece: Document, step: int) -> List[Array]:
-    """Times, velocities and poses of a window; its last sample always."""
+    """Thinned times, velocities and poses of a window, with its last sample."""
     return fewer((piece["times"], piece["nu"], piece["eta"]), step)

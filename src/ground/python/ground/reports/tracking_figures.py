@@ -12,9 +12,9 @@ from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, transparent
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
 from ground.simulation import tuning
 
-LEAST_ERROR = 1e-7  # that is drawn [m]
-HEADINGS = 24  # arrows along a path
-COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: what was tuned
+MIN_ERROR = 1e-7  # smallest error that is drawn [m]
+HEADINGS = 24  # number of arrows along a path
+COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
 def driven(
@@ -36,7 +36,7 @@ def driven(
     )
     _add_path(figure, run, room)
     line = {"color": MEASURED, "width": 1}
-    errors = np.maximum(run.errors, LEAST_ERROR)
+    errors = np.maximum(run.errors, MIN_ERROR)
     figure.add_trace(curve(run.times, errors, "craft", line, False), 1, 2)
     figure.add_vrect(
         *counts, fillcolor=transparent(MODELS[2], 0.12), line_width=0, layer="below", row=1, col=2
@@ -60,7 +60,7 @@ def driven(
 
 
 def caption(name: str, numbers: Mapping[str, Any]) -> str:
-    """What the numbers of a run say in a line."""
+    """The numbers of a run in a line."""
     saturated = 100 * (numbers["saturated_fraction"] or 0)
     error = 1e3 * numbers["rms"]
     return "%s: error %.3g mm rms, saturated %.0f%% of the time" % (name, error, saturated)
@@ -87,7 +87,7 @@ def _add_path(figure: go.Figure, run: Any, room: Optional[Any]) -> None:
 
 
 def _add_inputs(figure: go.Figure, run: Any) -> None:
-    """The inputs, and behind them what was wanted before they were limited."""
+    """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
         for column, name, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
             line = {"color": shade, "width": 1, "shape": "hv"}
@@ -104,16 +104,16 @@ def _add_inputs(figure: go.Figure, run: Any) -> None:
 def tuned(
     compared: Mapping[str, tuning.Candidate], tried: Sequence[tuning.Candidate], result: Document
 ) -> Document:
-    """What tune tried: error against saturation and effort; and errors before and after.
+    """Candidates of tune: error against saturation and effort; and errors before and after.
 
-    compared: by name, what was tuned last; result: as the verb prints it.
+    compared: Candidates by name, the tuned one last; result: as the verb prints it.
     """
     figure = make_subplots(rows=1, cols=2, column_widths=[0.38, 0.62], horizontal_spacing=0.4)
     _add_candidates(figure, tried, result["trade_off"])
     _add_errors(figure, list(compared), result["table"])
     text = (
-        "Left: every candidate, and what was traded for what. Right: errors from fresh starts, median "
-        "and 5 to 95%; *: not seen by the search."
+        "Left: every candidate, and the trade-off between them. Right: errors from fresh starts, median "
+        "and 5 to 95%; *: not used by the search."
     )
     return finish(figure, 130 + 26 * max(12, len(result["table"])), text)
 

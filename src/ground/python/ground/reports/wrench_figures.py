@@ -1,4 +1,4 @@
-"""Figures of the missing wrench: against what was measured, over time and by place (plotly figures,
+"""Figures of the missing wrench: against measured variables, over time and by place (plotly figures,
 as in ground.reports.figures)."""
 
 from typing import Any, Iterable, Mapping, Optional, Sequence, Tuple
@@ -36,12 +36,12 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 
-SHADE = "#f5822a"  # behind what a variable explains
+SHADE = "#f5822a"  # background of panels with a significant share
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
-    """The wrench that is missing in every model, against what was measured, with two standard errors,
-    and what the winner accounts for of the first. first: place of the first among the models."""
+    """The missing wrench of every model against measured variables, with two standard errors, and the
+    part of the first one's that the winner accounts for. first: number of the first model."""
     against = WRENCH_AGAINST
     figure = small_multiples(3, len(against))
     for row, (channel, label) in enumerate(WRENCH):
@@ -76,7 +76,7 @@ def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
     caption = (
         "Run %s: missing wrench in the body frame, by a Kalman smoother, against what was measured; "
         "bars: two standard errors; percentage and shade: share of its variance that the variable "
-        "explains beyond chance, bold where that is worth naming." % studies[0]["run"].name
+        "explains beyond chance, bold if significant." % studies[0]["run"].name
     )
     channels = studies[0]["missing"].numbers["channels"]
     if "accounted" not in channels["X"]:
@@ -94,7 +94,7 @@ def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
 
 
 def _shade(figure: go.Figure, row: int, column: int, named: Iterable[Mapping[str, float]]) -> None:
-    """A background that says how large the largest share is that is worth naming."""
+    """A background as strong as the largest share that is named."""
     largest = max((share["share"] for share in named if failure.is_named(share)), default=0.0)
     if largest > 0:
         figure.add_shape(
@@ -114,10 +114,10 @@ def _shade(figure: go.Figure, row: int, column: int, named: Iterable[Mapping[str
 
 
 def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
-    """The wrench that is missing in every model over time, with two standard deviations of the first,
-    the commands, the force that they bring about, and the mean missing force place by place.
+    """The missing wrench of every model over time, with two standard deviations of the first one's, the
+    commands, the force that they produce, and the mean missing force by place.
 
-    first: place of the first among the models.
+    first: number of the first model.
     """
     figure = make_subplots(
         rows=4,
@@ -173,8 +173,8 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
     _add_force_map(figure, studies, first)
     caption = (
         "Run %s: missing wrench in the body frame; shaded: two standard deviations of the "
-        "estimate. Grey: left out, for no input explains the motion (contact, hand, wrong poses). "
-        "Middle: force that a lasting thrust command brings about, seen from above. Right: mean "
+        "estimate. Grey: left out, because no input explains the motion (contact, hand, wrong poses). "
+        "Middle: force that a constant thrust command produces, seen from above. Right: mean "
         "missing force in the axes of world_ned, place by place." % run.name
     )
     return finish(figure, 480, caption)

@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         help="effects to try as well: your own, one in each FILE.yaml, as model files list them, or "
-        "by name those of the library that it does not try by default (%s)" % on_request,
+        "by name those of the library that are not tried by default (%s)" % on_request,
     )
     parser.add_argument(
         "--budget",
@@ -47,20 +47,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--thorough",
         action="store_true",
-        help="however much data there is, look at all of it, show errors on held-out runs of all effects, "
-        "plan the next experiment beside all runs and draw all of them",
+        help="use all data, however long it takes: all windows, held-out errors of all effects, all runs for "
+        "the next experiment and in the pictures",
     )
     parser.add_argument(
         "--room",
         metavar="ROOM.yaml",
-        help="for the next experiment (that of the runs, of the first that has one; else 4 x 4 m)",
+        help="room of the next experiment (that of the first run that has one, else 4 x 4 m)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
-    # slow to load, for the other verbs as well
+    # imported here because they are slow to load
     from ground.api import diagnosing
     from ground.reports import diagnosis_files
 

@@ -8,7 +8,7 @@ from ground.recordings import csv_exports
 from ground.verbs import common
 
 NAME = "import"
-SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
+SUMMARY = "converts CSV written by rostopic echo -p to a bag that the other verbs read"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

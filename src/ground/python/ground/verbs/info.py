@@ -1,4 +1,4 @@
-"""identify info: what is in recordings, what is odd about it, what was repaired."""
+"""identify info: contents, oddities and repairs of recordings."""
 
 import argparse
 from typing import List
@@ -8,7 +8,7 @@ from ground.recordings import findings, quality
 from ground.verbs import common
 
 NAME = "info"
-SUMMARY = "what is in recordings, what is odd about it, which parts can be used"
+SUMMARY = "contents and oddities of recordings, and their usable parts"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
