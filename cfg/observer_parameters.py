@@ -1,4 +1,4 @@
-"""Noise that an observer of the missing acceleration reckons with."""
+"""Noise levels of the observer of the missing acceleration."""
 from dynamic_reconfigure.parameter_generator_catkin import double_t
 
 
