@@ -21,7 +21,7 @@ def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="scheduler of a Dask cluster to work on, in a network you trust (default: all cores of this computer)",
+        help="Dask scheduler whose cluster does the work, in a network you trust (default: all cores here)",
     )
 
 

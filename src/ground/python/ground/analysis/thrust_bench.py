@@ -56,7 +56,7 @@ def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> B
     (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
     values of input that mean 0 and 1; unit: newtons in one unit of force. Raises GroundError."""
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:  # also with a byte order mark, as from spreadsheets
+        with open(path, newline="", encoding="utf-8-sig") as file:  # spreadsheets write a BOM
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GroundError("%s: cannot be read: %s" % (path, error))

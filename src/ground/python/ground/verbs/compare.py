@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_progress_argument(parser)
     workers.add_scheduler_argument(parser)
     parser.add_argument(
-        "--model", metavar="M.yaml", action="append", required=True, help="model; repeat the option for each model"
+        "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
     parser.add_argument(

@@ -209,8 +209,9 @@ def effort_lines(numbers: Document) -> Iterator[str]:
             numbers["wanted_largest"],
         )
     if numbers["compute_ms"] is not None:
-        yield "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, per decision" % (
-            numbers["compute_ms"]
+        yield (
+            "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, "
+            "per decision" % numbers["compute_ms"]
         )
 
 
