@@ -328,7 +328,7 @@ def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, ve
     _core.save_model(model, path, False)
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
-    assert "heading_offset 0.5 is taken off" in err and "what is left of it" in err
+    assert "heading_offset 0.5 is subtracted from" in err and "the remaining offset" in err
 
 
 def test_simulate_records_its_settings(tmp_path, verb):

@@ -162,8 +162,8 @@ class Diagnosis:
         missing effect may have imitated or hidden them."""
         found = self.search.run()
         for _ in range(MAX_REPEATS):
-            # Also beside refused sets: held-out runs were predicted without the difference, which
-            # may be why.
+            # Refused sets count, too: they may have been refused only because held-out runs were
+            # predicted without the difference.
             likeliest = max([found, *self.search.refused(found)], key=self.search.value)
             fit = self.search.fits[likeliest]
             differences = varying.differences(self.varied, fit)
@@ -261,7 +261,7 @@ class Diagnosis:
             free = tuple(p for p in with_it.free if p.split(".")[0] != name)
             without = self.likelihood.fit(model, free, near=with_it)
             if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
-                why = "it stands for what depends on the past (%s)" % remembered.kind.name
+                why = "it imitates a dependence on the past (%s)" % remembered.kind.name
                 smaller = self.search.without(rest, name)
                 stand_ins.append(Dropped(self.trial_in(rest, name), why))
                 rest, remembered = smaller, replace(remembered, fit=without)

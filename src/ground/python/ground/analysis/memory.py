@@ -1,4 +1,4 @@
-"""Whether the motion depends on the past: effects with states, tried beside a grown model.
+"""Whether the motion depends on the past: effects with states, added to a grown model.
 
 Each kind of memory is an effect as model files list it, with a state that forgets with a time
 constant. Score tests of all kinds and times choose the one to refit. It has to raise the
@@ -105,7 +105,7 @@ class Memory:
 
 
 def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
-    """The likeliest Memory beside a likelihood.Fit; None without a significant one."""
+    """The likeliest Memory to add to a likelihood.Fit; None without a significant one."""
     kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
     tried = {
         c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]

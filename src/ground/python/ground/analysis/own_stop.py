@@ -7,7 +7,7 @@ whose watchdog works accelerates until T after the last packet and brakes from t
     speed(t) = max(0, s(T) - b (t - T))    from T on
 
 T, b, s0 and a are fitted by least squares. Zeros at the end are the control: a craft that neither the
-silence nor the zeros brake shows nothing but that braking cannot be seen here.
+silence nor the zeros brake only shows that braking cannot be seen here.
 """
 
 from dataclasses import dataclass, field

@@ -127,14 +127,14 @@ def _ridge(
         A, b = _together(grams, parts)
         return np.linalg.solve(A + penalty * len(parts) * np.eye(len(A)), b)
 
-    def worth(penalty: float) -> float:
+    def gain(penalty: float) -> float:
         falls = [
             _fall(designs[j], targets[j], weights([k for k in fitted if k != j], penalty)).sum()
             for j in fitted
         ]
         return float(sum(falls))
 
-    best = max(PENALTIES, key=worth) if len(fitted) > 1 else PENALTIES[2]
+    best = max(PENALTIES, key=gain) if len(fitted) > 1 else PENALTIES[2]
     return weights(fitted, best)
 
 

@@ -1,4 +1,4 @@
-"""Score tests (Rao 1948) of effects beside a fit: the likelihood that one or several would gain."""
+"""Score tests (Rao 1948) of effects added to a fit: the likelihood that one or several would gain."""
 
 from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 

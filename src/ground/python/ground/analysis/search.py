@@ -41,7 +41,7 @@ class Criteria:
     level: float = 0.01  # probability of choosing an effect although none is missing
     refitted: int = 4  # effects that are refitted in a step, best by score test first
     pairs: int = 2  # pairs that are refitted in a step
-    worth: float = 3.0  # expected gain per parameter that a refit needs
+    min_gain: float = 3.0  # expected gain per parameter that a refit needs
     steps: Tuple[float, ...] = (
         1.0,
         0.3,
@@ -53,19 +53,19 @@ class Criteria:
         -0.2,
     )  # start values of an effect that score tests cannot see, relative to the typical size
     windows: int = 40  # windows on which far starts are tried by simulation error
-    farther: float = 0.98  # largest error from a far start, relative to the neutral start, for a fit
+    max_far_error: float = 0.98  # largest error from a far start, relative to the neutral one, for a fit
     # An effect is tested for removal if its Wald ratio is below this multiple of its threshold. The
     # Wald ratio is far too large where levels would change with the removal.
-    doubtful: float = 10.0
+    wald_margin: float = 10.0
     rivals: int = 3  # effects that are tried in the place of a chosen one
-    rival: float = 0.4  # least expected gain of a rival, relative to the chosen effect's, for a refit
+    min_rival_gain: float = 0.4  # least expected gain of a rival, relative to the chosen effect's
     # Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio
     # would have a probability of at most 0.4% (its root is the least number of standard deviations).
-    apart: float = 7.0
+    exclusion: float = 7.0
 
 
 class Search:
-    """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over
+    """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
     items, in parallel if it can; say: called with a sentence at each step; kept: Unfinished results
     of the same call; holds(better, current): whether a grown set does better on held-out data,
     too."""
@@ -128,7 +128,7 @@ class Search:
         return float(2 * (self.fits[names].log_posterior - self.fits[without].log_posterior))
 
     def test_beside(self, names: FrozenSet[str]) -> ScoreTests:
-        """ScoreTests of all effects beside a fitted set."""
+        """ScoreTests of all other effects, added to a fitted set."""
         if names not in self.tests:
             rest = [c for n, c in self.candidates.items() if n not in names]
             self.tests[names] = ScoreTests(self.likelihood, self.fits[names], rest)
@@ -179,7 +179,7 @@ class Search:
         }
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [
-            s for s in singles if gains[s] + self._size(s[0]) > criteria.worth * self._size(s[0])
+            s for s in singles if gains[s] + self._size(s[0]) > criteria.min_gain * self._size(s[0])
         ]
         chosen = promising[: criteria.refitted]
         turned: List[Tuple[str, ...]] = [
@@ -281,7 +281,7 @@ class Search:
         return [
             model
             for error, model in (fitted(other) for other in others)
-            if error < self.criteria.farther * least
+            if error < self.criteria.max_far_error * least
         ]
 
     def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
@@ -314,7 +314,7 @@ class Search:
 
     def may_go(self, fit: Fit, name: str) -> bool:
         """Whether a Fit may do without an effect, by its Wald ratio; a refit then decides."""
-        return fit.ratio_without(name) < self.criteria.doubtful * self.threshold(name)
+        return fit.ratio_without(name) < self.criteria.wald_margin * self.threshold(name)
 
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with one effect replaced by another; the same set without one."""
@@ -330,10 +330,10 @@ class Search:
         rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
-        least = self.criteria.rival * gains.pop(name)
+        least = self.criteria.min_rival_gain * gains.pop(name)
         names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
-        worth = {n: max(least, self.criteria.worth * self._size(n)) for n in names}
-        proposals = [(n,) for n in names if gains[n] > worth[n]]
+        needed = {n: max(least, self.criteria.min_gain * self._size(n)) for n in names}
+        proposals = [(n,) for n in names if gains[n] > needed[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
@@ -344,5 +344,5 @@ class Search:
             (rival,) = other - current
             behind[rival] = self.value(current) - self.value(other)
         return [
-            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.apart
+            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.exclusion
         ]

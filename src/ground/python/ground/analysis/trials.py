@@ -1,4 +1,4 @@
-"""Effects tried beside a model, and the evidence for each."""
+"""Effects added to a model on trial, and the evidence for each."""
 
 from dataclasses import dataclass, replace
 from typing import Iterable, List, Mapping, Optional, Sequence
@@ -13,7 +13,7 @@ from ground.core_types import Estimate
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect beside a model without it."""
+    """An effect added to a model on trial."""
 
     name: str
     model: _core.Model  # with it; refitted, or moved by one step of the score test

@@ -51,7 +51,7 @@ class Difference:
 
 
 def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
-    """The significant Differences beside a Fit. likelihood: one with all random effects."""
+    """The significant Differences between runs beside a Fit. likelihood: with all random effects."""
     if len(likelihood.runs) < 2:
         return ()
     model = fit.model

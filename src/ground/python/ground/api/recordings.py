@@ -98,8 +98,8 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
     corrected = [r for r in found if any(offsets(r))]
     if corrected:
         warn(
-            "heading_offset %s is taken off the headings of %s before the model sees them; the "
-            "model's effect heading_offset is what is left of it"
+            "heading_offset %s is subtracted from the headings of %s first; the model's effect "
+            "heading_offset is the remaining offset"
             % (
                 " then ".join("%g" % v for v in offsets(corrected[0])),
                 ", ".join(r.name for r in corrected),

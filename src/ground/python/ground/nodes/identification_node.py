@@ -222,7 +222,7 @@ class IdentificationNode:
                 return path
             except FileExistsError:
                 continue
-        raise GroundError("%s: no free name beside it" % stem)
+        raise GroundError("%s: all names for the folder are in use" % stem)
 
     def _execute(self, task: str, command: List[str], began: float) -> str:
         """Returns what the command prints and publishes its progress as status. GroundError when it

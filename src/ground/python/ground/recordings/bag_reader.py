@@ -347,16 +347,16 @@ class BagReader:
             entries = np.frombuffer(self._data[index.data : index.data + 12 * count], "<u4")
             entries = entries.astype(np.int64).reshape(-1, 3)
             of = Counter(found[np.isin(found[:, 0], entries[:, 2]), 1].tolist())
-            told = of.most_common(1)[0][0] if of else -1
+            indexed = of.most_common(1)[0][0] if of else -1
             times = entries[:, :2] @ [10**9, 1]
-            tables.append(np.column_stack([entries[:, 2], np.full(count, told), times]))
-        told = np.concatenate(tables)
-        told = told[np.argsort(told[:, 0], kind="stable")]
-        if np.array_equal(told, found[:, :3]):
+            tables.append(np.column_stack([entries[:, 2], np.full(count, indexed), times]))
+        indexed = np.concatenate(tables)
+        indexed = indexed[np.argsort(indexed[:, 0], kind="stable")]
+        if np.array_equal(indexed, found[:, :3]):
             return found
         messages = {row[0]: row for row in found.tolist()}
         middle = int(np.median(found[:, 2])) if len(found) else 0
-        for at, connection, time in told.tolist():
+        for at, connection, time in indexed.tolist():
             message = messages.get(at)
             swallowed = MESSAGE.match(contents, at) if message is None else None
             if message == [at, connection, time] + (message or [])[3:]:
@@ -370,7 +370,7 @@ class BagReader:
                 del messages[at]
             elif message:
                 message[2] = min(message[2], time, key=lambda t: float(abs(t - middle)))
-        self._contradictions += len(set(messages) - set(told[:, 0].tolist()))
+        self._contradictions += len(set(messages) - set(indexed[:, 0].tolist()))
         return np.array(sorted(messages.values()), np.int64).reshape(-1, 5)
 
     def _take_connection(self, data: Data, record: Record) -> None:

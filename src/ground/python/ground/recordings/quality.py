@@ -133,7 +133,7 @@ class Run:
         if inside.sum() < 10:
             raise GroundError(
                 "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
-                "of it (identify info says why, --all takes what is there)"
+                "of it (identify info says why, --all uses the whole run)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs()

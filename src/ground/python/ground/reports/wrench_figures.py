@@ -61,9 +61,9 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
             if accounted is not None:
                 line = {"color": MEASURED, "width": 2, "dash": "dot"}
                 at = entries[0]["against"][name]["centres"]
-                told = factor * np.array(accounted["mean"][name])
+                predicted = factor * np.array(accounted["mean"][name])
                 text = "what %s adds to %s" % (winner, studies[0]["label"])
-                figure.add_trace(curve(at, told, text, line, legend), row + 1, column + 1)
+                figure.add_trace(curve(at, predicted, text, line, legend), row + 1, column + 1)
             _shade(figure, row, column, [entry["against"][name]["share"] for entry in entries])
             limits = [-reach, reach] if reach > 0 else None
             label_axes(figure, row, column, entries[0]["against"][name], limits)

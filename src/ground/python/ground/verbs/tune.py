@@ -139,7 +139,7 @@ def _search(
     counts = (arguments.starts, 5 * arguments.starts, arguments.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
     first, rate = list(before.values()), arguments.rate
-    told = None if arguments.json else _progress
+    report = None if arguments.json else _progress
     try:
         tried = tuning.search(
             team,
@@ -151,7 +151,7 @@ def _search(
             arguments.evaluations,
             seeds[0],
             rate,
-            told,
+            report,
         )
         print(file=sys.stderr)
         chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate)
