@@ -73,7 +73,7 @@ def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
     path.write_text("\ufeffinput,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n,\n", encoding="utf-8")
     result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
     assert result.returncode == 0, result.stderr
-    assert "extrapolation" in result.stdout and "the bench says 1.6" in result.stdout
+    assert "extrapolation" in result.stdout and "the bench gives 1.6" in result.stdout
 
 
 @pytest.mark.parametrize(
