@@ -66,7 +66,7 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
   return verdict;
 }
 
-/// Verdict on one simulated run with a fault from `fault_from` on [s]; none if that is after the end.
+/// Verdict on one simulated run with a fault from `fault_from` on [s]; no fault if after the end.
 Verdict run(const Model& model, const Drive& drive, const Craft& craft, unsigned long seed,
             CraftFault fault, double fault_from) {
   std::mt19937 random(static_cast<unsigned>(seed));

@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
-MIN_DIFFERENCE = 0.1  # of the inputs; from there on its yaw moment exceeds all others
+MIN_DIFFERENCE = 0.1  # difference of the inputs above which its yaw moment exceeds all others
 
 
 class ClosedLoopTest(unittest.TestCase):

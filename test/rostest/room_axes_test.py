@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
-HALF_WIDTH = 2.0  # of the square room [m]
+HALF_WIDTH = 2.0  # half the width of the square room [m]
 REST = 3.0  # time until the craft is at rest [s]
 
 

@@ -18,7 +18,7 @@ import harness
 MODEL = os.path.join(
     os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml"
 )
-HALF_WIDTH = 2.0  # of the square room [m]
+HALF_WIDTH = 2.0  # half the width of the square room [m]
 BIT = 1 / 15.0  # length of a bit [s]
 
 
