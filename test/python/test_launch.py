@@ -144,11 +144,11 @@ def test_an_empty_recording_leaves_no_file(tmp_path, number):
     assert "Traceback" not in recorder.communicate()[1]
 
 
-def test_an_experiment_is_recorded_and_replayed(tmp_path):
-    bags = tmp_path / "bags"
+def record_short_run(log, bags):
+    """Records an experiment of 8 s with a live change of two nodes; gives its bag."""
     port = free_port(socket.SOCK_DGRAM)
     with roslaunch(
-        tmp_path / "log",
+        log,
         "sim_prbs.launch",
         "duration:=8",
         "record:=true",
@@ -165,19 +165,24 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         ]
         assert [change.wait(timeout=30) for change in changes] == [0, 0]
         launch.wait(timeout=60)
-    log = (tmp_path / "log").read_text()
-    assert "the controller is done" in log
-    assert "has died" not in log and "\x1b[31m" not in log, "it must end without errors: " + log
-    bag = list(bags.glob("*_short_0.bag"))
-    assert len(bag) == 1, (tmp_path / "log").read_text()
-    parameters = bag[0].with_name(bag[0].name.replace("_0.bag", ".yaml"))
+    text = log.read_text()
+    assert "the controller is done" in text
+    assert "has died" not in text and "\x1b[31m" not in text, "it must end without errors: " + text
+    found = list(bags.glob("*_short_0.bag"))
+    assert len(found) == 1, text
+    return found[0]
+
+
+def check_recording(bag):
+    """Checks the parameters beside a bag, its topics, and what `identify info` prints of it."""
+    parameters = bag.with_name(bag.name.replace("_0.bag", ".yaml"))
     assert "real_time_factor" in parameters.read_text()
     kept = yaml.safe_load(parameters.read_text())["run_files"]
     kept = {os.path.realpath(path): text for path, text in kept.items()}
     room = ROOT / "cfg/room/room_4x4.yaml"
     assert kept[str(room)] == room.read_text() and kept[str(MODEL)] == MODEL.read_text()
     info = subprocess.run(
-        ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
+        ["rosbag", "info", str(bag)], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
     for topic in (
         "/controls",
@@ -188,40 +193,40 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "/visualizer/parameter_updates",
     ):
         assert topic + " " in info
-    measured = identify("info", str(bag[0])).stdout
+    measured = identify("info", str(bag)).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
     assert "room room_4x4.yaml ('4 x 4 m', kept with the run)" in measured
     assert "s: visualizer: rate 10 -> 7.5" in measured
     assert "s: simulator: k_factor 1 -> 0.9" in measured
 
-    with roslaunch(
-        tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"
-    ) as launch:
+
+def check_replay(log, bag):
+    """Replays a bag; checks that a path is predicted and that the settings of the run apply."""
+    with roslaunch(log, "replay.launch", "bag:=%s" % bag, "rviz:=false") as launch:
+
+        def message(topic, timeout):
+            return subprocess.run(
+                ["rostopic", "echo", "-n", "1", topic],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=launch.env,
+                timeout=timeout,
+                universal_newlines=True,
+            ).stdout
 
         def predicted():
-            echo = ["rostopic", "echo", "-n", "1", "/path/predicted/poses[5]/pose/position"]
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return (
-                    "x:"
-                    in subprocess.run(
-                        echo,
-                        stdout=subprocess.PIPE,
-                        stderr=subprocess.DEVNULL,
-                        env=launch.env,
-                        timeout=5,
-                        universal_newlines=True,
-                    ).stdout
-                )
+                return "x:" in message("/path/predicted/poses[5]/pose/position", 5)
 
         wait_for(predicted, 40, "a predicted path")
-        settings = subprocess.run(
-            ["rostopic", "echo", "-n", "1", "/mocap_state/settings"],
-            stdout=subprocess.PIPE,
-            env=launch.env,
-            timeout=10,
-            universal_newlines=True,
-        ).stdout
+        settings = message("/mocap_state/settings", 10)
         assert "heading_offset: 0.25" in settings, "settings of the run apply to its replay"
+
+
+def test_an_experiment_is_recorded_and_replayed(tmp_path):
+    bag = record_short_run(tmp_path / "log", tmp_path / "bags")
+    check_recording(bag)
+    check_replay(tmp_path / "replay", bag)
 
 
 MISTAKES = [
