@@ -1,4 +1,4 @@
-"""Pictures show all that their figures describe, and refuse what they cannot show."""
+"""Pictures show everything in their figures, and refuse what they cannot show."""
 
 import copy
 import inspect
@@ -30,7 +30,7 @@ QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):
-    """One run, inspected with a model that lacks the lag of the motors and with the right one."""
+    """One run, inspected with a model without the true motor lag and with the true model."""
     folder = tmp_path_factory.mktemp("picture")
     truth = with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}")
     bag = write_bag(folder / "run.bag", model=truth, nu=(0.3, 0.1, 1))
@@ -95,7 +95,7 @@ def test_every_figure_is_tried():
 
 @pytest.fixture(scope="module")
 def pictures(studies):
-    """By name: a figure, its picture below another figure, and the artists of each gid in it."""
+    """{name: (figure, its picture below another figure, {gid: artists in it})}."""
     above = go.Figure(layout={"height": 50, "font": {"size": 9}}).to_plotly_json()
     found = {}
     for name, describe in DESCRIBED.items():
@@ -114,7 +114,7 @@ def lengths(values):
 
 
 @pytest.mark.parametrize("name", DESCRIBED)
-def test_all_of_a_figure_is_in_its_picture(pictures, name):
+def test_everything_in_a_figure_is_in_its_picture(pictures, name):
     figure, whole, found = pictures[name]
     found = dict(found)
     layout = figure["layout"]
@@ -160,7 +160,7 @@ def test_all_of_a_figure_is_in_its_picture(pictures, name):
     assert layout["meta"].split()[0] in whole.texts[0].get_text()
 
 
-def test_texts_stay_inside_the_picture_and_off_each_other(pictures):
+def test_texts_stay_inside_the_picture_and_do_not_overlap(pictures):
     for name, (_, whole, _) in pictures.items():
         renderer, scale = whole.canvas.get_renderer(), whole.bbox
         boxes = [
@@ -229,7 +229,7 @@ def test_places_scales_and_gaps():
 
 
 def change(path, value):
-    """A figure with one part changed."""
+    """A simple figure with one part changed."""
     figure = part = copy.deepcopy(simple())
     for key in path[:-1]:
         part = (
@@ -255,7 +255,7 @@ SHAPE = {
 
 
 @pytest.mark.parametrize(
-    "path, value, said",
+    "path, value, words",
     [
         (("data", 0, "type"), "pie", "type pie"),
         (("data", 0, "mode"), "lines+text", "scatter.mode 'lines+text'"),
@@ -270,11 +270,11 @@ SHAPE = {
         (("layout", "shapes"), [SHAPE], "type circle"),
     ],
 )
-def test_what_it_cannot_show_is_refused(path, value, said):
+def test_what_a_picture_cannot_show_is_refused(path, value, words):
     picture.draw([simple()])
     with pytest.raises(GroundError, match=re.escape("a picture cannot show ")) as refused:
         picture.draw([change(path, value)])
-    assert said in str(refused.value)
+    assert words in str(refused.value)
 
 
 def test_files(tmp_path):

@@ -1,4 +1,4 @@
-"""The registry of readers: what a kind of file of one's own takes (docs/howto/file_format.md)."""
+"""The registry of readers, with the user's reader of docs/howto/file_format.md."""
 
 import csv
 import re
@@ -19,7 +19,7 @@ def registry(monkeypatch):
 
 @pytest.fixture
 def log(tmp_path, monkeypatch):
-    """A log as the page describes it, in the current folder; its poses."""
+    """Writes a log as the page describes it to the current folder; gives its poses."""
     monkeypatch.chdir(tmp_path)
     times, eta, inputs = simulate_run(duration=4)
     at = np.searchsorted(inputs[:, 0], times, side="right") - 1
@@ -33,7 +33,7 @@ def log(tmp_path, monkeypatch):
     return eta
 
 
-def test_a_reader_of_its_own_is_asked(registry, log, tmp_path):
+def test_a_registered_reader_is_used(registry, log, tmp_path):
     example = re.search(
         r"```python\n(import csv\nimport math\n\nimport ground\n.*?)```", PAGE.read_text(), re.S
     )
