@@ -2,6 +2,7 @@
 
 import copy
 import inspect
+import json
 import re
 
 import numpy as np
@@ -91,6 +92,16 @@ def test_every_figure_is_tried():
         and not name.startswith("_")
     }
     assert described == set(DESCRIBED)
+
+
+@pytest.mark.parametrize("name", DESCRIBED)
+def test_plotly_knows_every_property_of_a_figure(studies, name):
+    figure = DESCRIBED[name](studies)
+    document = json.loads(json.dumps(figure, default=list))
+    assert go.Figure(document).to_plotly_json()["layout"].keys() == document["layout"].keys()
+    document["layout"]["xaxis"]["tilte"] = "a property that does not exist"
+    with pytest.raises(ValueError, match="tilte"):
+        go.Figure(document)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from typing import List, Tuple
 
+from plotly import colors
+
 from ground.analysis import comparison, failure
 from ground.annotations import Document
 from ground.reports import words
@@ -11,6 +13,9 @@ MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
 FLOOR = MODELS[2]  # colour of the noise floor
 LEFT, RIGHT = "#0b9aa8", "#e08e0b"
 WARNING = "#c00000"
+VIRIDIS, ORANGES = (
+    colors.make_colorscale(scale) for scale in (colors.sequential.Viridis, colors.sequential.Oranges)
+)
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
 ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
