@@ -5,7 +5,7 @@
 namespace ground {
 namespace {
 
-constexpr double kMostThrustTrim = 0.3;  // thrust would change its sign now and then
+constexpr double kMostThrustTrim = 0.3;  // with more, some runs would have reversed thrust
 
 /// The first channel that is negative or not finite; empty when there is none.
 std::string firstBad(const Vector3<double>& values) {

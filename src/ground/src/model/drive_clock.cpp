@@ -37,7 +37,7 @@ void DriveClock::record(double began, double as_of) {
   const auto first = std::lower_bound(starts_.begin(), starts_.end(), began - kDisorder);
   const auto last = std::upper_bound(first, starts_.end(), as_of);
   starts_.insert(starts_.erase(first, last), began);
-  // Nothing is known of the lift yet: its next command belongs to the drive that was recorded.
+  // Without earlier commands, the next command with lift belongs to the recorded drive.
   if (newest_ == kNever) off_since_ = as_of;
 }
 

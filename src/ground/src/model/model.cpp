@@ -37,7 +37,7 @@ const std::vector<ParameterInfo>& bodyParameters() {
     return info;
   };
   const double positive = std::numeric_limits<double>::min();
-  // Accelerations are linear in 1/I_z: fits that start far away find the way.
+  // Accelerations are linear in 1/I_z, so fits converge from far away.
   ParameterInfo inertia =
       entry("I_z", "kg m^2", "moment of inertia about the centre of mass", positive, &B::I_z);
   inertia.coordinate = Coordinate::kReciprocal;
