@@ -5,7 +5,7 @@
 namespace ground {
 namespace {
 
-/// Plays a binary sequence, whatever the state: what tracking is to be compared with.
+/// Plays a binary sequence in open loop, for comparison with tracking.
 class OpenLoop : public TrackingController {
  public:
   OpenLoop(const Model& model, const ControllerChoice& choice) : input_max_(model.body.input_max) {
@@ -50,7 +50,7 @@ ControllerInfo openLoop() {
           }};
 }
 
-/// A Control that follows a reference by its Params in ControllerChoice.
+/// Description of a Control that follows a reference, with its Params in ControllerChoice.
 template <class Control, class Params>
 ControllerInfo following(const std::string& name, const std::string& text,
                          Params ControllerChoice::*params) {

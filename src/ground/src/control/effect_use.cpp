@@ -19,7 +19,7 @@ bool neutral(const Model::Entry& entry) {
   return !parameters.empty();
 }
 
-/// Names of the effects that do something at one of these places (a set of Effect::Hook).
+/// Names of the effects that are not neutral and have one of these hooks (a set of Effect::Hook).
 std::vector<std::string> active(const Model& model, unsigned hooks = ~0u) {
   std::vector<std::string> names;
   for (const Model::Entry& entry : model.effects)

@@ -148,7 +148,7 @@ PrbsSignal::PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit
 }
 
 long long PrbsSignal::index(double t) const {
-  // An instant meant to be an edge may be a rounding error short of it.
+  // The tolerance allows for rounding errors of edges.
   return static_cast<long long>(std::floor(t * row_rate_ + 1e-9));
 }
 

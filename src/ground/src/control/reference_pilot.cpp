@@ -7,7 +7,7 @@
 namespace ground {
 namespace {
 
-/// Processor time of this thread [s]: what else the machine does is no part of it.
+/// CPU time of this thread [s], without that of other threads and processes.
 double processorTime() {
   timespec time;
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);

@@ -14,7 +14,7 @@ struct Known {
   Eigen::VectorXd variance;      ///< of coordinates over scale, from the identifiable directions
   std::vector<bool> identified;  ///< false if the parameter changes along a direction in `unseen`
   Eigen::MatrixXd unseen;        ///< orthonormal columns: directions that are not identifiable
-  double volume;                 ///< log-determinant of the information, identifiable directions only
+  double volume;                 ///< log-determinant of the information, identifiable directions
 };
 
 /// From the Fisher information (n, n) of coordinates over scale.

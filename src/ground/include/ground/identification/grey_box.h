@@ -54,7 +54,7 @@ struct GreyBoxFit {
 
 /// First and second derivatives of the log-likelihood at a point, for score tests (Rao 1948).
 struct GreyBoxScores {
-  std::vector<double> scale;      ///< scale of each coordinate; derivatives are by coordinate / scale
+  std::vector<double> scale;      ///< scales; derivatives are by coordinate / scale
   Eigen::MatrixXd score;          ///< first derivatives, a row for each block of time
   std::vector<int> run;           ///< run of each block
   Eigen::MatrixXd information;    ///< Fisher information: minus the expected second derivatives

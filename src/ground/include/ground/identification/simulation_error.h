@@ -104,7 +104,7 @@ class SimulationError {
   SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target);
   static std::shared_ptr<const Data> prepare(std::vector<RunData> runs, Target target);
 
-  std::shared_ptr<const Data> data_;  ///< shared between problems that cut the same runs differently
+  std::shared_ptr<const Data> data_;  ///< shared by problems with other windows of the same runs
   std::vector<Window> windows_;
   Target target_;
   std::unique_ptr<detail::WindowPlans> plans_;
