@@ -56,8 +56,8 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Body<doubl
     if (now.thrust < kNegligible * most) continue;
     if (now.surge > most)
       report(now.surge / most - 1,
-             format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, now.surge,
-                    most));
+             format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t,
+                    now.surge, most));
     if (now.surge < 0)
       report(-now.surge / most,
              format("at %.2f s it takes a thrust backwards of %.3g N, and the thrusters only push "

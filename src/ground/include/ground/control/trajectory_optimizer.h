@@ -57,7 +57,7 @@ class TrajectoryOptimizer {
   Vector2<double> wanted() const;
   /// Root mean square of the position error along the plan [m].
   double error() const;
-  const std::vector<State>& states() const { return states_; }  ///< at the start and after each step
+  const std::vector<State>& states() const { return states_; }  ///< at the start, after each step
 
  private:
   using Square = Eigen::Matrix<double, kStates, kStates>;

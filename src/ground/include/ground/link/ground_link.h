@@ -15,7 +15,7 @@ namespace ground {
 struct GroundLinkParams {
   double command_timeout = 0.2;  ///< largest age of a command [s]
   double state_timeout = 0.2;    ///< largest age of a state while armed [s]
-  double recovery_time = 0.0;    ///< longest loss of the state, with zero packets, before a fault [s]
+  double recovery_time = 0.0;    ///< longest loss of the state before a fault; sends zeros [s]
   double keepalive_rate = 50.0;  ///< rate of repeated packets [Hz]
   /// Silence after which a craft that has sent telemetry may return on another port [s].
   double peer_timeout = 2.0;
