@@ -115,8 +115,8 @@ void defControllers(py::module_& module) {
               one->set(choice, value);
             }
           },
-          "Values of all parameters of its kind by name. Assignment sets the given ones; ValueError "
-          "on an unknown name or a wrong type.");
+          "Values of all parameters of its kind by name. Assignment sets the given ones; raises "
+          "ValueError on an unknown name or a wrong type.");
 }
 
 void defRoom(py::module_& module) {
