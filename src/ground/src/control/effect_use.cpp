@@ -45,9 +45,9 @@ std::string EffectUse::remark() const {
 
 EffectUse wholeModelUse(const Model& model) {
   EffectUse use{active(model), {}, ""};
-  if (model.stateCount() > kMostStates)
+  if (model.stateCount() > kMaxStates)
     use.refusal = "the effects of this model have " + std::to_string(model.stateCount()) +
-                  " states, and the controller follows " + std::to_string(kMostStates) +
+                  " states, and the controller follows " + std::to_string(kMaxStates) +
                   " at most: take effects with states out of its model";
   return use;
 }

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kLongestInput = 3600;        // [s]
 constexpr double kTiny = 1e-9;                // tolerance for rounding errors of edges [s]
-constexpr std::size_t kMostRows = 2000000;
+constexpr std::size_t kMaxRows = 2000000;
 constexpr std::size_t kLargestInputs = 100000000;  // [bytes]
 constexpr double kGolden = 0.6180339887498949;
 constexpr double kSlowest = 1.0 / 8;          // lowest frequency of a multisine [Hz]
@@ -28,7 +28,7 @@ using Pair = Vector2<double>;
 /// Rows of equal length, repeated for a duration.
 InputSignal repeated(const std::vector<Pair>& rows, double row_rate, double duration) {
   const double count = std::ceil(duration * row_rate - kTiny);
-  if (!(count <= static_cast<double>(kMostRows)))
+  if (!(count <= static_cast<double>(kMaxRows)))
     throw std::invalid_argument("the input has more than 2 million rows: lower clock or duration");
   InputSignal signal;
   signal.end = duration;
@@ -156,7 +156,7 @@ void addRow(const std::vector<double>& row, InputSignal& signal) {
     throw std::runtime_error("inputs have to be between 0 and 1");
   if (row[0] > kLongestInput)
     throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
-  if (signal.times.size() == kMostRows)
+  if (signal.times.size() == kMaxRows)
     throw std::runtime_error("it has more than 2 million rows");
   signal.times.push_back(row[0]);
   signal.inputs.push_back({row[1], row[2], signal.has_lift ? row[3] : 1});

@@ -22,7 +22,7 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
   static const Tunables<P> table = [] {
     Tunables<P> all = {
         {{"horizon", "s", "How far to look ahead", 0.1, 10}, &P::horizon},
-        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMostSteps}, &P::steps},
+        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMaxSteps}, &P::steps},
         {{"iterations", "-", "Most improvements of the plan a decision", 1, 50}, &P::iterations},
         {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
          &P::search_iterations},
@@ -192,7 +192,7 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
   state.segment<3>(3) = start_.state.nu;
-  for (int i = 0; i < kMostStates; ++i)
+  for (int i = 0; i < kMaxStates; ++i)
     state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)

@@ -255,19 +255,19 @@ class Waypoints : public ReferenceTrajectory {
 
 // Limits of files.
 constexpr std::size_t kLargestTable = 100000000;        // [bytes]
-constexpr std::size_t kMostPoints = 1000000;
+constexpr std::size_t kMaxPoints = 1000000;
 constexpr double kMaxCoordinate = 1e4, kMaxTime = 1e7;  // [m], [s]
 
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
 }
 
-constexpr std::size_t kMostCells = 3;
+constexpr std::size_t kMaxCells = 3;
 
-/// The cells of a line of a CSV file, NaN if not a number: at most kMostCells, and one more if the
+/// The cells of a line of a CSV file, NaN if not a number: at most kMaxCells, and one more if the
 /// line continues.
 struct Cells {
-  std::array<double, kMostCells + 1> values{};
+  std::array<double, kMaxCells + 1> values{};
   std::size_t count = 0;
 };
 
@@ -288,7 +288,7 @@ double numberIn(const char* begin, const char* end) {
 /// The character at `end` must not be part of a number.
 Cells cellsOf(const char* begin, const char* end) {
   Cells cells;
-  while (cells.count <= kMostCells) {
+  while (cells.count <= kMaxCells) {
     const char* comma = std::find(begin, end, ',');
     cells.values[cells.count++] = numberIn(begin, comma);
     if (comma == end) break;
@@ -352,8 +352,8 @@ struct PointRows {
   }
 
   std::string wrongOrder(double time, const Vector2<double>& point) const {
-    if (points.size() == kMostPoints)
-      return "it has more than " + std::to_string(kMostPoints) + " points";
+    if (points.size() == kMaxPoints)
+      return "it has more than " + std::to_string(kMaxPoints) + " points";
     if (points.empty()) return "";
     if (timed && time <= times.back()) return "times have to grow";
     if (!timed && points.back() == point) return "the point is the same as the one before";

@@ -14,7 +14,7 @@ namespace {
 constexpr char kRoomSchema[] = "ground/room/1";
 constexpr char kTop[] = "the room file";
 constexpr std::size_t kLargestRoom = 1000000;  // [bytes]
-constexpr std::size_t kMostCorners = 1000;
+constexpr std::size_t kMaxCorners = 1000;
 constexpr double kMinAdvance = 0.005;  // smallest distance between samples of a way [m]
 
 using Position = Vector2<double>;
@@ -45,7 +45,7 @@ Position readPosition(const YamlReader& reader, const YAML::Node& node, const st
 
 /// Error message for the corners of a room; empty if they are valid.
 std::string wrongCorners(const std::vector<Position>& corners) {
-  if (corners.size() < 3 || corners.size() > kMostCorners)
+  if (corners.size() < 3 || corners.size() > kMaxCorners)
     return "a room needs between 3 and 1000 corners";
   for (const Position& corner : corners)
     if (!corner.allFinite() || corner.norm() > 1e4) return "a corner is farther than 10 km away";

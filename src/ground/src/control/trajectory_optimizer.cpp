@@ -70,11 +70,11 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
       effect_states_(model.stateCount()),
       input_max_(model.body.input_max),
       step_(step) {
-  if (effect_states_ > kMostStates)
+  if (effect_states_ > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMostStates) +
+                                std::to_string(kMaxStates) +
                                 " states cannot be planned with");
-  if (steps < 1 || steps > kMostSteps || !(step > 0))
+  if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const auto count = static_cast<std::size_t>(steps);
   inputs_.assign(count, Vector2<double>::Zero());

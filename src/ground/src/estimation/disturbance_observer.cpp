@@ -32,9 +32,9 @@ const Tunables<ObserverParams>& ObserverParams::table() {
 
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
-  if (model.stateCount() > kMostStates)
+  if (model.stateCount() > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMostStates) + " states cannot be observed");
+                                std::to_string(kMaxStates) + " states cannot be observed");
   reset();
 }
 
@@ -115,7 +115,7 @@ void DisturbanceObserver::predict(double until) {
   constexpr int kPsi = 0, kNu = 1, kMissing = 4;
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
   Vector3<Jet> missing = estimate_.missing.cast<Jet>();
-  std::array<Jet, kMostStates> effects;
+  std::array<Jet, kMaxStates> effects;
   for (std::size_t i = 0; i < effects.size(); ++i) effects[i] = Jet(estimate_.effects[i]);
   state.eta.z().v[kPsi] = 1;
   for (int i = 0; i < 3; ++i) {

@@ -23,8 +23,8 @@ Known knownBy(const Eigen::MatrixXd& information) {
   const Eigen::MatrixXd even =
       size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
-  constexpr double kMinEigenvalue = 1e-10;  // relative to the largest
-  constexpr double kMaxParticipation = 1e-12;  // squared
+  constexpr double kMinEigenvalue = 1e-10;     // of identifiable directions, over the largest
+  constexpr double kMaxParticipation = 1e-12;  // squared, of identified parameters in the others
   Eigen::Index first = 0;                      // first identifiable direction
   while (first < n &&
          !(eigen.eigenvalues()(first) > kMinEigenvalue * eigen.eigenvalues()(n - 1)))

@@ -9,7 +9,7 @@
 namespace ground {
 namespace {
 
-constexpr double kMostAhead = 1.0;  // a stamp farther in the future is from another clock [s]
+constexpr double kMaxAhead = 1.0;  // a stamp farther in the future is from another clock [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 bool finite(const MotorCommand& c) {
@@ -121,7 +121,7 @@ void GroundLink::command(double now, double age, const std::string& source,
     return refuse("a command of " + source + " is thrust without lift", true);
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
-  if (age < -kMostAhead)
+  if (age < -kMaxAhead)
     return refuse("a command of " + source + " has a stamp from the future: the clocks differ",
                   true);
   if (source != command_source_ && command_until_ > now) {
@@ -149,7 +149,7 @@ void GroundLink::state(double now, double age, bool valid, const std::string& pr
   watch(now);
   state_valid_ = valid;
   state_problem_ = problem;
-  const bool believed = std::isfinite(age) && age >= -kMostAhead;
+  const bool believed = std::isfinite(age) && age >= -kMaxAhead;
   state_until_ = believed ? now - std::max(0.0, age) + params_.state_timeout : kNever;
   watch(now);
 }
@@ -222,7 +222,7 @@ std::string GroundLink::silence(double now, double duration) {
   if (silent_until_ || lost_since_ != kNever) return reason_;
   if (!(duration > 0 && duration <= kLongestSilence))
     return "a silence must be longer than 0 s and at most 2 s";
-  if (std::max(command_.left, command_.right) > kMostSilentThrust)
+  if (std::max(command_.left, command_.right) > kMaxSilentThrust)
     return "the thrust is above 0.5, too much for a craft that may not stop";
   transmit(now);  // so that the silence begins with a packet at a known time
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);

@@ -266,12 +266,12 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
                   [](const auto& component) { return component.second.empty(); }))
     throw std::invalid_argument("effect '" + definition.name +
                                 "' has none of X, Y, N, thrust_L, thrust_R");
-  if (definition.parameters.size() > kMostEffectParameters)
+  if (definition.parameters.size() > kMaxEffectParameters)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMostEffectParameters) + " parameters");
-  if (definition.states.size() > kMostEffectStates)
+                                std::to_string(kMaxEffectParameters) + " parameters");
+  if (definition.states.size() > kMaxEffectStates)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMostEffectStates) + " states");
+                                std::to_string(kMaxEffectStates) + " states");
   std::set<std::string> names(variableNames().begin(), variableNames().end());
   names.insert("pi");
   const auto take = [&](const std::string& what, const std::string& name) {

@@ -9,8 +9,8 @@ namespace ground {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kLeastAcceleration = 1e-4;  // [m/s^2]
-constexpr double kMostAcceleration = 1e4;    // [m/s^2]
+constexpr double kMinAcceleration = 1e-4;  // [m/s^2]
+constexpr double kMaxAcceleration = 1e4;    // [m/s^2]
 
 double fullThrust(const Body<double>& b) { return 2 * b.k * b.input_max; }
 double acceleration(const Body<double>& b) { return fullThrust(b) / b.m; }
@@ -206,13 +206,13 @@ std::vector<Implausibility> implausibilities(const Body<double>& body) {
     if (!told) found.push_back(describe(key, ratio, body, nullptr));
   }
   const double a = acceleration(body);
-  if (a >= kLeastAcceleration && a <= kMostAcceleration) return found;
+  if (a >= kMinAcceleration && a <= kMaxAcceleration) return found;
   const std::vector<const char*>& causes = ratios().front().keys;
   for (Implausibility& one : found) {
     if (std::find(causes.begin(), causes.end(), one.key) == causes.end()) continue;
     one.refused = true;
-    one.message += "; refused, as below " + withUnit(kLeastAcceleration, "") + " and above " +
-                   withUnit(kMostAcceleration, "m/s^2") + " no craft can be meant";
+    one.message += "; refused, as below " + withUnit(kMinAcceleration, "") + " and above " +
+                   withUnit(kMaxAcceleration, "m/s^2") + " no craft can be meant";
     break;
   }
   return found;

@@ -303,8 +303,8 @@ class Visualizer : public nodelet::Nodelet {
       low = low.cwiseMin(corner);
       high = high.cwiseMax(corner);
     }
-    constexpr double kMostLines = 40;
-    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMostLines));
+    constexpr double kMaxLines = 40;
+    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
     Marker grid = lines(0, 0.004, 0.7f), wall = lines(1, 0.03, 0.25f), home = lines(2, 0.015, 0.4f);
     for (double x = cell * std::ceil(low.x() / cell); x <= high.x(); x += cell)
       add(grid, x, low.y(), x, high.y());

@@ -131,10 +131,10 @@ void defExperiments(py::module_& module) {
       "(captured, delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, "
       "nu_dot, wrench of the disturbance).");
   defExperiment(module, "track_reference", "tracking", &trackReference,
-                "Like play_schedule with a controller in the loop. Also returns references (time, p, "
-                "p_dot, p_ddot, p_dddot), decisions (time, left, right, CPU time, left and right "
-                "before saturation, stamp of the state), stages (time, state, reason), stopped (why "
-                "it stopped early; empty if it did not) and stopped_at.");
+                "Like play_schedule with a controller in the loop. Also returns references (time, "
+                "p, p_dot, p_ddot, p_dddot), decisions (time, left, right, CPU time, left and "
+                "right before saturation, stamp of the state), stages (time, state, reason), "
+                "stopped (why it stopped early; empty if it did not) and stopped_at.");
   defExperiment(module, "excite", "excitation", &excite,
                 "Like track_reference with an input design. Also returns marks (time, number, true "
                 "for a burst and false for a return, reason).");

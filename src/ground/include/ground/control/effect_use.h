@@ -19,7 +19,7 @@ struct EffectUse {
 };
 
 /// Effect use of a controller that uses the whole model. It refuses a model whose effects have more
-/// than kMostStates states.
+/// than kMaxStates states.
 EffectUse wholeModelUse(const Model& model);
 
 /// Effect use of a controller (named `controller`) that uses only the rigid body. It refuses a

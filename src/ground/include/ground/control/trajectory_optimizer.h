@@ -27,12 +27,12 @@ struct PlanWeights {
 /// 2014): Gauss-Newton with exact derivatives of the model. Allocates memory only at construction.
 class TrajectoryOptimizer {
  public:
-  static constexpr int kStates = 6 + kMostStates;
-  static constexpr int kMostSteps = 200;
+  static constexpr int kStates = 6 + kMaxStates;
+  static constexpr int kMaxSteps = 200;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
   /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
-  /// kMostStates states or the horizon is bad.
+  /// kMaxStates states or the horizon is bad.
   TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
   /// Sets walls to avoid; without value, no walls.

@@ -33,11 +33,11 @@ class DisturbanceObserver {
  public:
   struct Estimate {
     RigidState<double> state;
-    std::array<double, kMostStates> effects{};           ///< states of the model's effects
+    std::array<double, kMaxStates> effects{};           ///< states of the model's effects
     Vector3<double> missing = Vector3<double>::Zero();  ///< body [m/s^2, m/s^2, rad/s^2]
   };
 
-  /// Throws std::invalid_argument if the model's effects have more than kMostStates states.
+  /// Throws std::invalid_argument if the model's effects have more than kMaxStates states.
   DisturbanceObserver(const Model& model, const ObserverParams& params);
 
   void setParams(const ObserverParams& params) { params_ = params; }

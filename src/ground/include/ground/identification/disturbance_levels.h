@@ -32,7 +32,7 @@ struct DisturbanceLevels {
 /// the recording determines within a factor of about 1.5.
 struct LevelPrior {
   DisturbanceLevels median;
-  std::array<double, DisturbanceLevels::kCount> deviation;  ///< deviations of the logarithms
+  std::array<double, DisturbanceLevels::kCount> deviation;  ///< standard deviations of logarithms
 
   explicit LevelPrior(const Body<double>& body);
 };

@@ -23,7 +23,7 @@ struct FitOptions {
   double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
   bool near = false;   ///< the model's values are near the solution: skips the fit of short pieces
   /// Residual beyond which the robust loss grows as the absolute value; 0 means twice the deviation
-  /// of the residuals. Costs of fits are comparable only for equal widths.
+  /// of the residuals. The costs of two fits are comparable only for equal widths.
   double width = 0;
   /// Initial states of the windows to start from, as in FitResult; empty means the measured ones.
   std::vector<Eigen::VectorXd> initial;

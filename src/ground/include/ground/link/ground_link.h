@@ -39,8 +39,8 @@ struct GroundLinkParams {
 ///   fresh valid state and a fresh zero command of a single controller.
 /// - FAULT sends zero packets and lasts until disarmed by hand. ARMED changes to FAULT if commands
 ///   are stale, packets cannot be sent, or the state is stale or invalid for recovery_time; until
-///   then zero packets are sent, and commands again when the state is back. It also changes to FAULT
-///   if the craft counts received commands and its count does not increase.
+///   then it sends zero packets, and commands again when the state is back. It also changes to
+///   FAULT if the craft counts received commands and its count does not increase.
 ///
 /// A silence tests whether the craft stops by itself: while ARMED no packet is sent for a bounded
 /// time, then the link is DISARMED. A fault, disarm or stop ends the silence early and sends zeros
@@ -51,7 +51,7 @@ class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
   static constexpr double kLongestSilence = 2.0;    ///< [s]
-  static constexpr double kMostSilentThrust = 0.5;  ///< largest input at the start of a silence
+  static constexpr double kMaxSilentThrust = 0.5;  ///< largest input at the start of a silence
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };

@@ -11,11 +11,11 @@ namespace ground {
 
 // The total length of a model's formulas is limited so that computing a step of 5 ms takes at most
 // 0.1 ms. 3000 characters of sines took 58 us.
-constexpr std::size_t kLongestFormula = 1000;   ///< [characters]
-constexpr std::size_t kLongestFormulas = 3000;  ///< of all effects of a model together [characters]
-constexpr std::size_t kMostEffectParameters = 32;
-constexpr std::size_t kMostEffectStates = 4;  ///< of one effect
-constexpr std::size_t kLongestName = 60;  ///< of an effect and of a parameter [characters]
+constexpr std::size_t kLongestFormula = 1000;   ///< one formula [characters]
+constexpr std::size_t kLongestFormulas = 3000;  ///< all formulas of a model together [characters]
+constexpr std::size_t kMaxEffectParameters = 32;
+constexpr std::size_t kMaxEffectStates = 4;  ///< number of states of one effect
+constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter [characters]
 
 /// An effect written in the model file: wrench components as formulas (muparser) of
 /// u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the effect's states and its parameters. It needs no

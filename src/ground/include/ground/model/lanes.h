@@ -15,7 +15,7 @@ using Bits8 = long long __attribute__((vector_size(64), aligned(64)));
 
 /// The result of a comparison in each of eight lanes.
 struct Mask {
-  Bits8 bits;  ///< of each lane, all ones (true) or all zeros (false)
+  Bits8 bits;  ///< all ones (true) or all zeros (false) in each lane
 
   GROUND_INLINE bool operator[](int i) const { return bits[i] != 0; }
   GROUND_INLINE Mask operator&&(const Mask& other) const { return {bits & other.bits}; }

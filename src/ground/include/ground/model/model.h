@@ -23,7 +23,7 @@ struct Provenance {
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };
 
-constexpr std::size_t kMostEffects = 32;
+constexpr std::size_t kMaxEffects = 32;
 
 /// A craft: rigid body, nominal thrust and damping, and a list of effects with their parameters.
 /// The one description that simulator, controllers and identification share.
@@ -41,7 +41,7 @@ class Model {
   Provenance provenance;
 
   /// Adds an effect at its neutral parameters. Throws std::invalid_argument if the model already
-  /// has it, if there are kMostEffects, or if all formulas together exceed kLongestFormulas.
+  /// has it, if there are kMaxEffects, or if all formulas together exceed kLongestFormulas.
   void addEffect(EffectPtr effect);
   /// Throws std::invalid_argument if the model does not have the effect.
   void removeEffect(const std::string& name);

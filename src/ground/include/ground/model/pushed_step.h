@@ -5,7 +5,7 @@
 namespace ground {
 
 /// Largest number of effect states for which estimators and planners reserve memory.
-constexpr int kMostStates = 4;
+constexpr int kMaxStates = 4;
 
 /// One step of a model with an additional constant acceleration `missing` (body; m/s^2, m/s^2,
 /// rad/s^2). Half of its change of velocity acts before the step and half after it.
