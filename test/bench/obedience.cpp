@@ -1,6 +1,5 @@
-// How soon a craft that does not do as it is told is noticed by its motion, what is said of it, and
-// how often a sound one is blamed: ObedienceMonitor over simulated runs, of crafts that are other
-// than the model.
+// Detection time of a craft that does not follow its commands, the reported explanation, and the rate
+// of false reports: ObedienceMonitor over simulated runs of crafts that differ from the model.
 //   obedience [SEEDS [DRIVE]]    a table, of the drives whose name contains DRIVE; 
 //                              exit status 1 when a sound craft was blamed
 #include <algorithm>

@@ -30,11 +30,11 @@ ControllerInfo openLoop() {
   using C = ControllerChoice;
   Tunables<C> parameters = lifted(&C::prbs, PrbsParams::table());
   parameters.push_back(
-      {{"order", "-", "Of a sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
+      {{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
   parameters.push_back(
-      {{"seed", "-", "Where in its period the sequence starts", 0, 1e6}, &C::prbs_seed});
+      {{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
   return {"OpenLoopPRBS",
-          "Plays a binary sequence, whatever the state",
+          "Plays a binary sequence in open loop",
           false,
           parameters,
           [parameters](const C& choice) {

@@ -60,7 +60,7 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Body<doubl
                     now.surge, most));
     if (now.surge < 0)
       report(-now.surge / most,
-             format("at %.2f s it takes a thrust backwards of %.3g N, and the thrusters only push "
+             format("at %.2f s it takes a backward thrust of %.3g N, but the thrusters only push "
                     "forward",
                     t, -now.surge));
     // The heading follows the force. A jump of the heading would take an infinite moment.

@@ -150,10 +150,10 @@ std::vector<double> numbersIn(const std::string& line) {
 /// Adds a row of time, left, right and optionally lift. Throws std::runtime_error if it is invalid.
 void addRow(const std::vector<double>& row, InputSignal& signal) {
   if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
-    throw std::runtime_error("times have to grow from 0 or more on");
+    throw std::runtime_error("times must ascend from 0 or later");
   if (*std::min_element(row.begin() + 1, row.end()) < 0 ||
       *std::max_element(row.begin() + 1, row.end()) > 1)
-    throw std::runtime_error("inputs have to be between 0 and 1");
+    throw std::runtime_error("inputs must be between 0 and 1");
   if (row[0] > kLongestInput)
     throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
   if (signal.times.size() == kMaxRows)
@@ -198,8 +198,8 @@ const std::vector<DesignInfo>& designTable() {
       {"differential-prbs", "one binary sequence: left high while right is low, and the reverse",
        {"clock", "levels", "order", "seed"}},
       {"steps", "both thrusters through the levels in turn", {"hold", "levels"}},
-      {"coast-down", "both thrusters high, then low for three times that", {"hold", "levels"}},
-      {"spin", "left high, then both low for three times that; then right alike",
+      {"coast-down", "both thrusters high, then low three times as long", {"hold", "levels"}},
+      {"spin", "left high, then both low three times as long; then the same with right",
        {"hold", "levels"}},
       {"single-thruster", "the left thruster alone through the levels, then the right one",
        {"hold", "levels"}},

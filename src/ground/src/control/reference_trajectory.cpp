@@ -355,7 +355,7 @@ struct PointRows {
     if (points.size() == kMaxPoints)
       return "it has more than " + std::to_string(kMaxPoints) + " points";
     if (points.empty()) return "";
-    if (timed && time <= times.back()) return "times have to grow";
+    if (timed && time <= times.back()) return "times must ascend";
     if (!timed && points.back() == point) return "the point is the same as the one before";
     return "";
   }
@@ -395,9 +395,9 @@ ReferencePtr makeSpline(const std::vector<double>& times,
                         const std::vector<Vector2<double>>& points) {
   require(points.size() >= 2 && points.size() == times.size(),
           "a spline needs at least two points");
-  require(times.front() == 0, "the first point of a spline has to be at time 0");
+  require(times.front() == 0, "the first point of a spline must be at time 0");
   for (std::size_t i = 1; i < times.size(); ++i)
-    require(times[i] > times[i - 1] && std::isfinite(times[i]), "times have to grow");
+    require(times[i] > times[i - 1] && std::isfinite(times[i]), "times must ascend");
   return std::make_shared<TimedSpline>(times, points);
 }
 
@@ -427,7 +427,7 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
     const std::string wrong = rows.add(cellsOf(begin, stop));
     if (!wrong.empty()) fail(line, wrong);
   }
-  if (rows.points.size() < 2) fail(1, "at least two points have to follow");
+  if (rows.points.size() < 2) fail(1, "at least two points must follow");
   if (!rows.timed) return makeWaypoints(rows.points, speed, smooth);
   const double start = rows.times.front();
   for (double& time : rows.times) time -= start;

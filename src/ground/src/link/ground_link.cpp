@@ -163,7 +163,7 @@ void GroundLink::timeJumped(double now, const std::string& what) {
 void GroundLink::disobeyed(double now, const std::string& how) {
   // No commands are sent during a silence.
   if (state_ == State::kArmed && !silent_until_)
-    fault(now, because("the craft does not do as it is told", how));
+    fault(now, because("the craft does not follow its commands", how));
 }
 
 void GroundLink::confine(double now, const std::string& problem) {
@@ -255,7 +255,7 @@ void GroundLink::watch(double now) {
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (deaf())
-    return disobeyed(now, "it counts the commands that reach it, and none does any more");
+    return disobeyed(now, "its count of received commands stands still");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
 }

@@ -46,7 +46,7 @@ bool decodeMotors(const std::string& datagram, MotorCommand& command, std::strin
   if (!motors.ParsePartialFromString(datagram)) return refuse("it is cut or garbled", reason);
   if (!motors.unknown_fields().empty()) return refuse("it has fields of another message", reason);
   if (!motors.IsInitialized()) return refuse("a motor is missing", reason);
-  if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor stands twice", reason);
+  if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor is given twice", reason);
   MotorCommand read;
   double lift_right = 0;
   if (!fromMotor(motors.motor_l(), read.left) || !fromMotor(motors.motor_r(), read.right) ||

@@ -10,7 +10,7 @@ namespace ground {
 DriveClock::DriveClock(std::vector<double> starts) : starts_(std::move(starts)) {
   for (std::size_t i = 0; i < starts_.size(); ++i)
     if (!std::isfinite(starts_[i]) || (i > 0 && starts_[i] <= starts_[i - 1]))
-      throw std::invalid_argument("the starts of drives have to be finite and ascending");
+      throw std::invalid_argument("the starts of drives must be finite and ascending");
 }
 
 bool DriveClock::command(double time, double lift) {

@@ -170,8 +170,8 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
                         const Unit* unit) {
   std::ostringstream text;
   const double value = body.*key.place;
-  text << key.name << ": " << withUnit(value, key.unit) << " is hardly meant: " << ratio.meaning
-       << ' ' << withUnit(ratio.value(body), ratio.unit) << ", where crafts have ";
+  text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning
+       << ' ' << withUnit(ratio.value(body), ratio.unit) << "; crafts have ";
   if (std::isinf(ratio.upper)) {
     text << "more than " << withUnit(ratio.lower, ratio.unit);
   } else {
@@ -201,9 +201,9 @@ std::vector<Implausibility> implausibilities(const Body<double>& body) {
   for (const Ratio& ratio : ratios()) {
     if (sound(ratio, repaired)) continue;
     const Key& key = strangest(ratio, repaired);
-    const bool told = std::any_of(found.begin(), found.end(),
-                                  [&](const Implausibility& f) { return f.key == key.name; });
-    if (!told) found.push_back(describe(key, ratio, body, nullptr));
+    const bool reported = std::any_of(found.begin(), found.end(),
+                                      [&](const Implausibility& f) { return f.key == key.name; });
+    if (!reported) found.push_back(describe(key, ratio, body, nullptr));
   }
   const double a = acceleration(body);
   if (a >= kMinAcceleration && a <= kMaxAcceleration) return found;
@@ -211,8 +211,8 @@ std::vector<Implausibility> implausibilities(const Body<double>& body) {
   for (Implausibility& one : found) {
     if (std::find(causes.begin(), causes.end(), one.key) == causes.end()) continue;
     one.refused = true;
-    one.message += "; refused, as below " + withUnit(kMinAcceleration, "") + " and above " +
-                   withUnit(kMaxAcceleration, "m/s^2") + " no craft can be meant";
+    one.message += "; refused, because no craft has less than " + withUnit(kMinAcceleration, "") +
+                   " or more than " + withUnit(kMaxAcceleration, "m/s^2");
     break;
   }
   return found;

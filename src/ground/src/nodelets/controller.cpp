@@ -58,7 +58,7 @@ void Controller::onInit() {
     life_.setParams(params);
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (!room.empty() && !require_state_)
-      throw std::runtime_error("without the state (require_state) no room can be kept: leave out room");
+      throw std::runtime_error("the room needs the state (require_state): leave out room");
     if (!room.empty()) {
       room_ = loadRoomPlan(room);
       life_.setFence(Fence(*room_, room_->margin));

@@ -156,7 +156,7 @@ class Excitation : public Controller {
 
   /// Warning for the user who starts it about where the craft will go.
   std::string judge(const Config& c, const InputSignal& signal) const {
-    if (!requiresState()) return "open loop, without the state: the craft has to be fastened";
+    if (!requiresState()) return "open loop, without the state: the craft must be fastened";
     if (!room()) return "open loop, without a room that would keep it inside";
     if (c.returns) return "bursts of " + c.design + " between returns home";
     if (!model_) return "open loop; the room stops it";

@@ -172,7 +172,7 @@ class MocapState : public nodelet::Nodelet {
     const std::lock_guard<std::mutex> lock(mutex_);
     const std::string jump = time_watch_.look();
     if (!jump.empty()) {
-      NODELET_WARN("mocap_state: %s: the estimate starts anew", jump.c_str());
+      NODELET_WARN("mocap_state: %s: the estimate restarts", jump.c_str());
       for (const auto& estimator : estimators_) estimator->reset();
     }
     if (!recorded_.empty()) follow(pose->header.stamp.toSec());
@@ -180,7 +180,7 @@ class MocapState : public nodelet::Nodelet {
     const StateEstimate& estimate = take(*pose);
     if (!estimate.used && (estimate.ignored || estimate.valid)) {
       if (!estimate.ignored)
-        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is left out: %s", estimate.status);
+        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is rejected: %s", estimate.status);
       return;
     }
     if (!pose->header.stamp.isZero()) stamp_ = pose->header.stamp;

@@ -152,9 +152,10 @@ class Sender : public nodelet::Nodelet {
   /// Throws std::runtime_error if other parameters need a state or arm automatically.
   void prepareForBench(const std::string& room) {
     if (!room.empty())
-      throw std::runtime_error("on a bench no room can be kept: leave out parameter room or bench");
+      throw std::runtime_error("a bench has no room: leave out parameter room or bench");
     if (auto_arm_)
-      throw std::runtime_error("on a bench a person arms: leave out parameter auto_arm or bench");
+      throw std::runtime_error(
+          "arm a craft on a bench by hand: leave out parameter auto_arm or bench");
     obedience_ = nullptr;  // a fastened craft does not follow its commands
     NODELET_WARN("sender: %s", kBench);
   }
