@@ -9,8 +9,8 @@
 
 namespace ground::detail {
 
-/// `count` starts, in coordinates over scale: the model's values, then random ones. Those with a
-/// range of one sign are scaled by a factor of 0.1 to 10; others are shifted by up to their scale.
+/// `count` starts, in coordinates over scale: the model's values, then random ones. Non-negative
+/// parameters are scaled by a factor of 0.1 to 10; others are shifted by up to their scale.
 std::vector<std::vector<double>> startsOf(const Free& free, int count);
 
 /// At most 64 short windows, cut from those of a problem and spread evenly over them.

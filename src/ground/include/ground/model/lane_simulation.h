@@ -17,7 +17,7 @@ struct Lane {
 /// The steps of up to eight simulations, planned beforehand for one input delay. Each lane has its
 /// own steps (see Stepping) and does not wait for the others: one Step advances all lanes, each by
 /// its own length h. Example: if lane 0 needs steps of 5, 5, 2 ms and lane 1 of 4, 4 ms, the plan
-/// has three steps, and in the third lane 1 has h = 0.
+/// has two steps with h = (5, 4) ms and one with h = (2, 0) ms.
 class LanePlan {
  public:
   /// An instant's measurement of one lane.
