@@ -425,7 +425,7 @@ def test_a_model_in_grams_is_warned_about(tmp_path):
     options = ["--input", "prbs", "--duration", 1, "-o", out]
     result = identify("simulate", "--model", grams, *options)
     assert result.returncode == 0, result.stderr
-    assert "warning: %s, line 5: m: 58.3 kg is hardly meant" % grams in result.stderr
+    assert "warning: %s, line 5: m: 58.3 kg is implausible" % grams in result.stderr
     assert "write 0.0583 kg if it is in g" in result.stderr
     grams.write_text(MODEL.read_text().replace("input_max: 1.0", "input_max: 1e-300"))
     failed = identify("simulate", "--model", grams, *options, "--force")

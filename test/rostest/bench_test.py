@@ -151,10 +151,10 @@ class Bench(SenderTest):
 
     def test_parameters_that_contradict_a_bench_are_refused(self):
         for nodelet, parameters, complaint in (
-            ("Sender", {"bench": "true", "room": ROOM}, "on a bench no room can be kept"),
-            ("Sender", {"bench": "true", "auto_arm": "true"}, "on a bench a person arms"),
+            ("Sender", {"bench": "true", "room": ROOM}, "a bench has no room"),
+            ("Sender", {"bench": "true", "auto_arm": "true"}, "arm a craft on a bench by hand"),
             ("Excitation", {"require_state": "false"}, "returns go by the state"),
-            ("Excitation", {**PARAMETERS, "room": ROOM}, "no room can be kept"),
+            ("Excitation", {**PARAMETERS, "room": ROOM}, "the room needs the state"),
         ):
             self.assertIn(complaint, refusal(nodelet, {"port": 0, **parameters}))
 

@@ -389,7 +389,7 @@ class FaultsTest(unittest.TestCase):
         self.assertEqual(self.wire.thrust_between(back, time.time()), [])
         reasons = [m.reason for at, m in self.sender.all if at > begun]
         self.assertTrue(
-            [r for r in reasons if "does not do as it is told" in r or "has fallen silent" in r],
+            [r for r in reasons if "does not follow its commands" in r or "has fallen silent" in r],
             reasons,
         )
         self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
@@ -410,7 +410,7 @@ class FaultsTest(unittest.TestCase):
         worst = max((t - start for t in self.wire.thrust_between(start, time.time())), default=0.0)
         self.print(name, FAULTS, "thrust until %4.0f ms after it" % (1e3 * worst))
         self.assertLess(worst, HEARING_LIMIT)
-        self.assertIn("does not do as it is told", self.sender.message.reason)
+        self.assertIn("does not follow its commands", self.sender.message.reason)
         self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
         self.drive()
 

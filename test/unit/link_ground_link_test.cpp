@@ -221,7 +221,7 @@ TEST_F(GroundLinkTest, OnABenchEverythingExceptTheStateIsWatched) {
     counted(7);
     command(push);
   }
-  EXPECT_NE(link().reason().find("does not do as it is told"), std::string::npos);
+  EXPECT_NE(link().reason().find("does not follow its commands"), std::string::npos);
 }
 
 TEST_F(GroundLinkTest, ArmedSendsEachCommandAtOnceAndRepeatsIt) {
@@ -333,8 +333,8 @@ TEST_F(GroundLinkTest, ACraftThatCountsNoMoreCommandsIsAFault) {
   }
   EXPECT_NEAR(now_ - last, 1.0, 0.03);
   EXPECT_EQ(link().reason(),
-            "the craft does not do as it is told: it counts the commands that reach it, and none "
-            "does any more");
+            "the craft does not follow its commands: its count of received commands stands "
+            "still");
   EXPECT_TRUE(lastIs(kZero));
   // When commands reach it again, there is no thrust.
   const std::size_t sent = packets_.size();
@@ -376,7 +376,7 @@ TEST_F(GroundLinkTest, DisobedienceIsAFaultWhileArmedOnly) {
   EXPECT_EQ(link().sent().left, kDrive.left);
   link().disobeyed(now_, "it moves as without thrust");
   EXPECT_EQ(link().current(), State::kFault);
-  EXPECT_EQ(link().reason(), "the craft does not do as it is told: it moves as without thrust");
+  EXPECT_EQ(link().reason(), "the craft does not follow its commands: it moves as without thrust");
   EXPECT_TRUE(lastIs(kZero));
 }
 

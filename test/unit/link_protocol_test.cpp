@@ -76,7 +76,7 @@ TEST(Motors, RefusesGarbageWithAReason) {
   EXPECT_EQ(refusal(encodeTelemetry({})), "it has fields of another message");
   const std::string zero = encodeMotors({});
   EXPECT_EQ(refusal(zero + bytes({0x28, 0x01})), "it has fields of another message");
-  EXPECT_EQ(refusal(zero + zero), "a motor stands twice");
+  EXPECT_EQ(refusal(zero + zero), "a motor is given twice");
   for (int field = 0; field < 4; ++field) {
     std::string low = zero, high = encodeMotors({1, 1, 1});
     low[3 * field + 1] = '\xe7';   // 999

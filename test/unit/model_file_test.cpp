@@ -403,7 +403,7 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
     double value;
     const char *key, *expected;
   } cases[] = {
-      {&Body<double>::m, 58.3, "m", "m: 58.3 kg is hardly meant"},
+      {&Body<double>::m, 58.3, "m", "m: 58.3 kg is implausible"},
       {&Body<double>::m, 58.3, "m", "write 0.0583 kg if it is in g"},
       {&Body<double>::l, 3, "l", "write 0.03 m if it is in cm"},
       {&Body<double>::l, 32.5, "l", "write 0.0325 m if it is in mm"},

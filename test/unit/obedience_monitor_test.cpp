@@ -69,7 +69,7 @@ double reportedAfter(const Model& truth, const std::string& controller, unsigned
     return at == 0 ? kNever : at - kDeafFrom;
   }
   // The controller stops by itself.
-  EXPECT_NE(log.stopped.find("the craft does not do as it is told"), std::string::npos)
+  EXPECT_NE(log.stopped.find("the craft does not follow its commands"), std::string::npos)
       << log.stopped;
   return log.stopped_at - kDeafFrom;
 }

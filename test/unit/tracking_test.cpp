@@ -153,7 +153,7 @@ TEST(References, FilesAreReadOrRefusedByLine) {
       {"a,b\n1,2\n", "line 1"},
       {"x,y\n1,2\nfour,5\n", "line 3"},
       {"x,y\n1,2\n1,2\n", "line 3"},
-      {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
+      {"time,x,y\n0,1,2\n0,2,3\n", "times must ascend"},
       {"x,y\n1,2\n", "at least two"},
       {"x,y\n1,2,3\n4,5,6\n", "line 2"},
       {"x,y\n1,nan\n4,5\n", "line 2"},
