@@ -11,7 +11,7 @@ from conftest import MODEL
 
 from ground.analysis import own_stop
 from ground.errors import GroundError
-from ground.recordings import own_stop as records
+from ground.nodes import own_stop_records as records
 
 # Acceleration by thrust, and decelerations by floor and air [m/s^2].
 THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06

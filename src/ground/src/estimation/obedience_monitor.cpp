@@ -25,7 +25,7 @@ constexpr std::size_t kMaxCommands = 4000;  // old commands are dropped beyond t
 /// Thrust relative to the commanded one, within which a model may be wrong.
 constexpr std::array<double, 3> kShares = {0.5, 1, 2};
 /// Additional delays of commands, by the network or an actuator's lag [s].
-constexpr std::array<double, 3> kLate = {0, 0.1, 0.2};
+constexpr std::array<double, 3> kExtraDelays = {0, 0.1, 0.2};
 
 double square(double x) { return x * x; }
 
@@ -88,7 +88,7 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
       most_(2 * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
   static_assert(std::size(kExplanations) == kCount);
-  static_assert(kShares.size() * kLate.size() == kToldCount && kLate.size() == kLateCount);
+  static_assert(kShares.size() * kExtraDelays.size() == kToldCount && kExtraDelays.size() == kDelayCount);
 }
 
 void ObedienceMonitor::reset() {
@@ -102,7 +102,7 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
   if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
   forgetOldCommands(time);
   for (std::size_t i = 0; i < told_.size(); ++i)
-    told_[i].add(time + kLate[i], thrusters.x(), thrusters.y(), lift);
+    told_[i].add(time + kExtraDelays[i], thrusters.x(), thrusters.y(), lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = kExplanations[i];
     const double left = e.swapped ? thrusters.y() : thrusters.x();
@@ -114,7 +114,7 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
 void ObedienceMonitor::forgetOldCommands(double time) {
   if (told_[0].size() < kMaxCommands) return;
   const double oldest =
-      time - kActuatorMemory - dynamics_.inputDelay() - kLate.back() - kMaxGap;
+      time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
   std::size_t count = 0;
   while (count + 1 < told_[0].size() && told_[0].times[count + 1] < oldest) ++count;
   for (InputSequence& told : told_) told.drop(count);

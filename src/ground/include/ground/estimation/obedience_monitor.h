@@ -46,7 +46,7 @@ class ObedienceMonitor {
 
  private:
   static constexpr int kCount = 7;  ///< number of other hypotheses
-  static constexpr int kLateCount = 3, kToldCount = 9;
+  static constexpr int kDelayCount = 3, kToldCount = 9;
   /// Log-likelihoods with half, all and twice the commanded thrust, at once and later.
   using Told = Eigen::Array<double, kToldCount, 1>;
   using Evidence = Eigen::Array<double, kCount, 1>;
@@ -76,7 +76,7 @@ class ObedienceMonitor {
   Dynamics<Jet> derivatives_;            ///< dynamics_ with derivatives
   double most_;                          ///< acceleration by full thrust [m/s^2]
   double most_yaw_;                      ///< yaw acceleration by one thruster [rad/s^2]
-  std::array<InputSequence, std::size_t{kLateCount}> told_;
+  std::array<InputSequence, std::size_t{kDelayCount}> told_;
   std::array<InputSequence, std::size_t{kCount}> others_;
   bool started_ = false;
   Sample start_;  ///< start of the current interval
