@@ -16,7 +16,7 @@ MAX_POINTS = 1000  # points of a curve; captions say what is left out
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
 Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
-ZERO_LINE = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
+ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
 def finish(

@@ -91,12 +91,12 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     heights = [155, 155, 155, 88, 30, TABLE_HEAD + TABLE_ROW * len(studies) + 2]
+    beside: panels.Specs = [[{}, {"rowspan": 4}], [{}, None], [{}, None], [{}, None]]
+    below: panels.Specs = [[None, None], [{"type": "table", "colspan": 2}, None]]
     figure = panels.Figure(
         rows=6,
         cols=2,
-        specs=[[{}, {"rowspan": 4}]]
-        + [[{}, None]] * 3
-        + [[None, None], [{"type": "table", "colspan": 2}, None]],
+        specs=[*beside, *below],
         column_widths=[0.64, 0.36],
         row_heights=heights,
         horizontal_spacing=0.08,

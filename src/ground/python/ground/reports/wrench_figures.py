@@ -105,10 +105,12 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
 
     first: number of the first model.
     """
+    top: panels.Specs = [[{}, {"rowspan": 4}, {"rowspan": 4}]]
+    below: panels.Specs = [[{}, None, None]] * 3
     figure = panels.Figure(
         rows=4,
         cols=3,
-        specs=[[{}, {"rowspan": 4}, {"rowspan": 4}]] + [[{}, None, None]] * 3,
+        specs=[*top, *below],
         column_widths=[0.58, 0.2, 0.22],
         row_heights=[0.28, 0.28, 0.28, 0.16],
         horizontal_spacing=0.055,
