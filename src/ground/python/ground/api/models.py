@@ -84,7 +84,7 @@ class Model(Shown):
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """The model in a file. GroundError names file, line and key of what is wrong; an unlikely
+        """The model in a file. GroundError names file, line and key of what is wrong; an implausible
         value gives a GroundWarning."""
         try:
             core, doubts = _core.load_model_with_warnings(os.fspath(path))

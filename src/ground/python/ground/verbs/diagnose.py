@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from ground.analysis import candidates
+from ground.analysis import candidates, search
 from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
@@ -42,7 +42,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--budget",
         type=common.count,
         metavar="N",
-        help="refit only the N effects that a score test finds most promising, in each step (all)",
+        help="number of effects to refit in each step, the most promising by a score test (%d)"
+        % search.Criteria.refitted,
     )
     parser.add_argument(
         "--thorough",
