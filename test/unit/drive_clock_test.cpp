@@ -144,8 +144,7 @@ struct DrivenRun {
     part.nu = run.nu.bottomRows(run.nu.rows() - first);
     for (std::size_t i = 0; i < run.inputs.size(); ++i)
       if (run.inputs.times[i] >= from)
-        part.inputs.add(run.inputs.times[i] - from, run.inputs.thrusters[i].x(),
-                        run.inputs.thrusters[i].y(), run.inputs.lift[i]);
+        part.inputs.add(run.inputs.times[i] - from, run.inputs.thrusters[i], run.inputs.lift[i]);
     part.inputs.drive.record(kLift - from, 0.5);
     return part;
   }

@@ -551,8 +551,8 @@ TEST(StatesOfEffects, SettleToACommandThatHasBeenHeldForLonger) {
   InputSequence inputs;
   inputs.add(-60, 0.5, 0.25, 1);
   const Simulation<double> simulation(dynamics, inputs, {}, 0);
-  EXPECT_NEAR(simulation.actuated().x(), 0.5, 1e-9);
-  EXPECT_NEAR(simulation.actuated().y(), 0.25, 1e-9);
+  EXPECT_NEAR(simulation.actuated()(0), 0.5, 1e-9);
+  EXPECT_NEAR(simulation.actuated()(1), 0.25, 1e-9);
 }
 
 TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {

@@ -138,8 +138,8 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
       // At its end, the last command of a return precedes the first of the burst.
       if (k + 1 < log.commands.size() && log.commands[k + 1].time == command.time) continue;
       const std::size_t now = rowAt(command.time);
-      EXPECT_EQ(command.left, signal.inputs[now].left) << command.time << " row " << now;
-      EXPECT_EQ(command.right, signal.inputs[now].right) << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(0), signal.inputs[now].left) << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(1), signal.inputs[now].right) << command.time << " row " << now;
       EXPECT_EQ(command.lift, 1) << command.time;
       seen.push_back(command.time);
     }
@@ -361,7 +361,7 @@ TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
     if (at < 0 || at > 1.2 - kTolerance) continue;
     ++played;
     EXPECT_EQ(command.lift, at < 0.4 - kTolerance ? 0.9 : at < 0.8 - kTolerance ? 0.8 : 0.7) << at;
-    EXPECT_EQ(command.left, at < 0.4 - kTolerance || at > 0.8 - kTolerance ? 0.1 : 0.05) << at;
+    EXPECT_EQ(command.thrusters(0), at < 0.4 - kTolerance || at > 0.8 - kTolerance ? 0.1 : 0.05) << at;
   }
   EXPECT_GT(played, 55);
 }
@@ -376,7 +376,7 @@ ExperimentLog exciteFrom(double x, double y, double velocity) {
 
 double mostThrust(const ExperimentLog& log) {
   double most = 0;
-  for (const auto& command : log.commands) most = std::max(most, command.left + command.right);
+  for (const auto& command : log.commands) most = std::max(most, command.thrusters(0) + command.thrusters(1));
   return most;
 }
 
@@ -415,7 +415,7 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
     EXPECT_NE(log.stopped.find("of the room"), std::string::npos) << log.stopped;
     for (const auto& command : log.commands)
       if (command.time > log.stopped_at) {
-        EXPECT_EQ(command.left + command.right + command.lift, 0) << command.time;
+        EXPECT_EQ(command.thrusters(0) + command.thrusters(1) + command.lift, 0) << command.time;
       }
     const double after = log.stopped_at + 0.001;
     for (const auto& truth : log.truth)

@@ -62,8 +62,8 @@ void expectSame(const ExperimentLog& a, const ExperimentLog& b) {
   }
   for (std::size_t i = 0; i < a.commands.size(); ++i) {
     EXPECT_EQ(a.commands[i].time, b.commands[i].time);
-    EXPECT_EQ(a.commands[i].left, b.commands[i].left);
-    EXPECT_EQ(a.commands[i].right, b.commands[i].right);
+    EXPECT_EQ(a.commands[i].thrusters(0), b.commands[i].thrusters(0));
+    EXPECT_EQ(a.commands[i].thrusters(1), b.commands[i].thrusters(1));
   }
   for (std::size_t i = 0; i < a.truth.size(); ++i)
     EXPECT_EQ(a.truth[i].state.nu, b.truth[i].state.nu);
@@ -100,8 +100,8 @@ TEST(Experiment, PlaysTheScheduleOnTimeAndRepeatsCommands) {
       EXPECT_EQ(schedule.times[due], command.time) << "a change was late";
       ++due;
     }
-    EXPECT_EQ(command.left, schedule.thrusters[due - 1].x());
-    EXPECT_EQ(command.right, schedule.thrusters[due - 1].y());
+    EXPECT_EQ(command.thrusters(0), schedule.thrusters[due - 1](0));
+    EXPECT_EQ(command.thrusters(1), schedule.thrusters[due - 1](1));
     EXPECT_EQ(command.lift, schedule.lift[due - 1]);
   }
   EXPECT_EQ(due, schedule.size());
@@ -119,7 +119,7 @@ TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
   schedule.lift.front() = 1;  // the floor brakes a craft without lift
   const ExperimentLog log = playSchedule(model, schedule, 6, params);
   InputSequence inputs;
-  for (const auto& c : log.commands) inputs.add(c.time, c.left, c.right, c.lift);
+  for (const auto& c : log.commands) inputs.add(c.time, c.thrusters(0), c.thrusters(1), c.lift);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, inputs, params.initial, 0);
   for (const auto& truth : log.truth) {
@@ -197,9 +197,9 @@ TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
       EXPECT_EQ(c.lift, 0);
     }
     if (c.time < 1.5 || c.time > 6.55) {
-      EXPECT_EQ(c.left + c.right, 0) << c.time;
+      EXPECT_EQ(c.thrusters(0) + c.thrusters(1), 0) << c.time;
     }
-    driven += c.left + c.right > 0;
+    driven += c.thrusters(0) + c.thrusters(1) > 0;
   }
   EXPECT_NEAR(driven, 250, 25);  // at 50 Hz
   EXPECT_NEAR(log.references.size(), 250, 3);
@@ -256,7 +256,7 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   const double last_seen = log.references.back().time;
   for (const auto& c : log.commands)
     if (c.time > last_seen + 0.23) {
-      EXPECT_EQ(c.left + c.right, 0) << c.time;
+      EXPECT_EQ(c.thrusters(0) + c.thrusters(1), 0) << c.time;
       EXPECT_EQ(c.lift, c.time < log.stopped_at ? 1 : 0) << c.time;
     }
   const double timeout = tracking.life.state_timeout, recovery = tracking.life.recovery_time;
@@ -288,7 +288,7 @@ TEST(Experiment, ACraftThatLosesTheCircleIsStoppedWithTheReason) {
   EXPECT_NEAR(log.truth.back().time, log.stopped_at + tracking.tail, 0.03);
   for (const auto& c : log.commands)
     if (c.time > log.stopped_at) {
-      EXPECT_EQ(c.left + c.right + c.lift, 0) << c.time;
+      EXPECT_EQ(c.thrusters(0) + c.thrusters(1) + c.lift, 0) << c.time;
     }
   tracking.max_error = INFINITY;
   EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");

@@ -209,12 +209,12 @@ TEST(InferredWrench, GivesTheModelsThrust) {
   for (Eigen::Index i = 0; i < plain.rows(); ++i) {
     const auto& times = recorded.inputs.times;
     const auto at = std::upper_bound(times.begin(), times.end(), recorded.times[i]);
-    const Vector2<double> u = recorded.inputs.thrusters[at - times.begin() - 1];
-    EXPECT_NEAR(plain(i, 0), k * u.sum(), 1e-9);
+    const Thrusters<double> u = recorded.inputs.thrusters[at - times.begin() - 1];
+    EXPECT_NEAR(plain(i, 0), k * (u(0) + u(1)), 1e-9);
     EXPECT_NEAR(plain(i, 1), 0, 1e-9);
     EXPECT_NEAR(plain(i, 2), k * l * (u(0) - u(1)), 1e-9);
     EXPECT_NEAR(turned(i, 0), 0, 1e-9);
-    EXPECT_NEAR(turned(i, 1), k * u.sum(), 1e-9);
+    EXPECT_NEAR(turned(i, 1), k * (u(0) + u(1)), 1e-9);
   }
 }
 

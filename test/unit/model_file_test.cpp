@@ -349,7 +349,7 @@ TEST(ModelFile, LongTextsAreShortenedInMessages) {
 TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   std::string many = kGood;
   for (int i = 0; i < 2000; ++i) many += effectText("e" + std::to_string(i), "a*u");
-  EXPECT_NE(complaint(many).find("a model has at most 32 effects"), std::string::npos);
+  EXPECT_NE(complaint(many).find("a model has at most 64 effects"), std::string::npos);
   EXPECT_EQ(complaint(std::string(kGood) + effectText("gust", sines(60))), "");
   EXPECT_NE(complaint(std::string(kGood) + effectText("gust", sines(300)))
                 .find("it is longer than 1000 characters"),

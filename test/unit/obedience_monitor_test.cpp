@@ -49,7 +49,7 @@ double reportedAt(const ExperimentLog& log, std::string* reason = nullptr) {
   for (const MocapFrame& frame : log.frames) {
     for (; next < log.commands.size() && log.commands[next].time <= frame.delivered; ++next)
       monitor.command(log.commands[next].time,
-                      {log.commands[next].left, log.commands[next].right},
+                      {log.commands[next].thrusters(0), log.commands[next].thrusters(1)},
                       log.commands[next].lift);
     const StateEstimate& e = estimator->update(frame.captured, frame.eta);
     if (!e.valid || !e.used) continue;

@@ -108,6 +108,7 @@ std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
+  requirePair(model, params.kind);
   return controllerInfo(params.kind).make(model, params);
 }
 

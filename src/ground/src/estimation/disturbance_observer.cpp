@@ -43,7 +43,7 @@ void DisturbanceObserver::reset() {
   estimate_ = Estimate();
 }
 
-void DisturbanceObserver::command(double time, const Vector2<double>& thrusters, double lift) {
+void DisturbanceObserver::command(double time, const Thrusters<double>& thrusters, double lift) {
   if (count_ > 0 && time < recent(0).time - DriveClock::kDisorder) count_ = 0;
   commands_[count_++ % commands_.size()] = {time, thrusters, lift};
 }
@@ -54,7 +54,7 @@ const DisturbanceObserver::Command& DisturbanceObserver::recent(std::size_t age)
 
 template <typename Step>
 void DisturbanceObserver::replay(double from, double until, Step step) const {
-  static const Command none;
+  const Command none{0, Thrusters<double>::zero(dynamics_.layout().size()), 0};
   const std::size_t known = std::min(count_, commands_.size());
   std::size_t age = 0;  // age of the command that acts at `from`, 0 for the newest
   while (age < known && recent(age).time + delay() > from) ++age;

@@ -32,21 +32,21 @@ void ModelMonitor::setParams(const MonitorParams& params) {
 
 void ModelMonitor::reset() {
   const DriveClock drive = inputs_.drive;
-  inputs_ = InputSequence();
+  inputs_ = InputSequence(model_.thrusters->size());
   inputs_.drive = drive;
   samples_.clear();
   scores_.clear();
   observer_.reset();
 }
 
-void ModelMonitor::command(double time, const Vector2<double>& thrusters, double lift) {
+void ModelMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
   if (inputs_.size() > 0 && time < inputs_.times.back()) {
     if (time < inputs_.times.back() - DriveClock::kDisorder)
       reset();
     else
       time = inputs_.times.back();
   }
-  inputs_.add(time, thrusters.x(), thrusters.y(), lift);
+  inputs_.add(time, thrusters, lift);
   observer_.command(time, thrusters, lift);
   const double oldest = time - params_.horizon * kSlack - kInputMemory;
   const auto past = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) -

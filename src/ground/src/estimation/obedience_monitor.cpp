@@ -92,8 +92,8 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
 }
 
 void ObedienceMonitor::reset() {
-  told_ = {};
-  others_ = {};
+  told_.fill(InputSequence());
+  others_.fill(InputSequence());
   started_ = false;
   intervals_.clear();
 }

@@ -63,12 +63,13 @@ struct Seeded {
 
 /// Wrench of the thrusters: the acceleration that the inputs cause, times the mass matrix.
 Vector3<double> thrustWrench(const Dynamics<Jet>& dynamics, OutsideWrench& outside, double t,
-                             const RigidState<double>& at, const Vector2<Jet>& input, double lift) {
+                             const RigidState<double>& at, const Thrusters<Jet>& input,
+                             double lift) {
   const Seeded seeded(at, {6, 7, 8});
   outside.value = seeded.wrench;
   const Vector3<Jet> with = dynamics.derivative(Jet(t), seeded.state, input, lift).nu;
   const Vector3<Jet> without =
-      dynamics.derivative(Jet(t), seeded.state, Vector2<Jet>::Zero(), lift).nu;
+      dynamics.derivative(Jet(t), seeded.state, Thrusters<Jet>::zero(input.size()), lift).nu;
   Matrix3<double> mobility;
   Vector3<double> change;
   for (int i = 0; i < 3; ++i) {

@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <stdexcept>
+#include <string>
 #include <type_traits>
 
 #include "stages.h"
@@ -37,23 +38,33 @@ template <typename T>
 struct Dynamics<T>::Instant {
   T since;
   Vector3<T> nu_air;
-  Vector2<T> thrust;
+  Thrusters<T> thrust;  ///< only set if effects change it
   Point<T> point;
 
   Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
           const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift, const T* states)
       : since(notBelowZero(t)),
         nu_air(nu),
-        thrust(drive.thrust),
-        point{since, eta, nu, heading, nu_air, drive.input,
-              thrust, lift, d.body_, d.mass_, states} {
+        point{since,
+              eta,
+              nu,
+              heading,
+              nu_air,
+              drive.input,
+              d.thrust_.empty() ? drive.thrust : static_cast<const Thrusters<T>&>(thrust),
+              *d.layout_,
+              lift,
+              d.body_,
+              d.mass_,
+              states} {
     if (d.has_air_) {
       const Vector2<T> air = heading.toBody(d.air_);
       nu_air.x() -= air.x();
       nu_air.y() -= air.y();
     }
     if (d.thrust_.empty()) return;
-    Vector2<T> force = thrust;
+    thrust = drive.thrust;
+    Thrusters<T> force = thrust;
     for (const Active& a : d.thrust_) a.effect->thrust(a.p, of(a, states), force);
     thrust = force;
   }
@@ -78,7 +89,11 @@ Dynamics<T>::Dynamics(const Model& model) : Dynamics(model, constants<T>(model.c
 
 template <typename T>
 Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
-    : coordinates_(coordinates), air_(Vector2<T>::Zero()), delay_(0.0) {
+    : layout_(model.thrusters),
+      coordinates_(coordinates),
+      air_(Vector2<T>::Zero()),
+      delay_(0.0),
+      sways_(layout_->sways()) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
   const T* p = coordinates_.data();
@@ -94,7 +109,7 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   }
   mass_inverse_ = mass_.inverse();
   couples_ = couples(mass_);
-  has_hooks_ = has_air_ || !thrust_.empty() || !wrench_.empty() || !rates_.empty();
+  has_hooks_ = has_air_ || sways_ || !thrust_.empty() || !wrench_.empty() || !rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
   over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
@@ -123,11 +138,19 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   has_air_ = has_air_ || (has & Effect::kAir);
   const EffectInfo& info = effect.info();
   initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
-  initial_.resize(static_cast<std::size_t>(active.state + info.states), T(0.0));
+  initial_.resize(static_cast<std::size_t>(active.state + info.stateCount(layout_->size())), T(0.0));
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
+void Dynamics<T>::requireThrusters(int count) const {
+  if (count != layout_->size())
+    throw std::invalid_argument("the model has " + std::to_string(layout_->size()) +
+                                " thrusters (" + layout_->names() + ") but the inputs are for " +
+                                std::to_string(count));
+}
+
+template <typename T>
+StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, const ValueOf<T>& lift, const T& h,
                                    T* states) const {
   StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty(), states};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
@@ -143,7 +166,7 @@ Settling Dynamics<T>::settling() const {
 }
 
 template <typename T>
-void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Vector2<T>& command,
+void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
                          const ValueOf<T>& lift, const T& h, T* states) const {
   const StepInputs<T> inputs = actuate(command, lift, h, states);
   if (rates_.empty()) return;
@@ -164,14 +187,22 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Vector2<T
 
 template <typename T>
 template <typename I>
-typename Dynamics<T>::Drive Dynamics<T>::drive(const Vector2<I>& input) const {
+typename Dynamics<T>::Drive Dynamics<T>::drive(const Thrusters<I>& input) const {
+  return layout_->isPair() ? drive(input, input) : drive(input, layout_->forces(input));
+}
+
+template <typename T>
+template <typename I>
+GROUND_INLINE typename Dynamics<T>::Drive Dynamics<T>::drive(const Thrusters<I>& input,
+                                                             const Thrusters<I>& force) const {
   Drive drive;
-  drive.surge = surge_gain_ * (input(0) + input(1));
-  drive.yaw = yaw_gain_ * (input(0) - input(1));
-  if (has_hooks_ || couples_) {
-    drive.input = {T(input(0)), T(input(1))};
-    drive.thrust = {body_.k * input(0), body_.k * input(1)};
-  }
+  const Vector3<I> total = layout_->total(force);
+  drive.surge = surge_gain_ * total(0);
+  drive.yaw = yaw_gain_ * total(2);
+  if (sways_) drive.sway = surge_gain_ * total(1);
+  if (!has_hooks_ && !couples_) return drive;
+  drive.input = input.template cast<T>();
+  drive.thrust = force.template each<T>([this](const I& one) { return T(body_.k * one); });
   return drive;
 }
 
@@ -187,7 +218,7 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
   Instant instant(*this, t, eta, heading, nu, drive, lift, states);
   if (rates) this->rates(instant, states, rates);
   const Vector3<T>& nu_air = instant.nu_air;
-  const Vector2<T>& thrust = instant.thrust;
+  const Thrusters<T>& thrust = instant.point.thrust;
   Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
   for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
   if (couples_) {
@@ -195,9 +226,11 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
     const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
     // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and
     // -D nu
-    wrench.x() += thrust(0) + thrust(1) + r * p.y() - body_.X_u * nu_air.x();
+    const Vector3<T> total = layout_->total(thrust);
+    wrench.x() += total.x() + r * p.y() - body_.X_u * nu_air.x();
     wrench.y() -= r * p.x() + body_.Y_v * nu_air.y();
-    wrench.z() += body_.l * (thrust(0) - thrust(1)) + v * p.x() - u * p.y() - body_.N_r * r;
+    if (sways_) wrench.y() += total.y();
+    wrench.z() += body_.l * total.z() + v * p.x() - u * p.y() - body_.N_r * r;
     return mass_inverse_ * wrench;
   }
   Vector3<T> acceleration;
@@ -205,16 +238,20 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
   if (has_air_)
     for (int i = 0; i < 2; ++i) acceleration(i) += damping_(i) * (nu(i) - nu_air(i));
   if (!thrust_.empty()) {
-    const T left = thrust(0) - drive.thrust(0), right = thrust(1) - drive.thrust(1);
-    acceleration.x() += over_mass_.x() * (left + right);
-    acceleration.z() += lever_ * (left - right);
+    Thrusters<T> more = thrust;
+    for (int i = 0; i < more.size(); ++i) more(i) -= drive.thrust(i);
+    const Vector3<T> total = layout_->total(more);
+    acceleration.x() += over_mass_.x() * total.x();
+    if (sways_) acceleration.y() += over_mass_.y() * total.y();
+    acceleration.z() += lever_ * total.z();
   }
+  if (sways_) acceleration.y() += drive.sway;
   return acceleration;
 }
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Vector2<T>& input, const ValueOf<T>& lift,
+                                      const Thrusters<T>& input, const ValueOf<T>& lift,
                                       const T* states) const {
   const Rotation<T> heading(state.eta.z());
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
@@ -247,7 +284,7 @@ void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, 
 
 template <typename T>
 template <bool kPose, typename H>
-void Dynamics<T>::hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command,
+void Dynamics<T>::hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
                        const ValueOf<T>& lift, const H& h, int count) const {
   const Drive held = drive(command);
   run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
@@ -318,9 +355,9 @@ template class Dynamics<LanesJet>;
                                            int) const;                                          \
   template void Dynamics<T>::step<false, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&, \
                                             int) const;                                         \
-  template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Vector2<ValueOf<T>>&,      \
+  template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,    \
                                            const ValueOf<T>&, const H&, int) const;             \
-  template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Vector2<ValueOf<T>>&,     \
+  template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,   \
                                             const ValueOf<T>&, const H&, int) const;
 GROUND_INSTANTIATE_STEP(double, double)
 GROUND_INSTANTIATE_STEP(Jet, Jet)

@@ -28,6 +28,7 @@ constexpr char kLibraries[] = "GROUND_EFFECT_LIBRARIES";  ///< environment varia
 struct Registry {
   std::mutex mutex;  ///< guards everything below
   std::map<std::string, EffectPtr> effects;
+  std::map<std::string, MakeThrusterEffect> of_thrusters;
   std::string problem;  ///< empty when there is none
 };
 
@@ -67,7 +68,28 @@ bool registerEffect(EffectPtr effect) {
   return added;
 }
 
-EffectPtr makeEffect(const std::string& name) {
+bool registerThrusterEffect(const std::string& name, MakeThrusterEffect make) {
+  Registry& registry = ownRegistry();
+  const std::lock_guard<std::mutex> lock(registry.mutex);
+  const bool added = registry.of_thrusters.emplace(name, make).second;
+  if (!added) registry.problem = "two effects of thrusters are named " + name + ": rename one";
+  return added;
+}
+
+namespace {
+
+/// Effects of single thrusters of a craft, in alphabetical order and that of the thrusters.
+std::vector<EffectPtr> ofThrusters(const Registry& all, const ThrusterLayout& layout) {
+  std::vector<EffectPtr> effects;
+  if (layout.isPair() || layout.size() == 1) return effects;
+  for (const auto& [name, make] : all.of_thrusters)
+    for (int i = 0; i < layout.size(); ++i) effects.push_back(make(i, layout));
+  return effects;
+}
+
+}  // namespace
+
+EffectPtr makeEffect(const std::string& name, const ThrusterLayout& layout) {
   Registry& all = registry();
   const std::lock_guard<std::mutex> lock(all.mutex);
   const auto found = all.effects.find(name);
@@ -75,15 +97,20 @@ EffectPtr makeEffect(const std::string& name) {
   std::ostringstream text;
   text << "unknown effect '" << shortened(name) << "'; known are";
   for (const auto& entry : all.effects) text << ' ' << entry.first;
+  for (EffectPtr& effect : ofThrusters(all, layout)) {
+    if (effect->info().name == name) return std::move(effect);
+    text << ' ' << effect->info().name;
+  }
   text << " (those of other packages: " << kLibraries << " lists their libraries)";
   throw std::invalid_argument(text.str());
 }
 
-std::vector<std::string> effectNames() {
+std::vector<std::string> effectNames(const ThrusterLayout& layout) {
   Registry& all = registry();
   const std::lock_guard<std::mutex> lock(all.mutex);
   std::vector<std::string> names;
   for (const auto& entry : all.effects) names.push_back(entry.first);
+  for (const EffectPtr& effect : ofThrusters(all, layout)) names.push_back(effect->info().name);
   return names;
 }
 

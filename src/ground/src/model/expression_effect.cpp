@@ -14,10 +14,17 @@
 namespace ground {
 namespace {
 
-/// Variables of a formula in the order of their values; states and parameters follow.
-const std::vector<std::string>& variableNames() {
-  static const std::vector<std::string> names = {"u",   "v",   "r",   "x",    "y",
-                                                 "psi", "u_L", "u_R", "lift", "t"};
+constexpr int kFirstInput = 6;  ///< among the variables
+
+/// Names of each variable of a formula, in the order of their values; states and parameters follow.
+std::vector<std::vector<std::string>> variablesOf(const ThrusterLayout& layout) {
+  std::vector<std::vector<std::string>> names = {{"u"}, {"v"}, {"r"}, {"x"}, {"y"}, {"psi"}};
+  for (int i = 0; i < layout.size(); ++i) {
+    names.push_back({"u_" + layout[i].name, "u_" + std::to_string(i + 1)});
+    if (layout.isPair()) names.back().push_back(i == 0 ? "u_L" : "u_R");
+  }
+  names.push_back({"lift"});
+  names.push_back({"t"});
   return names;
 }
 
@@ -36,7 +43,8 @@ struct Formula {
 
 class ExpressionEffect final : public Effect {
  public:
-  explicit ExpressionEffect(const ExpressionDefinition& definition) : definition_(definition) {
+  ExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout)
+      : definition_(definition), layout_(layout), variables_(variablesOf(layout)) {
     info_.name = definition.name;
     info_.summary = "expression";
     info_.parameters = definition.parameters;
@@ -48,8 +56,10 @@ class ExpressionEffect final : public Effect {
     for (const ExpressionDefinition::State& state : definition.states)
       info_.initial.push_back(state.initial);
     values_.resize(static_cast<std::size_t>(firstParameter()) + info_.parameters.size());
-    for (const auto& component : definition.components())
-      components_.push_back(bound("formula " + component.first, component.second));
+    for (const auto& [name, text] : {std::make_pair("X", definition.X), {"Y", definition.Y},
+                                     {"N", definition.N}})
+      wrench_.push_back(bound(std::string("formula ") + name, text));
+    for (const auto& [name, text] : forces()) forces_.push_back(bound("formula " + name, text));
     for (const ExpressionDefinition::State& state : definition.states)
       rates_.push_back(bound("state " + state.name, state.rate));
     std::vector<double> neutral;
@@ -61,19 +71,21 @@ class ExpressionEffect final : public Effect {
   const EffectInfo& info() const override { return info_; }
   unsigned hooks() const override {
     unsigned set = kPose;
-    for (int i = 0; i < 3; ++i) set |= component(i).text.empty() ? 0u : kWrench;
-    for (int i = 3; i < 5; ++i) set |= component(i).text.empty() ? 0u : kThrust;
+    for (const Formula& formula : wrench_) set |= formula.text.empty() ? 0u : kWrench;
+    for (const Formula& formula : forces_) set |= formula.text.empty() ? 0u : kThrust;
     return rates_.empty() ? set : set | kRates;
   }
-  EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_); }
+  EffectPtr forThread() const override { 
+    return std::make_shared<ExpressionEffect>(definition_, layout_);
+  }
   const ExpressionDefinition& definition() const { return definition_; }
 
 #define GROUND_HOOKS_OF(T)                                                                   \
   void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {        \
-    add(p, point, &components_[0], 3, wrench.data());                                        \
+    add(p, point, wrench_.data(), 3, wrench.data());                                         \
   }                                                                                          \
-  void thrust(const T* p, const Point<T>& point, Vector2<T>& force) const override {         \
-    add(p, point, &components_[3], 2, force.data());                                         \
+  void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override {         \
+    add(p, point, forces_.data(), force.size(), force.begin());                              \
   }                                                                                          \
   void rates(const T* p, const Point<T>& point, T* rates) const override {                   \
     std::fill(rates, rates + info_.states, T(0.0));                                          \
@@ -99,29 +111,37 @@ class ExpressionEffect final : public Effect {
  private:
   static constexpr int kTrials = 8;
 
-  static int variableCount() { return static_cast<int>(variableNames().size()); }
+  int variableCount() const { return static_cast<int>(variables_.size()); }
   int firstParameter() const { return variableCount() + info_.states; }
-  const Formula& component(int i) const { return components_[static_cast<std::size_t>(i)]; }
+
+  /// Names and texts of the formulas of each thruster, empty where there is none. Throws
+  /// std::invalid_argument on one of a thruster that the craft does not have.
+  std::vector<std::pair<std::string, std::string>> forces() const {
+    if (layout_.isPair() && definition_.thrusts.empty())
+      return {{"thrust_L", definition_.thrust_L}, {"thrust_R", definition_.thrust_R}};
+    std::vector<std::pair<std::string, std::string>> all;
+    for (const Thruster& one : layout_.thrusters()) all.emplace_back("thrust_" + one.name, "");
+    const auto components = definition_.components();
+    for (auto given = components.begin() + 3; given != components.end(); ++given) {
+      if (given->second.empty()) continue;
+      const auto found = std::find_if(all.begin(), all.end(),
+                                      [&](const auto& one) { return one.first == given->first; });
+      if (found == all.end())
+        throw std::invalid_argument("effect '" + definition_.name + "': " +
+                                    shortened(given->first) + " is of no thruster; the craft has " +
+                                    layout_.names());
+      found->second = given->second;
+    }
+    return all;
+  }
 
   template <typename T>
-  static T variable(const Point<T>& point, int i) {
-    switch (i) {
-      case 0:
-      case 1:
-      case 2:
-        return point.nu(i);
-      case 3:
-      case 4:
-      case 5:
-        return point.eta(i - 3);
-      case 6:
-      case 7:
-        return point.input(i - 6);
-      case 8:
-        return T(point.lift);
-      default:
-        return point.t;
-    }
+  T variable(const Point<T>& point, int i) const {
+    if (i < 3) return point.nu(i);
+    if (i < kFirstInput) return point.eta(i - 3);
+    const int input = i - kFirstInput;
+    if (input < layout_.size()) return point.input(input);
+    return input == layout_.size() ? T(point.lift) : point.t;
   }
 
   /// Adds the values of `count` formulas to `sums`.
@@ -195,7 +215,10 @@ class ExpressionEffect final : public Effect {
       mu::Parser& parser = formula.parser;
       parser.DefineConst("pi", M_PI);
       double* value = values_.data();
-      for (const std::string& name : variableNames()) parser.DefineVar(name, value++);
+      for (const auto& names : variables_) {
+        for (const std::string& name : names) parser.DefineVar(name, value);
+        ++value;
+      }
       for (const auto& state : definition_.states) parser.DefineVar(state.name, value++);
       for (const ParameterInfo& parameter : info_.parameters)
         parser.DefineVar(parameter.name, value++);
@@ -203,8 +226,10 @@ class ExpressionEffect final : public Effect {
       int results = 0;
       parser.Eval(results);
       if (results != 1) fail(formula, "it must give one number, not a list");
+      std::set<int> depends;
       for (const auto& used : parser.GetUsedVar())
-        formula.depends.push_back(static_cast<int>(used.second - values_.data()));
+        depends.insert(static_cast<int>(used.second - values_.data()));
+      formula.depends.assign(depends.begin(), depends.end());
     } catch (const mu::Parser::exception_type& error) {
       fail(formula, error.GetMsg());
     }
@@ -214,7 +239,7 @@ class ExpressionEffect final : public Effect {
   /// Sets the variables and states to the values of a trial, away from the special points 0 and 1.
   void tryAt(int trial, const std::vector<double>& parameters) const {
     for (int i = 0; i < firstParameter(); ++i) {
-      const bool input = i >= 6 && i < variableCount();
+      const bool input = i >= kFirstInput && i < variableCount();
       const double wave = std::sin(1.0 + 3.7 * trial + 1.3 * i);
       values_[i] = input ? 0.5 + 0.5 * wave : wave;
     }
@@ -225,10 +250,11 @@ class ExpressionEffect final : public Effect {
   void requireZero(const std::vector<double>& neutral) const {
     for (int trial = 0; trial < kTrials; ++trial) {
       tryAt(trial, neutral);
-      for (const Formula& formula : components_) {
-        if (formula.text.empty() || formula.parser.Eval() == 0.0) continue;
-        fail(formula, "it is not zero at the neutral values of the parameters");
-      }
+      for (const auto* formulas : {&wrench_, &forces_})
+        for (const Formula& formula : *formulas) {
+          if (formula.text.empty() || formula.parser.Eval() == 0.0) continue;
+          fail(formula, "it is not zero at the neutral values of the parameters");
+        }
     }
   }
 
@@ -241,9 +267,12 @@ class ExpressionEffect final : public Effect {
   }
 
   ExpressionDefinition definition_;
+  ThrusterLayout layout_;
+  std::vector<std::vector<std::string>> variables_;  ///< names of each
   EffectInfo info_;
   mutable std::vector<double> values_;  ///< variables, states, parameters; scratch of one thread
-  std::vector<Formula> components_;     ///< X, Y, N, thrust_L, thrust_R
+  std::vector<Formula> wrench_;         ///< X, Y, N
+  std::vector<Formula> forces_;         ///< force added to each thruster
   std::vector<Formula> rates_;          ///< derivatives of the states
 };
 
@@ -256,7 +285,8 @@ std::size_t ExpressionDefinition::formulaLength() const {
   return length;
 }
 
-EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
+EffectPtr makeExpressionEffect(const ExpressionDefinition& definition,
+                               const ThrusterLayout& layout) {
   if (!isIdentifier(definition.name))
     throw std::invalid_argument("effect name '" + shortened(definition.name) +
                                 "' is not an identifier of at most " +
@@ -265,15 +295,16 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
   if (std::all_of(components.begin(), components.end(),
                   [](const auto& component) { return component.second.empty(); }))
     throw std::invalid_argument("effect '" + definition.name +
-                                "' has none of X, Y, N, thrust_L, thrust_R");
+                                "' has none of X, Y, N and no thrust of a thruster (thrust_L, " +
+                                "thrust_R, or thrust_NAME)");
   if (definition.parameters.size() > kMaxEffectParameters)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
                                 std::to_string(kMaxEffectParameters) + " parameters");
   if (definition.states.size() > kMaxEffectStates)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
                                 std::to_string(kMaxEffectStates) + " states");
-  std::set<std::string> names(variableNames().begin(), variableNames().end());
-  names.insert("pi");
+  std::set<std::string> names = {"pi"};
+  for (const auto& variable : variablesOf(layout)) names.insert(variable.begin(), variable.end());
   const auto take = [&](const std::string& what, const std::string& name) {
     if (!isIdentifier(name) || !names.insert(name).second)
       throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" +
@@ -289,7 +320,7 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
       throw std::invalid_argument("effect '" + definition.name + "': the initial value of state " +
                                   state.name + " is not finite");
   }
-  return std::make_shared<ExpressionEffect>(definition);
+  return std::make_shared<ExpressionEffect>(definition, layout);
 }
 
 void requireFiniteRates(const Effect& effect, const std::vector<double>& values) {

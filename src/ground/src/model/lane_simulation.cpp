@@ -9,7 +9,7 @@ namespace {
 /// Steps of one lane under one command, and the sample measured at their end.
 struct Part {
   Stretch stretch;
-  Vector2<double> thrusters;
+  Thrusters<double> thrusters;
   double lift;
   int sample;  ///< sample measured at the end; negative if there is none
 };
@@ -30,21 +30,23 @@ std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
   return parts;
 }
 
-LanePlan::Step nothing() { return {0.0, 0.0, {Lanes(0.0), Lanes(0.0)}, 0.0, 0.0, 1, false}; }
+LanePlan::Step nothing(int thrusters) {
+  return {0.0, 0.0, Thrusters<Lanes>::zero(thrusters), 0.0, 0.0, 1, false};
+}
 
 void set(LanePlan::Step& step, int lane, double h, double by_delay,
-         const Vector2<double>& thrusters, double lift) {
+         const Thrusters<double>& thrusters, double lift) {
   step.h[lane] = h;
   step.by_delay[lane] = by_delay;
-  for (int side = 0; side < 2; ++side) step.command(side)[lane] = thrusters(side);
+  for (int i = 0; i < thrusters.size(); ++i) step.command(i)[lane] = thrusters(i);
   step.lift[lane] = lift;
 }
 
 /// The current part of each lane.
 class Progress {
  public:
-  explicit Progress(const std::vector<std::vector<Part>>& parts)
-      : parts_(parts), lanes_(static_cast<int>(parts.size())), step_(nothing()) {
+  Progress(const std::vector<std::vector<Part>>& parts, int thrusters)
+      : parts_(parts), lanes_(static_cast<int>(parts.size())), step_(nothing(thrusters)) {
     for (int lane = 0; lane < lanes_; ++lane) begin(lane);
   }
 
@@ -94,9 +96,12 @@ class Progress {
 
 LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
                    const Settling& settling, double max_step)
-    : varies_(varies) {
+    : thruster_count_(lanes.empty() ? 0 : lanes.front().inputs->thruster_count), varies_(varies) {
   if (lanes.empty() || lanes.size() > Lanes::kCount)
     throw std::invalid_argument("a plan has one to eight lanes");
+  for (const Lane& lane : lanes)
+    if (lane.inputs->thruster_count != thruster_count_)
+      throw std::invalid_argument("the lanes of a plan are of crafts with other thrusters");
   std::vector<std::vector<Part>> parts;
   std::vector<std::vector<Stepping::Held>> before;
   std::size_t most = 0;
@@ -110,7 +115,7 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
   settle(lanes, before);
   behind_.push_back(static_cast<int>(samples_.size()));
   steps_.reserve(most);
-  for (Progress progress(parts); progress.next();) {
+  for (Progress progress(parts, thruster_count_); progress.next();) {
     steps_.push_back(progress.step());
     progress.advance(samples_);
     const auto behind = static_cast<int>(samples_.size());
@@ -124,7 +129,7 @@ void LanePlan::settle(const std::vector<Lane>& lanes,
                       const std::vector<std::vector<Stepping::Held>>& before) {
   std::size_t longest = 0;
   for (const auto& all : before) longest = std::max(longest, all.size());
-  settling_.assign(longest, nothing());
+  settling_.assign(longest, nothing(thruster_count_));
   for (std::size_t lane = 0; lane < lanes.size(); ++lane) {
     const std::vector<Stepping::Held>& all = before[lane];
     const auto column = static_cast<int>(lane);
@@ -166,7 +171,7 @@ void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
           : dynamics_.template hold<false>(t_, state_, step.command, step.lift, h, step.count);
     return;
   }
-  const Vector2<T> held = {T(step.command(0)), T(step.command(1))};
+  const Thrusters<T> held = step.command.template cast<T>();
   for (int i = 0; i < step.count; ++i) {
     const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), effect_states_.data());
     pose_ ? dynamics_.template step<true>(t_, state_, acting, h)

@@ -45,10 +45,126 @@ std::string names(const std::vector<ParameterInfo>& parameters) {
 /// Line of each value of the body in its file, counted from 1.
 using BodyLines = std::map<std::string, int>;
 
+/// Numbers in a list of so many.
+std::vector<double> readNumbers(const YamlReader& reader, const YAML::Node& node,
+                                const std::string& what, std::size_t count) {
+  if (!node.IsSequence() || node.size() != count)
+    reader.fail(node, what + " must be a list of " + std::to_string(count) + " numbers");
+  std::vector<double> numbers;
+  for (const auto& one : node) numbers.push_back(reader.number(one, what));
+  return numbers;
+}
+
+ForceCurve readCurve(const YamlReader& reader, const YAML::Node& node, const std::string& what) {
+  ForceCurve curve;
+  bool power = false;
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "power") {
+      curve.power = reader.number(value, key);
+      power = true;
+    } else if (key == "table") {
+      if (!value.IsSequence())
+        reader.fail(value, "table must be a list of [input, force over that at input 1]");
+      for (const auto& row : value) {
+        const std::vector<double> pair = readNumbers(reader, row, "a row of table", 2);
+        curve.table.push_back({pair[0], pair[1]});
+      }
+    } else {
+      reader.unknown(value, key, what, "power, table");
+    }
+  });
+  if (power == !curve.table.empty())
+    reader.fail(node, what + " must have either power or table");
+  return curve;
+}
+
+Thruster readThruster(const YamlReader& reader, const YAML::Node& node) {
+  Thruster one;
+  bool has_position = false, has_direction = false;
+  const std::string what = "a thruster";
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "name") {
+      one.name = reader.text(value, key);
+    } else if (key == "position") {
+      const std::vector<double> place = readNumbers(reader, value, key, 2);
+      one.position = {place[0], place[1]};
+      has_position = true;
+    } else if (key == "direction") {
+      one.direction = reader.number(value, key);
+      has_direction = true;
+    } else if (key == "channel") {
+      one.channel = reader.text(value, key);
+    } else if (key == "range") {
+      const std::vector<double> range = readNumbers(reader, value, key, 2);
+      one.least = range[0];
+      one.most = range[1];
+    } else if (key == "gain") {
+      one.gain = reader.number(value, key);
+    } else if (key == "curve") {
+      one.curve = readCurve(reader, value, "the curve of a thruster");
+    } else {
+      reader.unknown(value, key, what,
+                     "name, position, direction, channel, range, gain, curve");
+    }
+  });
+  if (one.name.empty()) reader.fail(node, "a thruster has no name");
+  if (!has_position)
+    reader.fail(node, "thruster " + shortened(one.name) +
+                          " has no position ([forward, to starboard] in m)");
+  if (!has_direction)
+    reader.fail(node, "thruster " + shortened(one.name) +
+                          " has no direction (of its force in degrees: 0 forward, 90 starboard)");
+  if (one.channel.empty()) one.channel = one.name;
+  try {
+    validate(one);
+  } catch (const std::invalid_argument& error) {
+    reader.fail(node, error.what());
+  }
+  return one;
+}
+
+std::string readLift(const YamlReader& reader, const YAML::Node& node) {
+  std::string channel = "lift";
+  reader.each(node, "lift", [&](const std::string& key, const YAML::Node& value) {
+    if (key != "channel") reader.unknown(value, key, "lift", "channel");
+    channel = reader.text(value, key);
+  });
+  return channel;
+}
+
+/// The thrusters that a body lists; those of the short form when it lists none.
+ThrusterLayoutPtr readThrusters(const YamlReader& reader, const YAML::Node& body) {
+  const YAML::Node list = body["thrusters"];
+  if (!list) {
+    if (body["lift"]) reader.fail(body["lift"], "lift needs a list of thrusters beside it");
+    return thrusterPair();
+  }
+  if (!list.IsSequence()) reader.fail(list, "thrusters must be a list");
+  for (const char* key : {"l", "input_max"})
+    if (body[key])
+      reader.fail(body[key], std::string("a body with thrusters has no ") + key +
+                                 ": positions and ranges of the thrusters say it");
+  std::vector<Thruster> thrusters;
+  for (const auto& one : list) thrusters.push_back(readThruster(reader, one));
+  try {
+    return std::make_shared<const ThrusterLayout>(
+        std::move(thrusters), body["lift"] ? readLift(reader, body["lift"]) : "lift");
+  } catch (const std::invalid_argument& error) {
+    reader.fail(list, error.what());
+  }
+}
+
 void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, BodyLines& lines) {
+  if (!node.IsMap()) reader.fail(node, "body must be a map of key: value");
+  model.thrusters = readThrusters(reader, node);
   std::vector<double> values(bodyParameters().size(), NAN);
-  bool has_input_max = false;
+  bool has_input_max = !model.thrusters->isPair();
+  if (has_input_max) {
+    values[1] = model.thrusters->lever();
+    lines["l"] = lines["input_max"] = node["thrusters"].Mark().line + 1;
+  }
   reader.each(node, "body", [&](const std::string& key, const YAML::Node& value) {
+    if (key == "thrusters" || key == "lift") return;
     lines[key] = value.Mark().line + 1;
     if (key == "input_max") {
       model.body.input_max = reader.number(value, inputMaxInfo());
@@ -60,7 +176,7 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, Bo
       values[i] = reader.number(value, bodyParameters()[i]);
       return;
     }
-    reader.unknown(value, key, "body", names(bodyParameters()) + "input_max");
+    reader.unknown(value, key, "body", names(bodyParameters()) + "input_max, thrusters, lift");
   });
   for (std::size_t i = 0; i < values.size(); ++i)
     if (std::isnan(values[i]))
@@ -109,9 +225,13 @@ ParameterInfo readExpressionParameter(const YamlReader& reader, const std::strin
   return info;
 }
 
-/// Reads the formulas of an effect's components.
-void readComponents(const YamlReader& reader, const YAML::Node& node,
+/// Reads the formulas of an effect's components. Crafts that list their thrusters have thrust_NAME in
+/// place of thrust_L and thrust_R.
+void readComponents(const YamlReader& reader, const YAML::Node& node, const ThrusterLayout& layout,
                     ExpressionDefinition& definition) {
+  std::string allowed = "X, Y, N";
+  if (layout.isPair()) allowed += ", thrust_L, thrust_R";
+  for (const Thruster& one : layout.thrusters()) allowed += ", thrust_" + one.name;
   const std::string what = "expression of " + definition.name;
   reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
     const std::pair<const char*, std::string*> known[] = {{"X", &definition.X},
@@ -120,11 +240,16 @@ void readComponents(const YamlReader& reader, const YAML::Node& node,
                                                           {"thrust_L", &definition.thrust_L},
                                                           {"thrust_R", &definition.thrust_R}};
     for (const auto& [name, formula] : known)
-      if (key == name) {
+      if (key == name && (layout.isPair() || key.size() == 1)) {
         *formula = reader.text(value, key);
         return;
       }
-    reader.unknown(value, key, what, "X, Y, N, thrust_L, thrust_R");
+    for (const Thruster& one : layout.thrusters())
+      if (key == "thrust_" + one.name) {
+        definition.thrusts.emplace_back(one.name, reader.text(value, key));
+        return;
+      }
+    reader.unknown(value, key, what, allowed);
   });
 }
 
@@ -153,7 +278,7 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
   std::vector<double> values;
   reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
     if (key == "expression") {
-      readComponents(reader, value, definition);
+      readComponents(reader, value, *model.thrusters, definition);
     } else if (key == "states") {
       reader.each(value, "states of " + name, [&](const std::string& state, const YAML::Node& n) {
         definition.states.push_back(readState(reader, state, n));
@@ -175,7 +300,7 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
     }
   });
   try {
-    model.addEffect(makeExpressionEffect(definition));
+    model.addEffect(makeExpressionEffect(definition, *model.thrusters));
     requireFiniteRates(*model.effects.back().effect, values);
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
@@ -191,7 +316,7 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
                 "the effect's name is longer than " + std::to_string(kLongestName) + " characters");
   if (node["expression"]) return readExpression(reader, name, node, model);
   try {
-    model.addEffect(makeEffect(name));
+    model.addEffect(makeEffect(name, *model.thrusters));
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
   }
@@ -306,6 +431,59 @@ void emitNumber(YAML::Emitter& out, const std::string& key, double value,
 
 std::string comment(const ParameterInfo& parameter) {
   return parameter.doc.empty() ? parameter.unit : parameter.unit + ", " + parameter.doc;
+}
+
+void emitPair(YAML::Emitter& out, const char* key, double first, double second) {
+  out << YAML::Key << key << YAML::Value << YAML::Flow << YAML::BeginSeq << format(first)
+      << format(second) << YAML::EndSeq;
+}
+
+/// A thruster; positions are multiplied by `scale`.
+void emitThruster(YAML::Emitter& out, const Thruster& one, double scale) {
+  out << YAML::Flow << YAML::BeginMap << YAML::Key << "name" << YAML::Value << one.name;
+  emitPair(out, "position", scale * one.position.x(), scale * one.position.y());
+  emitNumber(out, "direction", one.direction, "");
+  if (one.channel != one.name)
+    out << YAML::Key << "channel" << YAML::Value << YAML::DoubleQuoted << one.channel;
+  if (one.least != 0 || one.most != 1) emitPair(out, "range", one.least, one.most);
+  if (one.gain != 1) emitNumber(out, "gain", one.gain, "");
+  if (!one.curve.linear()) {
+    out << YAML::Key << "curve" << YAML::Value << YAML::Flow << YAML::BeginMap;
+    if (one.curve.table.empty()) emitNumber(out, "power", one.curve.power, "");
+    if (!one.curve.table.empty()) {
+      out << YAML::Key << "table" << YAML::Value << YAML::Flow << YAML::BeginSeq;
+      for (const auto& row : one.curve.table)
+        out << YAML::Flow << YAML::BeginSeq << format(row[0]) << format(row[1]) << YAML::EndSeq;
+      out << YAML::EndSeq;
+    }
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+void emitBody(YAML::Emitter& out, const Model& model) {
+  const ThrusterLayout& layout = *model.thrusters;
+  const std::vector<double> values = model.values();
+  out << YAML::Key << "body" << YAML::Value << YAML::BeginMap;
+  for (std::size_t i = 0; i < bodyParameters().size(); ++i)
+    if (layout.isPair() || bodyParameters()[i].name != "l")
+      emitNumber(out, bodyParameters()[i].name, values[i], comment(bodyParameters()[i]));
+  if (layout.isPair()) {
+    emitNumber(out, "input_max", model.body.input_max, "largest input of a thruster");
+  } else {
+    out << YAML::Key << "thrusters"
+        << YAML::Comment("position [m]: forward, to starboard; direction of the force [deg]: 0 "
+                         "forward, 90 to starboard")
+        << YAML::Value << YAML::BeginSeq;
+    for (const Thruster& one : layout.thrusters())
+      emitThruster(out, one, model.body.l / layout.lever());
+    out << YAML::EndSeq;
+    if (layout.liftChannel() != "lift")
+      out << YAML::Key << "lift" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key
+          << "channel" << YAML::Value << YAML::DoubleQuoted << layout.liftChannel()
+          << YAML::EndMap;
+  }
+  out << YAML::EndMap;
 }
 
 void emitStates(YAML::Emitter& out, const std::vector<ExpressionDefinition::State>& states) {
@@ -460,9 +638,10 @@ Model parseModel(const std::string& yaml, const std::string& source) {
 Model loadModel(const std::string& path, std::vector<std::string>* warnings) {
   BodyLines lines;
   Model model = parse(readTextFile(path, kLargestFile), path, lines);
-  for (const Implausibility& found : implausibilities(model.body)) {
-    const std::string text =
-        path + ", line " + std::to_string(lines[found.key]) + ": " + found.message;
+  for (const Implausibility& found : implausibilities(model.body, *model.thrusters)) {
+    std::string text = path + ", line " + std::to_string(lines[found.key]) + ": " + found.message;
+    if (found.key == "l" && !model.thrusters->isPair())
+      text += " (l is the root mean square of the levers of the thrusters' positions)";
     if (found.refused) throw std::runtime_error(text);
     if (warnings) warnings->push_back(text);
   }
@@ -486,12 +665,7 @@ std::string formatModel(const Model& model) {
   out << YAML::BeginMap;
   out << YAML::Key << "schema" << YAML::Value << kSchema;
   out << YAML::Key << "name" << YAML::Value << YAML::DoubleQuoted << model.name;
-  out << YAML::Key << "body" << YAML::Value << YAML::BeginMap;
-  const std::vector<double> values = model.values();
-  for (std::size_t i = 0; i < bodyParameters().size(); ++i)
-    emitNumber(out, bodyParameters()[i].name, values[i], comment(bodyParameters()[i]));
-  emitNumber(out, "input_max", model.body.input_max, "largest input of a thruster");
-  out << YAML::EndMap;
+  emitBody(out, model);
   out << YAML::Key << "effects" << YAML::Value << YAML::BeginSeq;
   for (const Model::Entry& entry : model.effects) {
     const EffectInfo& info = entry.effect->info();

@@ -185,7 +185,10 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 
 }  // namespace
 
-std::vector<Implausibility> implausibilities(const Body<double>& body) {
+std::vector<Implausibility> implausibilities(const Body<double>& given,
+                                             const ThrusterLayout& layout) {
+  Body<double> body = given;
+  body.input_max *= layout.fullThrust() / thrusterPair()->fullThrust();
   std::vector<Implausibility> found;
   // Each unit is searched for after the conversions already found. Messages about ratios that no
   // unit explains quote the original values.

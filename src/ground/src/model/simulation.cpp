@@ -17,6 +17,7 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
       state_(initial),
       effect_states_(dynamics.initialStates()),
       t_(stepping_.t()) {
+  dynamics_.requireThrusters(inputs.thruster_count);
   for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
     dynamics_.settle(T(held.t), state_, inputs.thrusters[held.command].template cast<T>(),
                      inputs.lift[held.command], dynamics_.withDelay(held.duration, held.by_delay),
@@ -51,14 +52,14 @@ void Simulation<T>::step(int steps, const H& h) {
                                    steps);
     return;
   }
-  const Vector2<T> held = stepping_.thrusters().template cast<T>();
+  const Thrusters<T> held = stepping_.thrusters().template cast<T>();
   for (int i = 0; i < steps; ++i)
     dynamics_.template step<kPose>(
         t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()), h);
 }
 
 template <typename T>
-Vector2<T> Simulation<T>::actuated() const {
+Thrusters<T> Simulation<T>::actuated() const {
   std::vector<T> states = effect_states_;
   return dynamics_
       .actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(0.0), states.data())

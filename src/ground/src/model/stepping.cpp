@@ -7,11 +7,15 @@
 
 namespace ground {
 
-void InputSequence::add(double time, double left, double right, double lift_value) {
+void InputSequence::add(double time, const Thrusters<double>& command, double lift_value) {
+  if (command.size() != thruster_count)
+    throw std::invalid_argument("a command for " + std::to_string(command.size()) +
+                                " thrusters goes to a craft with " +
+                                std::to_string(thruster_count));
   if (!times.empty() && time < times.back())
     throw std::invalid_argument("commands must be in ascending order of time");
   times.push_back(time);
-  thrusters.emplace_back(left, right);
+  thrusters.push_back(command);
   lift.push_back(lift_value);
   drive.command(time, lift_value);
 }
@@ -90,8 +94,9 @@ bool Stepping::reach(double time, bool moves, Stretch& stretch) {
   return true;
 }
 
-Vector2<double> Stepping::thrusters() const {
-  return held_ == 0 ? Vector2<double>(0, 0) : inputs_->thrusters[held_ - 1];
+Thrusters<double> Stepping::thrusters() const {
+  return held_ == 0 ? Thrusters<double>::zero(inputs_->thruster_count)
+                    : inputs_->thrusters[held_ - 1];
 }
 
 double Stepping::lift() const { return held_ == 0 ? 0.0 : inputs_->lift[held_ - 1]; }

@@ -27,8 +27,8 @@
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
-#include "ground/model/model_file.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -100,7 +100,7 @@ class Sender : public nodelet::Nodelet {
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
     const auto model_file = optionalParameter<std::string>(nh, "model", "");
     if (!model_file.empty()) {
-      const Model model = loadModel(model_file);
+      const Model model = loadModelAndWarn(model_file);
       obedience_ = std::make_unique<ObedienceMonitor>(model);
       input_max_ = model.body.input_max;
       craft_ = model.name;

@@ -18,9 +18,9 @@
 
 #include "ground/control/room_plan.h"
 #include "ground/estimation/floor_map.h"
-#include "ground/model/model_file.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
@@ -41,7 +41,7 @@ class Visualizer : public nodelet::Nodelet {
     try {
       ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
       ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
-      model_ = loadModel(requiredParameter<std::string>(nh, "model"));
+      model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
       measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
       markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
       floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);

@@ -21,9 +21,13 @@ void bindSimulation(pybind11::module_& module);
 void bindIdentification(pybind11::module_& module);
 void bindGreyBox(pybind11::module_& module);
 
-/// Inputs from rows of time [s], left, right, lift, ascending in time. Throws std::invalid_argument
-/// on other columns and on values that are not finite.
+/// Inputs from rows of time [s], an input for each thruster in the order of the model, lift;
+/// ascending in time. Throws std::invalid_argument on other columns and on values that are not
+/// finite.
 InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows);
+
+/// A row of inputs.
+Eigen::RowVectorXd inputRow(double time, const Thrusters<double>& thrusters, double lift);
 
 /// A dictionary for each parameter: name, unit, start, value, ci95, deviation, at_bound,
 /// identified.

@@ -15,10 +15,10 @@ namespace {
 
 Eigen::MatrixXd fromInputs(const RunData& run) {
   const InputSequence& inputs = run.inputs;
-  Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 4);
+  Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 2 + inputs.thruster_count);
   for (std::size_t i = 0; i < inputs.size(); ++i)
-    rows.row(static_cast<Eigen::Index>(i)) << inputs.times[i], inputs.thrusters[i](0),
-        inputs.thrusters[i](1), inputs.lift[i];
+    rows.row(static_cast<Eigen::Index>(i)) =
+        inputRow(inputs.times[i], inputs.thrusters[i], inputs.lift[i]);
   return rows;
 }
 
@@ -67,7 +67,7 @@ void defRecording(py::module_& module) {
       .def_readonly("nu", &RunData::nu)
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
-      .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
+      .def_property_readonly("inputs", &fromInputs, "Rows of time, an input for each thruster, lift.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
           "Start of each drive [s], on the run's clock.")

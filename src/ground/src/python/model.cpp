@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <Eigen/LU>
+#include <string>
 
 #include "bindings.h"
 #include "ground/model/drive_clock.h"
@@ -41,6 +42,34 @@ std::vector<double> driveStarts(const std::vector<double>& times, const std::vec
   for (std::size_t i = 0; i < times.size(); ++i) clock.command(times[i], lift[i]);
   for (Eigen::Index i = 0; i < records.rows(); ++i) clock.record(records(i, 0), records(i, 1));
   return clock.starts();
+}
+
+py::list describeThrusters(const Model& model) {
+  const ThrusterLayout& layout = *model.thrusters;
+  const double scale = model.body.l / layout.lever();
+  py::list list;
+  for (const Thruster& one : layout.thrusters()) {
+    py::dict d;
+    d["name"] = one.name;
+    d["channel"] = one.channel;
+    d["position"] = py::make_tuple(scale * one.position.x(), scale * one.position.y());
+    d["direction"] = one.direction;
+    d["range"] = py::make_tuple(one.least, one.most);
+    d["gain"] = one.gain;
+    list.append(d);
+  }
+  return list;
+}
+
+/// The wrench of inputs (n, thrusters), over k and k l: X, Y, N (n, 3).
+Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& inputs) {
+  const ThrusterLayout& layout = *model.thrusters;
+  Dynamics<double>(model).requireThrusters(static_cast<int>(inputs.cols()));
+  Eigen::MatrixX3d wrench(inputs.rows(), 3);
+  for (Eigen::Index i = 0; i < inputs.rows(); ++i)
+    wrench.row(i) =
+        layout.total(layout.forces(Thrusters<double>(inputs.row(i).transpose()))).transpose();
+  return wrench;
 }
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
@@ -120,6 +149,16 @@ void defModel(py::module_& module) {
                                  names.push_back(e.effect->info().name);
                                return names;
                              })
+      .def_property_readonly("thrusters", &describeThrusters,
+                             "Name, channel, position [m], direction [deg], range and gain of each.")
+      .def_property_readonly(
+          "channels", [](const Model& m) { return m.thrusters->channels(); },
+          "Names of the commands: one for each thruster, in order, then that of the lift.")
+      .def_property_readonly(
+          "is_pair", [](const Model& m) { return m.thrusters->isPair(); },
+          "Whether the thrusters are a left and a right one, which model files do not list.")
+      .def("forces", &forcesOf, py::arg("inputs"),
+           "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })
       .def(
           "parameters",
@@ -139,7 +178,8 @@ void defModel(py::module_& module) {
            "Prior on the named parameters: W (n, n). The log-likelihood decreases by "
            "(x - x0)' W (x - x0)/2 at coordinates x, with neutral coordinates x0.")
       .def(
-          "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
+          "add_effect",
+          [](Model& m, const std::string& name) { m.addEffect(makeEffect(name, *m.thrusters)); },
           py::arg("name"), "Adds an effect of the library at its neutral values.")
       .def("remove_effect", &Model::removeEffect, py::arg("name"))
       .def("format", &formatModel, "The model file's text.")
@@ -169,10 +209,11 @@ void defFiles(py::module_& module) {
 void defEffects(py::module_& module) {
   module.def(
       "effects",
-      [] {
+      [](const Model* model) {
+        const ThrusterLayout& layout = model ? *model->thrusters : *thrusterPair();
         py::dict all;
-        for (const std::string& name : effectNames()) {
-          const EffectPtr effect = makeEffect(name);
+        for (const std::string& name : effectNames(layout)) {
+          const EffectPtr effect = makeEffect(name, layout);
           const EffectInfo& info = effect->info();
           py::dict d;
           d["summary"] = info.summary;
@@ -182,7 +223,8 @@ void defEffects(py::module_& module) {
         }
         return all;
       },
-      "The effects of the library by name. A diagnosis tries those with `opt_in` only if the user "
+      py::arg("model") = py::none(),
+      "The effects of the library by name; with a model also those of its single thrusters. A diagnosis tries those with `opt_in` only if the user "
       "names them.");
 }
 
@@ -192,7 +234,7 @@ void defSimulation(py::module_& module) {
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
       py::arg("wrench") = Eigen::MatrixX3d(0, 3),
       "Simulated measurements of pose and velocity at `times` [s] from a true initial state. "
-      "`inputs`: rows of time, left, right, lift. `drives`: starts of drives [s]; if empty, they "
+      "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if empty, they "
       "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
       "none if empty.");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
@@ -204,12 +246,24 @@ void defSimulation(py::module_& module) {
 }  // namespace
 
 InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
-  if (rows.cols() != 4) throw std::invalid_argument("inputs need columns time, left, right, lift");
+  const auto count = static_cast<int>(rows.cols()) - 2;
+  if (count < 1 || count > kMaxThrusters)
+    throw std::invalid_argument("inputs need columns time, one for each of 1 to " +
+                                std::to_string(kMaxThrusters) + " thrusters, lift");
   if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
-  InputSequence inputs;
+  InputSequence inputs(count);
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    inputs.add(rows(i, 0), rows(i, 1), rows(i, 2), rows(i, 3));
+    inputs.add(rows(i, 0), Thrusters<double>(rows.row(i).segment(1, count).transpose()),
+               rows(i, count + 1));
   return inputs;
+}
+
+Eigen::RowVectorXd inputRow(double time, const Thrusters<double>& thrusters, double lift) {
+  Eigen::RowVectorXd row(2 + thrusters.size());
+  row(0) = time;
+  for (int i = 0; i < thrusters.size(); ++i) row(1 + i) = thrusters(i);
+  row(row.size() - 1) = lift;
+  return row;
 }
 
 void bindModel(py::module_& module) {

@@ -16,8 +16,9 @@ py::dict toDict(const ExperimentLog& log) {
   d["frames"] = toRows(log.frames, 5, [](const MocapFrame& f) {
     return (Eigen::RowVectorXd(5) << f.captured, f.delivered, f.eta.transpose()).finished();
   });
-  d["commands"] = toRows(log.commands, 4, [](const ExperimentLog::Command& c) {
-    return Eigen::RowVector4d(c.time, c.left, c.right, c.lift);
+  const int thrusters = log.commands.empty() ? 2 : log.commands.front().thrusters.size();
+  d["commands"] = toRows(log.commands, 2 + thrusters, [](const ExperimentLog::Command& c) {
+    return inputRow(c.time, c.thrusters, c.lift);
   });
   d["truth"] = toRows(log.truth, 13, [](const ExperimentLog::Truth& t) {
     return (Eigen::RowVectorXd(13) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
@@ -127,8 +128,8 @@ void defExperiments(py::module_& module) {
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      "Simulates craft and mocap under rows of time, left, right, lift (0..1). Returns frames "
-      "(captured, delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, "
+      "Simulates craft and mocap under rows of time, an input for each thruster, lift. Returns frames "
+      "(captured, delivered, x, y, psi), commands (such rows), truth (time, eta, nu, "
       "nu_dot, wrench of the disturbance).");
   defExperiment(module, "track_reference", "tracking", &trackReference,
                 "Like play_schedule with a controller in the loop. Also returns references (time, "

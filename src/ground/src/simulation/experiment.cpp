@@ -44,8 +44,7 @@ class Player : public Driver {
     while (next_ < schedule_.size() && schedule_.times[next_] <= now) ++next_;
     due_ = now + ControllerLifecycle::kKeepalive;
     if (next_ < schedule_.size()) due_ = std::min(due_, schedule_.times[next_]);
-    const Vector2<double>& thrusters = schedule_.thrusters[next_ - 1];
-    return {{now, thrusters.x(), thrusters.y(), schedule_.lift[next_ - 1]}};
+    return {{now, schedule_.thrusters[next_ - 1], schedule_.lift[next_ - 1]}};
   }
   double wakesAt() const override { return due_; }
   double end() const override { return duration_; }
@@ -125,7 +124,7 @@ class LivePilot : public Driver {
   using Stage = ControllerLifecycle::State;
 
   void send(const Inputs& inputs) {
-    commands_.push_back({now_, inputs.left, inputs.right, inputs.lift});
+    commands_.push_back({now_, {inputs.left, inputs.right}, inputs.lift});
     pilot_->commanded(now_, inputs);
   }
 
@@ -167,9 +166,9 @@ void note(const Room& room, ExperimentLog& log) {
 }
 
 Command spoiled(Command command, CraftFault fault) {
-  if (fault == CraftFault::kSwapped) std::swap(command.left, command.right);
-  if (fault == CraftFault::kLeftOff) command.left = 0;
-  if (fault == CraftFault::kRightOff) command.right = 0;
+  if (fault == CraftFault::kSwapped) std::swap(command.thrusters(0), command.thrusters(1));
+  if (fault == CraftFault::kLeftOff) command.thrusters(0) = 0;
+  if (fault == CraftFault::kRightOff) command.thrusters(1) = 0;
   if (fault == CraftFault::kNoLift) command.lift = 0;
   return command;
 }
@@ -195,8 +194,8 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     for (const Command& command : driver.act(now)) {
       const bool faulty = now >= params.fault_from && now < params.fault_until;
       if (!faulty || params.fault != CraftFault::kDeaf) {
-        const Command heard = faulty ? spoiled(command, params.fault) : command;
-        room.command(input_max * heard.left, input_max * heard.right, heard.lift);
+        Command heard = faulty ? spoiled(command, params.fault) : command;
+        room.command(heard.thrusters *= input_max, heard.lift);
       }
       log.commands.push_back(command);
     }
@@ -237,11 +236,14 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
                            const ExperimentParams& params) {
   if (!(duration > 0) || !std::isfinite(duration))
     throw std::invalid_argument("duration must be positive");
+  Dynamics<double>(model).requireThrusters(schedule.thruster_count);
   for (std::size_t i = 0; i < schedule.size(); ++i) {
-    const Vector2<double>& thrusters = schedule.thrusters[i];
-    for (double input : {thrusters.x(), thrusters.y(), schedule.lift[i]})
-      if (!(input >= 0 && input <= 1))
-        throw std::invalid_argument("inputs must be between 0 and 1");
+    const Thrusters<double> inside = model.thrusters->clipped(schedule.thrusters[i], 1);
+    for (int j = 0; j < inside.size(); ++j)
+      if (inside(j) != schedule.thrusters[i](j))
+        throw std::invalid_argument("an input is outside the range of its thruster");
+    if (!(schedule.lift[i] >= 0 && schedule.lift[i] <= 1))
+      throw std::invalid_argument("the lift must be between 0 and 1");
   }
   ExperimentLog log;
   Player player(schedule, duration);
@@ -252,6 +254,7 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params) {
   require(tracking.validate());
+  requirePair(model, "tracking");
   ExperimentLog log;
   LivePilot live(tracking, log);
   const double input_max = believed.body.input_max;
@@ -274,6 +277,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
 ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
                      const ExperimentParams& params) {
   require(excitation.validate());
+  requirePair(model, "an experiment with an input design");
   ExperimentLog log;
   LivePilot live(excitation, log);
   const double input_max = believed.body.input_max;

@@ -27,6 +27,7 @@ Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
                                                           params.seed)),
       next_wrench_(params.start),
       model_(onThisRun(model)),
+      inputs_(model.thrusters->size()),
       moving_(std::make_unique<Moving>(model_, inputs_, params.initial, params.start)),
       random_(params.seed),
       time_(params.start),
@@ -123,11 +124,12 @@ void Room::setWatchdog(double watchdog) {
   params_.watchdog = watchdog;
 }
 
-void Room::command(double left, double right, double lift) {
-  if (!std::isfinite(left) || !std::isfinite(right) || !std::isfinite(lift))
+void Room::command(const Thrusters<double>& thrusters, double lift) {
+  const auto finite = [](double value) { return std::isfinite(value); };
+  if (!std::all_of(thrusters.begin(), thrusters.end(), finite) || !finite(lift))
     throw std::invalid_argument("a command is not finite");
-  const double most = model_.body.input_max;
-  inputs_.add(time_, std::clamp(left, 0.0, most), std::clamp(right, 0.0, most),
+  moving_->dynamics.requireThrusters(thrusters.size());
+  inputs_.add(time_, model_.thrusters->clipped(thrusters, model_.body.input_max),
               std::clamp(lift, 0.0, 1.0));
   last_command_ = time_;
   if (lift_ || lift > 0) lift_ = std::clamp(lift, 0.0, 1.0);
@@ -160,7 +162,7 @@ void Room::advance(double time) {
       capture();
       next_frame_ += 1 / mocap_.rate;
     } else if (next == stop) {
-      inputs_.add(stop, 0, 0, 0);
+      inputs_.add(stop, Thrusters<double>::zero(inputs_.thruster_count), 0);
       if (lift_) lift_ = 0;
       expired_ = true;
     } else {

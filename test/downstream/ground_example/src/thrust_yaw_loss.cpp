@@ -18,7 +18,7 @@ struct ThrustYawLoss {
               [](const Body<double>& b) { return 0.1 / typical::yawRate(b); }}}};
   }
   template <typename T>
-  static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
+  static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     using std::abs;
     const T factor = 1.0 - p[0] * abs(point.nu.z());
     force *= blend(valueOf(factor) > 0.0, factor, T(0.0));

@@ -47,7 +47,7 @@ class DisturbanceObserver {
   void countFrom(double origin) { origin_ = origin; }
   /// Adds a command, in the model's units, given at `time` [s]. If it is earlier than the previous
   /// one, time has jumped back, and all earlier commands are discarded.
-  void command(double time, const Vector2<double>& thrusters, double lift);
+  void command(double time, const Thrusters<double>& thrusters, double lift);
   /// Adds a measurement at `time`. Velocities are used only at a restart. Measurements that are not
   /// newer than the last one are ignored.
   void measure(double time, const RigidState<double>& measured);
@@ -61,7 +61,7 @@ class DisturbanceObserver {
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
   struct Command {
     double time = 0;
-    Vector2<double> thrusters = Vector2<double>::Zero();
+    Thrusters<double> thrusters;
     double lift = 0;
   };
 

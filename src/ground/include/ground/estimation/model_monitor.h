@@ -45,7 +45,7 @@ class ModelMonitor {
   void reset();
   /// Adds a command in the model's units. If it is older than the last one, time has jumped back,
   /// and everything is discarded.
-  void command(double time, const Vector2<double>& thrusters, double lift);
+  void command(double time, const Thrusters<double>& thrusters, double lift);
   /// Sets the drives known so far, which define the model's t; commands add later ones.
   void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
   /// Adds a valid state and returns the prediction error. Returns nothing if there is no state one

@@ -38,6 +38,9 @@ class Dynamics {
   T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
     return seconds + by_delay * (delay_ - valueOf(delay_));
   }
+  const ThrusterLayout& layout() const { return *layout_; }
+  /// Throws std::invalid_argument when the craft has another number of thrusters.
+  void requireThrusters(int count) const;
   int stateCount() const { return static_cast<int>(initial_.size()); }
   /// The states of all effects before the first command.
   const std::vector<T>& initialStates() const { return initial_; }
@@ -49,17 +52,17 @@ class Dynamics {
 
   /// Passes a command, held over a step of length h [s], through the actuators and advances their
   /// states to the end of the step. step() advances the states of all other effects.
-  StepInputs<T> actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
+  StepInputs<T> actuate(const Thrusters<T>& command, const ValueOf<T>& lift, const T& h,
                         T* states) const;
   /// Advances the states of all effects by h [s] under a command while the motion stays at `state`.
   /// Brings the states to the start of a simulation when the earlier motion is unknown.
-  void settle(const T& t, const RigidState<T>& state, const Vector2<T>& command,
+  void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
               const ValueOf<T>& lift, const T& h, T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
   /// is the time since the drive began (DriveClock); a negative t counts as 0. `states` are the
   /// states of the effects, by default the initial ones.
-  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
+  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
                            const ValueOf<T>& lift, const T* states = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
   /// same inputs. H is ValueOf<T>, or T if h has derivatives. Without kPose the pose is constant.
@@ -70,8 +73,8 @@ class Dynamics {
             int count = 1) const;
   /// Like step(), for a held command that reaches the thrusters unchanged (see hasMemory()).
   template <bool kPose = true, typename H = T>
-  void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command, const ValueOf<T>& lift,
-            const H& h, int count = 1) const;
+  void hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
+            const ValueOf<T>& lift, const H& h, int count = 1) const;
   /// What the mocap measures at a state.
   Measurement<T> measure(const RigidState<T>& state) const;
   /// Whether the measurement differs from the state.
@@ -88,12 +91,15 @@ class Dynamics {
 
   /// Thrust and acceleration for one thruster input.
   struct Drive {
-    Vector2<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
-    T surge, yaw;              ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
+    Thrusters<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
+    T surge, sway, yaw;          ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
   };
   /// `input` is of T or ValueOf<T>.
   template <typename I>
-  Drive drive(const Vector2<I>& input) const;
+  Drive drive(const Thrusters<I>& input) const;
+  /// `force` is that of each thruster over k.
+  template <typename I>
+  Drive drive(const Thrusters<I>& input, const Thrusters<I>& force) const;
   template <bool kFirst, bool kLast, bool kPose, typename H>
   void take(Stages<T, kPose, H>& stages, const T& t, const H& after, const H& share, const H& to,
             const Drive& drive, const ValueOf<T>& lift, T* states, bool remembers) const;
@@ -121,6 +127,7 @@ class Dynamics {
     void move(const H& share, const H& to, T* end);
   };
 
+  ThrusterLayoutPtr layout_;
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;
@@ -135,8 +142,9 @@ class Dynamics {
   T delay_{};
   int directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
+  bool sways_ = false;      ///< thrusters push to the side; then has_hooks_ is true
   bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
-  bool has_hooks_ = false;  ///< some effects have to be called at every instant
+  bool has_hooks_ = false;  ///< effects or sway by thrusters have to be computed at every instant
 };
 
 extern template class Dynamics<double>;

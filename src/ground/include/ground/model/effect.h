@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "ground/model/body.h"
+#include "ground/model/thruster.h"
 #include "ground/model/types.h"
 
 namespace ground {
@@ -48,12 +49,15 @@ struct EffectInfo {
   /// each parameter. The log-likelihood decreases by (x - x0)' W (x - x0)/2 at coordinates x, with
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
+  int states_per_thruster = 0;  ///< additional states for each thruster of the craft
+
+  int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
 };
 
 /// Inputs that act over one integration step, at its start, middle and end.
 template <typename T>
 struct StepInputs {
-  std::array<Vector2<T>, 3> thrusters;  ///< left, right
+  std::array<Thrusters<T>, 3> thrusters;
   ValueOf<T> lift{0.0};                 ///< held over the step
   bool held = false;                    ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
@@ -69,8 +73,9 @@ struct Point {
   const Vector3<T>& nu;        ///< u, v [m/s], r [rad/s], body
   const Rotation<T>& heading;  ///< by psi, between body and world
   const Vector3<T>& nu_air;    ///< nu relative to the air, body
-  const Vector2<T>& input;     ///< what reaches the thrusters: left, right
-  const Vector2<T>& thrust;    ///< force of the thrusters: left, right [N]
+  const Thrusters<T>& input;   ///< what reaches the thrusters
+  const Thrusters<T>& thrust;  ///< force of the thrusters [N]
+  const ThrusterLayout& layout;  ///< where they are
   const ValueOf<T>& lift;      ///< 0..1
   const Body<T>& body;         ///< nominal parameters
   const Matrix3<T>& mass;      ///< mass matrix with all effects inside
@@ -100,8 +105,8 @@ class EffectHooks {
   /// Sets the time derivatives of all the effect's own states (Point::states). The states are
   /// integrated together with the motion, by the same Runge-Kutta step.
   virtual void rates(const T* /*p*/, const Point<T>&, T* /*rates*/) const {}
-  /// Thrust of the two thrusters [N].
-  virtual void thrust(const T* /*p*/, const Point<T>&, Vector2<T>&) const {}
+  /// Force of each thruster [N].
+  virtual void thrust(const T* /*p*/, const Point<T>&, Thrusters<T>&) const {}
   /// Velocity of the air over the floor, world_ned [m/s].
   virtual void air(const T* /*p*/, Vector2<T>&) const {}
   /// Mass matrix [kg, kg m, kg m^2]; Coriolis terms follow from it.

@@ -13,13 +13,20 @@ namespace ground {
 /// none. Effects of other packages come from the libraries that the environment variable
 /// GROUND_EFFECT_LIBRARIES lists (paths or names for the loader, separated by colons); the first
 /// call loads them. Throws std::runtime_error if one of them cannot be used.
-EffectPtr makeEffect(const std::string& name);
-/// Names of the effects of the library, in alphabetical order. Throws as makeEffect does.
-std::vector<std::string> effectNames();
+/// An effect of a single thruster is named EFFECT_THRUSTER, such as thruster_gain_front_left; the
+/// layout must list that thruster.
+EffectPtr makeEffect(const std::string& name, const ThrusterLayout& layout = *thrusterPair());
+/// Names of the effects of the library for such a craft, in alphabetical order, those of single
+/// thrusters last. Throws as makeEffect does.
+std::vector<std::string> effectNames(const ThrusterLayout& layout = *thrusterPair());
 /// Adds an effect to the library; a static object calls it (GROUND_REGISTER_EFFECT). Errors, such
 /// as a duplicate name, are thrown later by makeEffect and effectNames, because nobody can catch
 /// what a library throws while it is loaded.
 bool registerEffect(EffectPtr effect);
+/// Adds an effect of a single thruster: `make` gives it for thruster number i under a name
+/// (GROUND_REGISTER_THRUSTER_EFFECT).
+using MakeThrusterEffect = EffectPtr (*)(int thruster, const ThrusterLayout& layout);
+bool registerThrusterEffect(const std::string& name, MakeThrusterEffect make);
 
 namespace detail {
 
@@ -103,7 +110,7 @@ class HooksOf : public Base {
     call_actuate<E, T>(p, h, states, u);
   }
   void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E, T>(p, s, d); }
-  void thrust(const T* p, const Point<T>& s, Vector2<T>& f) const override {
+  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override {
     call_thrust<E, T>(p, s, f);
   }
   void air(const T* p, Vector2<T>& w) const override { call_air<E, T>(p, w); }
@@ -135,7 +142,57 @@ class EffectFrom final
   std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
 };
 
+/// The effect E of one thruster, which tells E::act() its number.
+template <class E, class T, class Base>
+class ThrusterHooks : public Base {
+ public:
+  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override {
+    if constexpr (E::kHook == Effect::kThrust) E::act(p, s, this->thruster_, f);
+  }
+  void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override {
+    if constexpr (E::kHook == Effect::kWrench) E::act(p, s, this->thruster_, w);
+  }
+};
+
+class OfThruster : public Effect {
+ protected:
+  int thruster_ = 0;
+};
+
+template <class E>
+class ThrusterEffect final
+    : public ThrusterHooks<
+          E, double,
+          ThrusterHooks<E, Jet, ThrusterHooks<E, Lanes, ThrusterHooks<E, LanesJet, OfThruster>>>>,
+      public std::enable_shared_from_this<ThrusterEffect<E>> {
+ public:
+  ThrusterEffect(int thruster, const ThrusterLayout& layout) : info_(E::info()) {
+    this->thruster_ = thruster;
+    info_.name += '_' + layout[thruster].name;
+    info_.summary += ' ' + layout[thruster].name;
+  }
+  static EffectPtr make(int thruster, const ThrusterLayout& layout) {
+    return std::make_shared<ThrusterEffect>(thruster, layout);
+  }
+  const EffectInfo& info() const override { return info_; }
+  unsigned hooks() const override { return E::kHook; }
+  std::shared_ptr<const Effect> forThread() const override { return this->shared_from_this(); }
+
+ private:
+  EffectInfo info_;
+};
+
 }  // namespace detail
+
+/// Makes struct E an effect of each single thruster. E has `static EffectInfo info()`, with a summary
+/// to which the thruster's name is added, `static constexpr Effect::Hook kHook`, kThrust or kWrench,
+/// and `act(p, point, thruster, force or wrench)`, a template on the scalar T that does not look at
+/// the pose. See src/model/effects/thruster_gain.cpp.
+#define GROUND_REGISTER_THRUSTER_EFFECT(E)                                               \
+  namespace {                                                                            \
+  [[maybe_unused]] const bool E##_registered = ::ground::registerThrusterEffect(         \
+      E::info().name, &::ground::detail::ThrusterEffect<E>::make);                       \
+  }
 
 /// Makes struct E an effect of the library. E has `static EffectInfo info()` and the static
 /// functions of EffectHooks that it needs, as templates on the scalar T. If its thrust and wrench

@@ -25,8 +25,8 @@ class LanePlan {
     int lane, index;
   };
   struct Step {
-    Lanes h, by_delay;       ///< length and its derivative by the delay; 0 in finished lanes
-    Vector2<Lanes> command;  ///< held thruster command
+    Lanes h, by_delay;         ///< length and its derivative by the delay; 0 in finished lanes
+    Thrusters<Lanes> command;  ///< held thruster command
     Lanes lift;
     Lanes t;        ///< time since the drive began, at the first of these steps [s]
     int count;      ///< number of equal steps
@@ -56,6 +56,7 @@ class LanePlan {
   std::vector<Step> settling_, steps_;
   std::vector<Sample> samples_;
   std::vector<int> behind_;  ///< end of each visit's samples in samples_
+  int thruster_count_;
   bool varies_ = false;
 };
 
@@ -90,6 +91,7 @@ extern template class LaneRun<LanesJet>;
 template <typename T, class Take>
 void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
                    const Take& take) const {
+  dynamics.requireThrusters(thruster_count_);
   LaneRun<T> run(dynamics, state, pose);
   if (dynamics.hasMemory())
     for (const Step& step : settling_) run.settle(step);

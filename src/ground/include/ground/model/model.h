@@ -23,7 +23,7 @@ struct Provenance {
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };
 
-constexpr std::size_t kMaxEffects = 32;
+constexpr std::size_t kMaxEffects = 64;
 
 /// A craft: rigid body, nominal thrust and damping, and a list of effects with their parameters.
 /// The one description that simulator, controllers and identification share.
@@ -36,6 +36,7 @@ class Model {
 
   std::string name;
   Body<double> body;
+  ThrusterLayoutPtr thrusters = thrusterPair();  ///< never null
   std::vector<Entry> effects;
   Disturbance disturbance;
   Provenance provenance;
@@ -66,6 +67,10 @@ class Model {
   int parameterCount() const;
   int stateCount() const;  ///< states of all effects together
 };
+
+/// Throws std::invalid_argument unless the craft has a left and a right thruster, the pair that
+/// `user`, such as "tracking", commands.
+void requirePair(const Model& model, const std::string& user);
 
 /// The seven nominal parameters with units and ranges.
 const std::vector<ParameterInfo>& bodyParameters();

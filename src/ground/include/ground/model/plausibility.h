@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "ground/model/body.h"
+#include "ground/model/thruster.h"
 
 namespace ground {
 
@@ -32,6 +33,10 @@ struct Implausibility {
 ///
 /// A craft is refused if its acceleration by full thrust is below 1e-4 m/s^2 (a metre takes more
 /// than two minutes) or above 1e4 m/s^2 (a thousand times gravity).
-std::vector<Implausibility> implausibilities(const Body<double>& body);
+///
+/// For thrusters other than a left and a right one, their largest total thrust replaces
+/// 2 k input_max.
+std::vector<Implausibility> implausibilities(const Body<double>& body,
+                                             const ThrusterLayout& layout = *thrusterPair());
 
 }  // namespace ground

@@ -37,7 +37,7 @@ class Simulation {
   /// Acceleration and velocity at the current time.
   RigidState<T> derivative() const;
   /// Thruster inputs after the actuators, at the current time.
-  Vector2<T> actuated() const;
+  Thrusters<T> actuated() const;
   Measurement<T> measure() const { return dynamics_.measure(state_); }
 
  private:

@@ -5,18 +5,27 @@
 #include <vector>
 
 #include "ground/model/drive_clock.h"
-#include "ground/model/types.h"
+#include "ground/model/thrusters.h"
 
 namespace ground {
 
 /// Commands over time, each held until the next; thrusters and lift are off before the first.
 struct InputSequence {
-  std::vector<double> times;               ///< ascending, on the run's clock [s]
-  std::vector<Vector2<double>> thrusters;  ///< left, right
+  /// For a craft with `count` thrusters.
+  explicit InputSequence(int count = 2) : thruster_count(count) {}
+
+  int thruster_count;
+  std::vector<double> times;                 ///< ascending, on the run's clock [s]
+  std::vector<Thrusters<double>> thrusters;  ///< in the order of the model
   std::vector<double> lift;
   DriveClock drive;  ///< has received all commands that were added, also those dropped since
 
-  void add(double time, double left, double right, double lift);
+  /// Throws std::invalid_argument if the time descends or the number of thrusters differs.
+  void add(double time, const Thrusters<double>& command, double lift_value);
+  /// For a craft with a left and a right thruster.
+  void add(double time, double left, double right, double lift_value) {
+    add(time, {left, right}, lift_value);
+  }
   /// Removes the first `count` commands. Then call forget(count) of each simulation that uses it.
   void drop(std::size_t count);
   std::size_t size() const { return times.size(); }
@@ -64,7 +73,7 @@ class Stepping {
 
   double time() const { return time_; }
   /// Thruster command during the last stretch.
-  Vector2<double> thrusters() const;
+  Thrusters<double> thrusters() const;
   double lift() const;
 
   /// A command, how long it acts [s], and the derivative of that duration by the delay.

@@ -2,6 +2,7 @@
 
 #include <ros/console.h>
 
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -9,10 +10,16 @@
 
 namespace ground {
 
-/// Like loadModel; logs a warning for each implausible value.
+/// Like loadModel; logs a warning for each implausible value. Throws std::runtime_error also if the
+/// thrusters are not a left and a right one: messages and link know no others.
 inline Model loadModelAndWarn(const std::string& path) {
   std::vector<std::string> warnings;
   const Model model = loadModel(path, &warnings);
+  try {
+    requirePair(model, "this node");
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(path + ": " + error.what());
+  }
   for (const std::string& warning : warnings) ROS_WARN("%s", warning.c_str());
   return model;
 }

@@ -66,8 +66,9 @@ struct ExcitationParams : DriveParams {
 /// The recording of an experiment, and its true motion.
 struct ExperimentLog {
   struct Command {
-    double time;               ///< time at which it is issued and received [s]
-    double left, right, lift;  ///< 0..1
+    double time;                  ///< time at which it is issued and received [s]
+    Thrusters<double> thrusters;  ///< fractions of the largest input
+    double lift;                  ///< 0..1
   };
   struct Truth {
     double time;  ///< [s]

@@ -57,8 +57,10 @@ class Room {
   Room& operator=(const Room&) = delete;
 
   /// The craft receives a command at the current time. Values are clipped to the range of the
-  /// thrusters; left and right are in the model's units.
-  void command(double left, double right, double lift);
+  /// thrusters; inputs of thrusters are in the model's units.
+  void command(const Thrusters<double>& thrusters, double lift);
+  /// For a craft with a left and a right thruster.
+  void command(double left, double right, double lift) { command({left, right}, lift); }
   /// Simulates to `time` [s]; collects the frames delivered until then.
   void advance(double time);
   /// Frames delivered since the last call, in the order of delivery.

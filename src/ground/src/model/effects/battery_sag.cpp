@@ -17,7 +17,7 @@ struct BatterySag {
               [](const Body<double>&) { return 1 / 100.0; }, Coordinate::kReciprocal}}};
   }
   template <typename T>
-  static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
+  static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     using std::exp;
     force *= T(exp(-point.t * p[0]));
   }

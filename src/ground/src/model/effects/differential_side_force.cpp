@@ -2,7 +2,7 @@
 
 namespace ground {
 
-/// Side force of unequal thrusts: Y = c (F_L - F_R).
+/// Side force of unequal thrusts: Y = c (F_L - F_R); of other thrusters c times their moment over l.
 struct DifferentialSideForce {
   static constexpr bool kUsesPose = false;
 
@@ -14,7 +14,7 @@ struct DifferentialSideForce {
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
-    wrench(1) += p[0] * (point.thrust(0) - point.thrust(1));
+    wrench(1) += p[0] * point.layout.total(point.thrust)(2);
   }
 };
 GROUND_REGISTER_EFFECT(DifferentialSideForce)

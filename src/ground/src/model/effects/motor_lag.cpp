@@ -15,18 +15,22 @@ struct MotorLag {
     return {"motor_lag",
             "first-order lag of the thrusters",
             {{"tau", "s", "time constant", 0, 0, 2, [](const Body<double>&) { return 0.05; }}},
-            2};
+            0,
+            {},
+            false,
+            nullptr,
+            1};
   }
   template <typename T>
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
     const Remains<T> left = decay(p[0], h);
-    for (int side = 0; side < 2; ++side) {
-      const T command = inputs.thrusters[0](side);
-      const T difference = states[side] - command;
-      inputs.thrusters[0](side) = command + difference * left.start;
-      inputs.thrusters[1](side) = command + difference * left.middle;
-      inputs.thrusters[2](side) = command + difference * left.end;
-      states[side] = command + difference * left.after;
+    for (int i = 0; i < inputs.thrusters[0].size(); ++i) {
+      const T command = inputs.thrusters[0](i);
+      const T difference = states[i] - command;
+      inputs.thrusters[0](i) = command + difference * left.start;
+      inputs.thrusters[1](i) = command + difference * left.middle;
+      inputs.thrusters[2](i) = command + difference * left.end;
+      states[i] = command + difference * left.after;
     }
   }
 

@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// Nonlinear thrust characteristic, thrust ~ w^p. The thrust at the largest input is unchanged.
+/// Nonlinear thrust characteristic, thrust ~ |w|^p. The thrust at the largest input is unchanged.
 struct ThrustCurve {
   static constexpr bool kUsesPose = false;
 
@@ -14,13 +14,14 @@ struct ThrustCurve {
             {{"p", "-", "exponent", 1, 0.2, 5, [](const Body<double>&) { return 0.2; }}}};
   }
   template <typename T>
-  static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
+  static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
+    using std::abs;
     using std::pow;
-    for (int side = 0; side < 2; ++side) {
-      const T w = point.input(side) / point.body.input_max;
-      force(side) = choose(
-          valueOf(w) > kMinInput, [&] { return T(force(side) * pow(w, T(p[0] - 1.0))); },
-          [&] { return force(side); });
+    for (int i = 0; i < force.size(); ++i) {
+      const T w = abs(point.input(i)) / point.body.input_max;
+      force(i) = choose(
+          valueOf(w) > kMinInput, [&] { return T(force(i) * pow(w, T(p[0] - 1.0))); },
+          [&] { return force(i); });
     }
   }
 

@@ -4,7 +4,8 @@
 
 namespace ground {
 
-/// Thrusters turned by a common angle: X = F cos, Y = F sin, N = l (F_L - F_R) cos.
+/// Thrusters turned by a common angle: X = F cos, Y = F sin, N = l (F_L - F_R) cos of a left and a
+/// right one; of others each force turns about its thruster's place.
 struct ThrustMisalignment {
   static constexpr bool kUsesPose = false;
 
@@ -18,11 +19,18 @@ struct ThrustMisalignment {
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     using std::cos;
     using std::sin;
-    const T total = point.thrust(0) + point.thrust(1);
-    const T lost = cos(p[0]) - 1.0;
-    wrench(0) += total * lost;
-    wrench(1) += total * sin(p[0]);
-    wrench(2) += point.body.l * (point.thrust(0) - point.thrust(1)) * lost;
+    const ThrusterLayout& layout = point.layout;
+    const Vector3<T> total = layout.total(point.thrust);
+    const T lost = cos(p[0]) - 1.0, across = sin(p[0]);
+    wrench(0) += total(0) * lost;
+    wrench(1) += total(0) * across;
+    wrench(2) += point.body.l * total(2) * lost;
+    if (layout.isPair()) return;
+    wrench(0) -= total(1) * across;
+    wrench(1) += total(1) * lost;
+    T along(0.0);
+    for (int i = 0; i < layout.size(); ++i) along += layout.along(i) * point.thrust(i);
+    wrench(2) += point.body.l * along * across;
   }
 };
 GROUND_REGISTER_EFFECT(ThrustMisalignment)

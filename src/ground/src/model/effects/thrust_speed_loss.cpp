@@ -3,7 +3,8 @@
 
 namespace ground {
 
-/// Propellers that lose thrust with the air speed at their inlet: k (1 - c u), never below zero.
+/// Propellers that lose thrust with the air speed at their inlet: k (1 - c u), never below zero. The air speed
+/// is that along the force.
 struct ThrustSpeedLoss {
   static constexpr bool kUsesPose = false;
 
@@ -14,9 +15,17 @@ struct ThrustSpeedLoss {
               [](const Body<double>& b) { return 0.1 / typical::speed(b); }}}};
   }
   template <typename T>
-  static void thrust(const T* p, const Point<T>& point, Vector2<T>& force) {
-    const T factor = 1.0 - p[0] * point.nu_air.x();
-    force *= blend(valueOf(factor) > 0.0, factor, T(0.0));
+  static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
+    if (point.layout.isPair()) {
+      force *= notBelowZero(T(1.0 - p[0] * point.nu_air.x()));
+      return;
+    }
+    for (int i = 0; i < force.size(); ++i) {
+      const T along = point.layout.forward(i) * point.nu_air.x() +
+                      point.layout.starboard(i) * point.nu_air.y();
+      const T inflow = blend(valueOf(force(i)) < 0.0, T(-along), along);
+      force(i) *= notBelowZero(T(1.0 - p[0] * inflow));
+    }
   }
 };
 GROUND_REGISTER_EFFECT(ThrustSpeedLoss)

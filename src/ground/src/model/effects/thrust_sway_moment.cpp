@@ -3,7 +3,8 @@
 
 namespace ground {
 
-/// Thrusters in cross-flow: yaw moment N = c F v that grows with thrust and sway.
+/// Thrusters in cross-flow: yaw moment N = c F v that grows with thrust and sway; of thrusters that
+/// point elsewhere with the speed across each.
 struct ThrustSwayMoment {
   static constexpr bool kUsesPose = false;
 
@@ -15,7 +16,8 @@ struct ThrustSwayMoment {
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
-    wrench(2) += p[0] * (point.thrust(0) + point.thrust(1)) * point.nu_air.y();
+    const Vector3<T> total = point.layout.total(point.thrust);
+    wrench(2) += p[0] * (total(0) * point.nu_air.y() - total(1) * point.nu_air.x());
   }
 };
 GROUND_REGISTER_EFFECT(ThrustSwayMoment)

@@ -1,0 +1,150 @@
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "ground/model/thrusters.h"
+
+namespace ground {
+
+/// The force of a thruster as a function of its input, relative to the force at input 1: a power, or
+/// linear interpolation in a table.
+struct ForceCurve {
+  /// Input below which the curve is linear: the power has no derivative at 0.
+  static constexpr double kMinInput = 1e-9;
+
+  double power = 1;  ///< exponent of the input's absolute value; the force has the input's sign
+  /// Rows input, relative force, both ascending; if empty, the power applies.
+  std::vector<std::array<double, 2>> table;
+
+  bool linear() const { return power == 1 && table.empty(); }
+
+  /// The relative force at an input.
+  template <typename T>
+  T at(const T& input) const {
+    if (!table.empty()) return between(input);
+    if (power == 1) return input;
+    using std::abs;
+    using std::pow;
+    return choose(
+        valueOf(T(abs(input))) > kMinInput,
+        [&] { return T(input * pow(T(abs(input)), T(power - 1))); }, [&] { return input; });
+  }
+
+ private:
+  template <typename T>
+  T between(const T& input) const {
+    T force(table.front()[1]);
+    for (std::size_t i = 1; i < table.size(); ++i) {
+      const double width = table[i][0] - table[i - 1][0];
+      const double slope = (table[i][1] - table[i - 1][1]) / width;
+      // Distance of the input from the start of this interval, clipped to 0..width.
+      const T into = width - notBelowZero(T(width - notBelowZero(T(input - table[i - 1][0]))));
+      force += slope * into;
+    }
+    return force;
+  }
+};
+
+/// A thruster of a craft, fixed in the body's frame.
+struct Thruster {
+  std::string name;                ///< an identifier
+  std::string channel;             ///< name of its commands in recordings
+  Vector2<double> position{0, 0};  ///< forward, to starboard [m]
+  double direction = 0;            ///< direction of the force [deg]: 0 forward, 90 to starboard
+  double least = 0, most = 1;      ///< range of the input; `least` is negative if it is reversible
+  double gain = 1;                 ///< force at input 1 divided by k
+  ForceCurve curve;
+};
+
+/// Throws std::invalid_argument that names the thruster and says what is wrong with it.
+void validate(const Thruster& thruster);
+
+/// The thrusters of a craft: where they are, and the wrench of their forces.
+///
+/// Thruster i at (x, y) with the force F along (c, s) = (cos, sin) of its direction gives
+///
+///     X = c F,   Y = s F,   N = (x s - y c) F
+///
+/// The body's l is the root mean square of the levers x s - y c. A layout stores the levers divided by
+/// it, so that all of them scale with l, which stays one of the seven parameters of the body.
+class ThrusterLayout {
+ public:
+  /// A left and a right thruster, both forward, at a lever of l: the model of the thesis.
+  ThrusterLayout();
+  /// Throws std::invalid_argument that says what is wrong.
+  explicit ThrusterLayout(std::vector<Thruster> thrusters, std::string lift_channel = "lift");
+
+  int size() const { return static_cast<int>(thrusters_.size()); }
+  const std::vector<Thruster>& thrusters() const { return thrusters_; }
+  const Thruster& operator[](int i) const { return thrusters_[static_cast<std::size_t>(i)]; }
+  /// Channel of each thruster's commands, then that of the lift.
+  std::vector<std::string> channels() const;
+  const std::string& liftChannel() const { return lift_channel_; }
+  /// True for the left and right thruster of the thesis, which model files do not list.
+  bool isPair() const { return pair_; }
+  /// True if some thruster pushes to the side.
+  bool sways() const { return sways_; }
+  /// Root mean square of the levers by `thrusters()` [m]; 1 for the pair.
+  double lever() const { return lever_; }
+  /// "left, right"
+  std::string names() const;
+
+  double forward(int i) const { return arms_[i].forward; }      ///< c
+  double starboard(int i) const { return arms_[i].starboard; }  ///< s
+  double lever(int i) const { return arms_[i].lever; }          ///< (x s - y c) / l
+  double along(int i) const { return arms_[i].along; }          ///< (x c + y s) / l
+
+  /// Force of each thruster at these inputs, divided by k.
+  template <typename T>
+  Thrusters<T> forces(const Thrusters<T>& input) const {
+    Thrusters<T> force = input;
+    if (pair_) return force;
+    for (int i = 0; i < force.size(); ++i) {
+      const Thruster& one = (*this)[i];
+      force(i) = one.gain * one.curve.at(input(i));
+    }
+    return force;
+  }
+  /// The wrench of all forces: X, Y [N], N / l [N].
+  template <typename T>
+  GROUND_INLINE Vector3<T> total(const Thrusters<T>& force) const {
+    if (pair_) return {force(0) + force(1), T(0.0), force(0) - force(1)};
+    Vector3<T> sum(T(0.0), T(0.0), T(0.0));
+    for (int i = 0; i < force.size(); ++i) {
+      sum(0) += arms_[i].forward * force(i);
+      sum(1) += arms_[i].starboard * force(i);
+      sum(2) += arms_[i].lever * force(i);
+    }
+    return sum;
+  }
+  /// Inputs clipped to the ranges of the thrusters; `full` is the input of full thrust.
+  Thrusters<double> clipped(const Thrusters<double>& input, double full) const;
+  /// Largest total force along the direction of a thruster, divided by k; 2 for the pair.
+  double fullThrust() const;
+  /// Largest total moment, divided by k l; 1 for the pair.
+  double fullMoment() const;
+
+ private:
+  struct Arm {
+    double forward = 0, starboard = 0, lever = 0, along = 0;
+  };
+
+  void validateAll() const;
+
+  std::vector<Thruster> thrusters_;
+  std::string lift_channel_ = "lift";
+  std::array<Arm, kMaxThrusters> arms_{};
+  double lever_ = 1;
+  bool pair_ = false, sways_ = false;
+};
+
+using ThrusterLayoutPtr = std::shared_ptr<const ThrusterLayout>;
+
+/// The layout of the pair.
+const ThrusterLayoutPtr& thrusterPair();
+
+}  // namespace ground

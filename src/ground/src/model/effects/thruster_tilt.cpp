@@ -1,0 +1,32 @@
+#include <cmath>
+
+#include "ground/model/effect_registry.h"
+
+namespace ground {
+
+/// One thruster turned about its place by an angle: F along (cos, sin) of its direction plus the
+/// angle.
+struct ThrusterTilt {
+  static constexpr Effect::Hook kHook = Effect::kWrench;
+
+  static EffectInfo info() {
+    return {"thruster_tilt",
+            "turned thruster",
+            {{"angle", "rad", "angle, positive clockwise seen from above", 0, -M_PI, M_PI,
+              [](const Body<double>&) { return 0.1; }}}};
+  }
+  template <typename T>
+  static void act(const T* p, const Point<T>& point, int thruster, Vector3<T>& wrench) {
+    using std::cos;
+    using std::sin;
+    const ThrusterLayout& layout = point.layout;
+    const T along = point.thrust(thruster) * (cos(p[0]) - 1.0);
+    const T across = point.thrust(thruster) * sin(p[0]);
+    wrench(0) += layout.forward(thruster) * along - layout.starboard(thruster) * across;
+    wrench(1) += layout.starboard(thruster) * along + layout.forward(thruster) * across;
+    wrench(2) += point.body.l * (layout.lever(thruster) * along + layout.along(thruster) * across);
+  }
+};
+GROUND_REGISTER_THRUSTER_EFFECT(ThrusterTilt)
+
+}  // namespace ground
