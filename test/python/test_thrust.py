@@ -145,3 +145,11 @@ def test_a_level_is_announced_once_it_is_held():
         (15.5, "left 0.5, right 0 since 5.0 s of the run; read the scale"),
     ]
     assert [level.left for level in levels.held] == [0, 0.5, 0, 0.5]
+
+
+def test_a_craft_that_lists_its_thrusters_is_refused(tmp_path):
+    path = table(tmp_path / "bench.csv", lambda side, w: 0.1 * w)
+    craft = MODEL.parent.parent / "craft" / "air_table.yaml"
+    refused = identify("thrust", path, "--model", craft, "-o", tmp_path / "thrust.yaml")
+    assert refused.returncode == 1
+    assert "lists its thrusters" in refused.stderr

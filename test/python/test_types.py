@@ -98,6 +98,7 @@ def results():
     return {
         "ParameterInfo": _core.effects()["yaw_bias"]["parameters"][0],
         "ModelParameter": model.parameters()[0],
+        "Thruster": model.thrusters[0],
         "EffectInfo": _core.effects()["yaw_bias"],
         "EffectUse": _core.effect_use("ModelPredictive", model),
         "FittedParameter": fit["parameters"][0],

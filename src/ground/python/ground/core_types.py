@@ -28,6 +28,17 @@ class ModelParameter(ParameterInfo):
     scale: float  #: size of a change that matters, in the parameter's unit
 
 
+class Thruster(TypedDict):
+    """A thruster of a model."""
+
+    name: str
+    channel: str  #: name of its commands in recordings
+    position: Tuple[float, float]  #: forward, to starboard [m]
+    direction: float  #: of the force [deg]: 0 forward, 90 to starboard
+    range: Tuple[float, float]  #: inputs, over the largest
+    gain: float  #: force at full input, over k
+
+
 class EffectInfo(TypedDict):
     """An effect of the library."""
 

@@ -3,7 +3,7 @@
 import math
 import os
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterator, List, Sequence
+from typing import Callable, Dict, Iterator, List, Optional, Sequence
 
 import yaml
 
@@ -53,11 +53,12 @@ def of_library(name: str) -> Candidate:
     return Candidate(name, add)
 
 
-def effects() -> Dict[str, EffectInfo]:
-    """The effects of the library by name, as _core.effects() has them; GroundError where a library of
-    GROUND_EFFECT_LIBRARIES cannot be used."""
+def effects(model: Optional[_core.Model] = None) -> Dict[str, EffectInfo]:
+    """The effects of the library by name, as _core.effects() has them, with a model those of its
+    single thrusters as well; GroundError where a library of GROUND_EFFECT_LIBRARIES cannot be used.
+    """
     try:
-        return _core.effects()
+        return _core.effects(model)
     except RuntimeError as error:
         raise GroundError(str(error))
 
@@ -72,41 +73,46 @@ def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
     diagnosis tries only on request (`opt_in`) are among them if they are in `wanted`."""
     return [
         of_library(name)
-        for name, effect in effects().items()
+        for name, effect in effects(model).items()
         if name not in model.effects and (name in wanted or not effect["opt_in"])
     ]
 
 
-def from_file(path: str) -> Candidate:
-    """The Candidate of a YAML file with one effect as model files list it. A wrong file raises
-    GroundError with file and line."""
+def from_file(path: str, model: Optional[_core.Model] = None) -> Candidate:
+    """The Candidate of a YAML file with one effect as model files list it, for crafts with
+    the thrusters of a model (default: left and right). A wrong file raises GroundError with file and
+    line."""
     try:
-        return _from_text(_core.read_effect_file(path), path)
+        return _from_text(_core.read_effect_file(path), path, model)
     except RuntimeError as error:
         raise GroundError(str(error))
     except UnicodeDecodeError as error:
         raise GroundError("%s: cannot be read (%s)" % (path, error))
 
 
-def from_entry(entry: Document, source: str) -> Candidate:
-    """The Candidate of an effect as a model file lists it; error messages name `source`."""
-    return _from_text(yaml.safe_dump(entry, sort_keys=False), source)
+def from_entry(entry: Document, source: str, model: Optional[_core.Model] = None) -> Candidate:
+    """The Candidate of an effect as a model file lists it, for crafts as in from_file; error messages
+    name `source`."""
+    return _from_text(yaml.safe_dump(entry, sort_keys=False), source, model)
 
 
-def _from_text(text: str, source: str) -> Candidate:
+def _from_text(text: str, source: str, model: Optional[_core.Model]) -> Candidate:
     def add(model: _core.Model) -> _core.Model:
         try:
             return _core.with_effect(model, text, source)
         except RuntimeError as error:
             raise GroundError(str(error))
 
-    return Candidate(add(_core.Model()).effects[0], add)
+    bare = _core.Model() if model is None else model.copy()
+    for effect in bare.effects:
+        bare.remove_effect(effect)
+    return Candidate(add(bare).effects[0], add)
 
 
-def named(effect: str) -> Candidate:
-    """The Candidate of a name in the library or of a YAML file."""
+def named(effect: str, model: _core.Model) -> Candidate:
+    """The Candidate of a name in the library or of a YAML file, for crafts as of from_file."""
     is_file = os.path.splitext(effect)[1] in (".yaml", ".yml")
-    return from_file(effect) if is_file else of_library(effect)
+    return from_file(effect, model) if is_file else of_library(effect)
 
 
 def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:

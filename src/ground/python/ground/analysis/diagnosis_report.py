@@ -248,7 +248,7 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
         return {"fraction": 0.0, "where": [], "proposal": proposal}
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:
-        candidate = candidates.from_entry(effect_entry(proposal), "the proposal")
+        candidate = candidates.from_entry(effect_entry(proposal), "the proposal", diagnosis.best.model)
         extended = candidate.add(diagnosis.best.model)
         fit = diagnosis.study.refit([extended], study.free_parameters(extended))
         proposal["error"] = _errors(fit)

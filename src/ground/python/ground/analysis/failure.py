@@ -47,18 +47,13 @@ class Variable:
         return np.asarray((self.index[:, None] == np.arange(len(self.centres))).astype(float))
 
 
-def variables(run: _core.RunData, input_max: float = 1.0) -> Dict[str, Variable]:
-    """All variables of a run, by name; inputs as shares of the largest."""
+def variables(run: _core.RunData, model: _core.Model) -> Dict[str, Variable]:
+    """All variables of a run of a model's craft, by name; inputs as shares of the largest."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    commands = residuals.held(run, times) / input_max
-    left, right = commands[:, 0], commands[:, 1]
     heading = np.degrees(repair.wrap(eta[:, 2]))
     found = [
         _binned("time", "time since the drive began", "s", np.array(run.t)),
-        _binned("u_L", "input u_L", "-", left),
-        _binned("u_R", "input u_R", "-", right),
-        _binned("u_L+u_R", "total thrust u_L+u_R", "-", left + right),
-        _binned("u_L-u_R", "thrust difference u_L-u_R", "-", left - right),
+        *_commands(residuals.held(run, times)[:, :-1] / model.input_max, model),
         _binned("speed", "speed", "m/s", np.hypot(nu[:, 0], nu[:, 1])),
         _binned("u", "surge u", "m/s", nu[:, 0]),
         _binned("v", "sway v", "m/s", nu[:, 1]),
@@ -69,6 +64,24 @@ def variables(run: _core.RunData, input_max: float = 1.0) -> Dict[str, Variable]
         _map(eta),
     ]
     return {v.name: v for v in found}
+
+
+def _commands(inputs: Array, model: _core.Model) -> Iterator[Variable]:
+    """The inputs (n, thrusters), and what they do together."""
+    if model.is_pair:
+        left, right = inputs.T
+        yield _binned("u_L", "input u_L", "-", left)
+        yield _binned("u_R", "input u_R", "-", right)
+        yield _binned("u_L+u_R", "total thrust u_L+u_R", "-", left + right)
+        yield _binned("u_L-u_R", "thrust difference u_L-u_R", "-", left - right)
+        return
+    for thruster, values in zip(model.thrusters, inputs.T):
+        name = "u_" + thruster["name"]
+        yield _binned(name, "input " + name, "-", values)
+    ahead, starboard, turn = model.forces(inputs).T
+    yield _binned("thrust ahead", "thrust ahead, over k", "-", ahead)
+    yield _binned("thrust to starboard", "thrust to starboard, over k", "-", starboard)
+    yield _binned("moment", "moment of the thrusters, over k l", "-", turn)
 
 
 def _binned(
@@ -263,9 +276,12 @@ def of_wrench(
     """
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    found = variables(run, model.input_max)
+    found = variables(run, model)
     totals = np.column_stack(
-        [residuals.held(run, times - lag)[:, :2].sum(axis=1) for lag in COMMAND_LAGS]
+        [
+            model.forces(residuals.held(run, times - lag)[:, :-1])[:, 0]
+            for lag in COMMAND_LAGS
+        ]
     )
     columns = [v.indicators() for v in found.values()] + [totals]
     acting = np.hstack(columns)

@@ -5,11 +5,12 @@ constant. Score tests of all kinds and times choose the one to refit. It has to 
 likelihood significantly, corrected for the number of tests, and the held-out likelihood, too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Optional, Tuple
 
 from scipy import stats
 
+from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests
@@ -46,12 +47,12 @@ class Kind:
             },
         }
 
-    def at(self, time: float) -> candidates.Candidate:
-        """The Candidate with a fixed time constant, for score tests of several times."""
+    def at(self, time: float, model: _core.Model) -> candidates.Candidate:
+        """The Candidate for a model with a fixed time constant, for score tests of several times."""
         states = {s: f.replace("tau", repr(time)) for s, f in self.states.items()}
         entry = dict(self.entry(time), states=states, parameters={"c": self._size()})
         entry["name"] += "_%d" % round(1e3 * time)
-        return candidates.from_entry(entry, self.name)
+        return candidates.from_entry(entry, self.name, model)
 
     def _size(self) -> Document:
         size = {"value": 0.0, "unit": self.unit, "neutral": 0.0, "scale": self.scale}
@@ -77,6 +78,26 @@ KINDS = (
     Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
          LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
 )  # fmt: skip
+
+
+def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
+    """What depends on the past, for a model's thrusters; where they are other than a left and a right
+    one, without those kinds in which each of them has a past of its own."""
+    if model.is_pair:
+        return KINDS
+    names = [thruster["name"] for thruster in model.thrusters]
+    total = "(%s)" % " + ".join("u_" + name for name in names)
+
+    def of_all(kind: Kind) -> Kind:
+        states = {s: f.replace("(u_L + u_R)", total) for s, f in kind.states.items()}
+        states = {s: f.replace("u_L + u_R", total) for s, f in states.items()}
+        left = kind.expression.get("thrust_L")
+        if left is None:
+            return kind
+        thrusts = {"thrust_" + name: left.replace("u_L", "u_" + name) for name in names}
+        return replace(kind, states=states, expression=thrusts)
+
+    return tuple(of_all(kind) for kind in KINDS if kind.states is not OWN_PAST)
 
 
 @can_be_kept
@@ -106,9 +127,12 @@ class Memory:
 
 def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     """The likeliest Memory to add to a likelihood.Fit; None without a significant one."""
-    kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
+    kinds = [kind for kind in kinds_of(fit.model) if kind.name not in fit.model.effects]
     tried = {
-        c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]
+        c.name: (kind, time, c)
+        for kind in kinds
+        for time in kind.times
+        for c in [kind.at(time, fit.model)]
     }
     tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
     gains = {name: tests.test((name,))[0] for name in tried}
@@ -129,7 +153,8 @@ def _fitted(
 ) -> Optional[Fit]:
     """The Fit with a kind of memory, first its size and then its time as well; None where that
     fails."""
-    start = candidates.from_entry(kind.entry(time), kind.name).neutral(fit.model)
+    entry = kind.entry(time)
+    start = candidates.from_entry(entry, kind.name, fit.model).neutral(fit.model)
     start.set_value(kind.name + ".c", size)
     try:
         sized = likelihood.fit(start, fit.free + (kind.name + ".c",), near=fit)

@@ -105,6 +105,8 @@ def propose(
     them [standard deviations], and `all`: every experiment with its disagreement open loop and before
     the refit, best first. None when no experiment distinguishes the rivals.
     """
+    if not rivals[0].fit.model.is_pair:
+        return None  # designs are for a left and a right thruster
     place = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from ground import _core
+from ground.analysis import residuals
 from ground.analysis.likelihood import CAP, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Flags
@@ -204,34 +205,40 @@ def _over_the_floor(x: Array, y: Array, psi: Array) -> Array:
     return np.concatenate([along_x, along_y], axis=2)
 
 
-def _commands(run: _core.RunData) -> Array:
-    inputs, times = np.array(run.inputs), np.array(run.times)
-    at = np.searchsorted(inputs[:, 0], times, side="right") - 1
-    return np.where(at[:, None] >= 0, inputs[np.maximum(at, 0), 1:4], 0.0)
+def _inputs(run: _core.RunData) -> Array:
+    """Inputs of the thrusters (n, thrusters) that hold at the run's instants."""
+    return residuals.held(run, np.array(run.times))[:, :-1]
+
+
+def _demands(model: _core.Model, inputs: Array) -> Array:
+    """Thrust ahead, to starboard where the craft has such thrusters, and moment of inputs (n,
+    thrusters): a row each (2 or 3, n), over k and k l."""
+    forces = model.forces(inputs)
+    return np.asarray(forces.T[[0, 2]] if model.is_pair else forces.T)
 
 
 def _state_features(run: _core.RunData, model: _core.Model) -> Array:
     eta, nu, inside = _simulated(run, model)
-    held = _commands(run)
+    inputs = _inputs(run)
     u, v, r = nu.T / np.array([[0.5], [0.3], [4.0]])
-    left, right = held[:, 0], held[:, 1]
-    both, turn = left + right, left - right
     columns = [u, v, r, abs(u) * u, abs(v) * v, abs(r) * r, abs(u), abs(v), abs(r), u * v, u * r]
-    columns += [v * r, left, right, left * right, both * u, both * v, both * r, turn * u, turn * v]
-    columns += [turn * r, left**2, right**2, u**2, v**2, r**2, np.ones_like(u)]
+    columns += [v * r, *inputs.T]
+    if model.is_pair:
+        columns.append(inputs[:, 0] * inputs[:, 1])
+    columns += [demand * x for demand in _demands(model, inputs) for x in (u, v, r)]
+    columns += [*(inputs.T**2), u**2, v**2, r**2, np.ones_like(u)]
     wrenches = np.concatenate([_in_every_channel(columns), _over_the_floor(*eta.T)], axis=2)
     return np.asarray(wrenches * inside[:, None, None])
 
 
 def _history_features(run: _core.RunData, model: _core.Model) -> Array:
-    held, times = _commands(run), np.array(run.times)
-    left, right = held[:, 0], held[:, 1]
+    inputs, times = _inputs(run), np.array(run.times)
     columns = []
     for memory in MEMORIES:
-        past = [_past(times, x, memory) for x in (left, right)]
-        columns += [past[0] + past[1] - left - right, past[0] - past[1] - left + right]
-        columns += [(p - x) * x for p, x in zip(past, (left, right))]
-        columns += [(p - x) * abs(p - x) for p, x in zip(past, (left, right))]
+        past = np.column_stack([_past(times, x, memory) for x in inputs.T])
+        columns += [*(_demands(model, past) - _demands(model, inputs))]
+        columns += [*((past - inputs) * inputs).T]
+        columns += [*((past - inputs) * abs(past - inputs)).T]
     return _in_every_channel(columns)
 
 

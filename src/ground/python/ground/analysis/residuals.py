@@ -20,8 +20,11 @@ INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the re
 BAND = 0.99
 
 
-def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData) -> Document:
-    """Auto-correlation and correlation with thruster commands, with 99% bands.
+def analyse(
+    wrench_filter: _core.WrenchFilter, run: _core.RunData, model: _core.Model
+) -> Document:
+    """Auto-correlation and correlation with what the thrusters of a model are told to push ahead
+    (`input_sum`) and to turn (`input_difference`), with 99% bands.
 
     Pairs never span a gap. Lags of the auto-correlation count samples: innovations are white
     sample by sample.
@@ -50,7 +53,7 @@ def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData) -> Document:
             "autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])
         }
         for command in ("sum", "difference"):
-            entry["input_" + command] = _with_input(values, stretch, run, times, command)
+            entry["input_" + command] = _with_input(values, stretch, run, times, model, command)
         result["channels"][name] = entry
     result["white"] = all(c["autocorrelation"]["accepted"] for c in result["channels"].values())
     return result
@@ -67,7 +70,8 @@ def noise_levels(noise: _core.WrenchNoise, force_unit: str, moment_unit: str) ->
 
 
 def held(run: _core.RunData, times: Array) -> Array:
-    """Commands left, right, lift that hold at `times`, (n, 3); zero before the first."""
+    """Inputs of each thruster and lift that hold at `times`, (n, thrusters + 1); zero before the
+    first."""
     inputs = run.inputs
     index = np.searchsorted(inputs[:, 0], times, side="right") - 1
     return np.where(index[:, None] >= 0, inputs[np.maximum(index, 0), 1:], 0.0)
@@ -88,12 +92,20 @@ def _autocorrelation(values: Array, stretch: Indices) -> Document:
 
 
 def _with_input(
-    values: Array, stretch: Indices, run: _core.RunData, times: Array, command: str
+    values: Array,
+    stretch: Indices,
+    run: _core.RunData,
+    times: Array,
+    model: _core.Model,
+    command: str,
 ) -> Optional[Document]:
     """Correlation with the command at each lag; None when it never changes."""
-    sign = 1 if command == "sum" else -1
+
+    def told(at: Array) -> Array:
+        return np.asarray(model.forces(held(run, at)[:, :-1])[:, 0 if command == "sum" else 2])
+
     good = np.isfinite(values)
-    now = held(run, times)[:, :2] @ [1, sign]
+    now = told(times)
     if not now[good].std() > 0:
         return None
     # Bartlett: residuals that are not white make the correlation less certain.
@@ -110,7 +122,7 @@ def _with_input(
     width = np.sqrt(max(1.0, widening) / good.sum())
     found = []
     for lag in INPUT_LAGS:
-        before = (held(run, times - lag)[:, :2] @ [1, sign])[good]
+        before = told(times - lag)[good]
         spread = before.std() * values[good].std()
         found.append(
             float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0

@@ -28,7 +28,7 @@ STEP = 1e-3  # relative step of a parameter, for its finite difference
 MIN_SHARE = (
     0.02  # share of the wrench's variance on held-out stretches that a proposal has to explain
 )
-NAMES = ("u_L", "u_R", "u", "v", "r", "x", "y", "psi", "lift", "t")
+NAMES = ("u", "v", "r", "x", "y", "psi", "lift", "t")
 # Formulas of the body's frame, and the units of their values.
 BODY = {
     "1": "-",
@@ -88,12 +88,23 @@ class Term:
     @property
     def variables(self) -> Set[str]:
         """Names that the term's value depends on, without the heading that rotates a world force."""
-        return set(re.findall(r"\b(?:%s)\b" % "|".join(NAMES), self.formula))
+        return set(re.findall(r"\b(?:%s|u_\w+)\b" % "|".join(NAMES), self.formula))
 
 
-def dictionary() -> List[Term]:
-    """All Terms that are tried."""
-    terms = [Term(f, unit, {c: f}) for c in CHANNELS for f, unit in BODY.items()]
+def _inputs(model: _core.Model) -> List[str]:
+    """Names of the inputs of a model's thrusters in formulas."""
+    if model.is_pair:
+        return ["u_L", "u_R"]
+    return ["u_" + thruster["name"] for thruster in model.thrusters]
+
+
+def dictionary(model: _core.Model) -> List[Term]:
+    """All Terms that are tried for a model's craft."""
+    body = BODY
+    if not model.is_pair:
+        body = {f: unit for f, unit in BODY.items() if "u_" not in f}
+        body.update({f: "-" for name in _inputs(model) for f in (name, name + "^2")})
+    terms = [Term(f, unit, {c: f}) for c in CHANNELS for f, unit in body.items()]
     for f, unit in WORLD.items():
         terms.append(Term(f, unit, {"X": "(%s)*cos(psi)" % f, "Y": "-(%s)*sin(psi)" % f}))
         terms.append(Term(f, unit, {"X": "(%s)*sin(psi)" % f, "Y": "(%s)*cos(psi)" % f}))
@@ -110,7 +121,7 @@ def explain(
     contain it, or that bins of it explain; and `proposal`, an effect as a model file lists it
     with its `share`, or None.
     """
-    terms = dictionary()
+    terms = dictionary(model)
     designs, own, wrenches, shares = [], [], [], []
     groups: List[Indices] = []
     scale = failure.full_scale(model)
@@ -143,9 +154,9 @@ def _prepare(
     """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters),
     wrench (3 n,) in parts of full thrust, stretches, binned shares."""
     wrench_filter, run, _ = failure.undisturbed(model, run)
-    found = failure.variables(run, model.input_max)
+    found = failure.variables(run, model)
     bins = [v.indicators() for v in found.values()]
-    values = _values(run)
+    values = _values(run, model)
     columns, channels, owner = [], [], []
     for at, term in enumerate(terms):
         for channel, formula in term.parts.items():
@@ -214,7 +225,7 @@ def _beside(own: Array, design: Array, wrench: Array) -> Tuple[Array, Array]:
     return rest(design), rest(wrench)
 
 
-def _values(run: _core.RunData) -> Dict[str, Any]:
+def _values(run: _core.RunData, model: _core.Model) -> Dict[str, Any]:
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     held = residuals.held(run, times)
     return {
@@ -224,9 +235,8 @@ def _values(run: _core.RunData) -> Dict[str, Any]:
         "x": eta[:, 0],
         "y": eta[:, 1],
         "psi": repair.wrap(eta[:, 2]),
-        "u_L": held[:, 0],
-        "u_R": held[:, 1],
-        "lift": held[:, 2],
+        **dict(zip(_inputs(model), held.T)),
+        "lift": held[:, -1],
         "t": np.array(run.t),
         "pi": np.pi,
         "abs": np.abs,

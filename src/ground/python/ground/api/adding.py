@@ -132,7 +132,7 @@ def add(
     """
     say = progress or silent
     given, part = Model.of(model), Part(start, end, everything)
-    candidate = candidates.named(os.fspath(effect))
+    candidate = candidates.named(os.fspath(effect), given.core)
     extended = candidate.add(given.core)
     say("reading the recordings")
     seen = measured(recordings, given, part)

@@ -237,7 +237,7 @@ def effects_to_try(
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
     those of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
-    own = [candidates.named(effect) for effect in effects]
+    own = [candidates.named(effect, model.core) for effect in effects]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)

@@ -149,7 +149,7 @@ class Model(Shown):
         of its parameters. GroundError when there is no such effect, or the model has it already."""
         from ground.analysis import candidates
 
-        candidate = candidates.named(os.fspath(effect))
+        candidate = candidates.named(os.fspath(effect), self.core)
         extended = Model(candidate.add(self.core))
         return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
 

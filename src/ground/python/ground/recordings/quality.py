@@ -7,7 +7,7 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array, Document, Flags, Indices
 from ground.errors import GroundError
-from ground.recordings import frame_clock
+from ground.recordings import channels, frame_clock
 from ground.recordings.repair import MAX_GAP, Motion, repair, wrap
 
 if TYPE_CHECKING:
@@ -105,10 +105,14 @@ class Run:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
 
-    def inputs(self) -> Array:
-        """Rows of time on the run's clock [s], left, right, lift, 0..1."""
+    def inputs(self, model: _core.Model) -> Array:
+        """Rows of time on the run's clock [s], the commands of a model's thrusters and lift, -1..1.
+        GroundError when the recording has other channels."""
         recording = self.recording
-        return np.column_stack([recording.control_times - self.zero, recording.controls])
+        thrusters, lift = channels.columns(channels.PAIR, model, recording.name)
+        times = recording.control_times - self.zero
+        lifts = np.zeros(len(times)) if lift is None else recording.controls[:, lift]
+        return np.column_stack([times, recording.controls[:, thrusters], lifts])
 
     def data(
         self,
@@ -136,8 +140,8 @@ class Run:
                 "of it (identify info says why, --all uses the whole run)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
-        inputs = self.inputs()
-        inputs[:, 1:3] *= model.input_max
+        inputs = self.inputs(model)
+        inputs[:, 1:-1] *= model.input_max
         return _core.RunData(
             self.recording.name,
             times[inside],

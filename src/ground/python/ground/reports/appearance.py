@@ -18,8 +18,12 @@ VIRIDIS, ORANGES = (
 )
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
-ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
-WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R", "u", "v", "r", "heading", "x", "y"]
+# Variables (failure.variables); of those of thrusters the ones that the craft has.
+ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "thrust ahead", "moment"]
+ERROR_AGAINST += ["speed", "r", "heading", "x", "y"]
+WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R"]
+WRENCH_AGAINST += ["thrust ahead", "thrust to starboard", "moment"]
+WRENCH_AGAINST += ["u", "v", "r", "heading", "x", "y"]
 NUMBERS = ["model", "runs", "error", "prediction error", "(3.4), 4 s"]  # columns of numbers_row
 NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 

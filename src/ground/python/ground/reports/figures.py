@@ -216,7 +216,7 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
 def where(studies: Sequence[Document]) -> Document:
     """Normalised error of each channel against each measured variable, of every model, and a map of
     the last one's."""
-    against = ERROR_AGAINST
+    against = [name for name in ERROR_AGAINST if name in studies[0]["where"]]
     figure = small_multiples(3, len(against) + 1)
     for row, (channel, label, _) in enumerate(CHANNELS):
         top = max(np.max(s["where"][n]["error"][channel]) for s in studies for n in against)

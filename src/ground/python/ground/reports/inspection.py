@@ -25,9 +25,9 @@ def inspect(
     """
     try:
         evaluation = comparison.evaluate(run, model)
-        where = failure.of_error(evaluation, failure.variables(run, model.input_max))
+        where = failure.of_error(evaluation, failure.variables(run, model))
         wrench_filter, rest, events = failure.undisturbed(model, run)
-        correlation = residuals.analyse(wrench_filter, rest)
+        correlation = residuals.analyse(wrench_filter, rest, model)
         missing = failure.of_wrench(wrench_filter, rest, model, events, wrench_of)
     except (ValueError, RuntimeError) as error:
         raise GroundError("%s with %s: %s" % (run.name, label, error))

@@ -41,7 +41,8 @@ SHADE = "#f5822a"  # background of panels with a significant share
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
     """The missing wrench of every model against measured variables, with two standard errors, and the
     part of the first one's that the winner accounts for. first: number of the first model."""
-    against = WRENCH_AGAINST
+    known = studies[0]["missing"].numbers["channels"]["X"]["against"]
+    against = [name for name in WRENCH_AGAINST if name in known]
     figure = small_multiples(3, len(against))
     for row, (channel, label) in enumerate(WRENCH):
         entries = [s["missing"].numbers["channels"][channel] for s in studies]

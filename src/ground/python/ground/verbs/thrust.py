@@ -10,6 +10,7 @@ from ground import _core, files
 from ground.analysis import candidates, thrust_bench
 from ground.annotations import Document
 from ground.api.models import Model, with_provenance
+from ground.errors import GroundError
 from ground.verbs import common
 
 NAME = "thrust"
@@ -52,6 +53,11 @@ def run(arguments: argparse.Namespace) -> Document:
     if not (np.isfinite([off, full]).all() and full != off):
         arguments.refuse("--inputs needs two different numbers")
     model = Model.load(arguments.model).core
+    if not model.is_pair:
+        raise GroundError(
+            "%s lists its thrusters: a table of a left and a right one says nothing of them; put their "
+            "gains and curves into the model file" % arguments.model
+        )
     bench = thrust_bench.read(arguments.table, off, full, NEWTONS[arguments.unit])
     found = thrust_bench.fit(bench)
     fitted, names = _put_into(model, found)
