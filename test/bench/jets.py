@@ -1,0 +1,132 @@
+#!/usr/bin/python3
+"""How often a diagnosis of an air-bearing table with eight jets names the jet that is wrong.
+
+Half of the cases have a weak jet (-20%), half a jet that is turned by 5 degrees; any of the eight,
+by the number of the case. The truth is a plate in the world's frame with an integrator of its own,
+which shares nothing with the project's model. Prints a line of JSON for each case, then the count.
+"""
+import argparse
+import json
+import math
+import sys
+import time
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import candidates, diagnosis
+from ground.recordings import repair
+
+MODEL = "cfg/craft/air_table.yaml"
+RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
+RATE, STEP = 100.0, 0.005  # of the poses [Hz]; of the integration [s]
+NOISE = (3e-4, 1e-3)  # of the poses [m], [rad]: markers are 0.3 m apart
+WEAK, TURNED = -0.2, math.radians(5)
+KINDS = ("thruster_gain", "thruster_tilt")
+
+
+def kind_of(seed):
+    """The effect that a case hides, and the number of its jet."""
+    return KINDS[seed % 2], (seed // 2) % 8
+
+
+class Plate:
+    """The truth: a plate with jets, one of which is wrong, by Newton's law in the world's frame."""
+
+    def __init__(self, model, kind, jet):
+        self.m, self.inertia = model.value("m"), model.value("I_z")
+        self.drag = [model.value(name) for name in ("X_u", "Y_v", "N_r")]
+        places = np.array([thruster["position"] for thruster in model.thrusters])
+        angles = np.radians([thruster["direction"] for thruster in model.thrusters])
+        force = np.full(len(angles), model.value("k"))
+        if kind == "thruster_gain":
+            force[jet] *= 1 + WEAK
+        elif kind == "thruster_tilt":
+            angles[jet] += TURNED
+        x, y = force * np.cos(angles), force * np.sin(angles)
+        self.wrench = np.array([x, y, places[:, 0] * y - places[:, 1] * x])
+
+    def rate(self, state, wrench):
+        """Derivatives of x, y, psi and of their derivatives, world_ned."""
+        c, s = math.cos(state[2]), math.sin(state[2])
+        X = wrench[0] - self.drag[0] * (c * state[3] + s * state[4])
+        Y = wrench[1] - self.drag[1] * (c * state[4] - s * state[3])
+        N = wrench[2] - self.drag[2] * state[5]
+        along = [(c * X - s * Y) / self.m, (s * X + c * Y) / self.m, N / self.inertia]
+        return np.array([*state[3:], *along])
+
+    def poses(self, commands, start):
+        """Poses (n, 3) from rest at RATE, under a row of commands for each HOLD."""
+        state, found = np.array([*start, 0.0, 0.0, 0.0]), []
+        each, between = round(HOLD / STEP), round(1 / RATE / STEP)
+        for i in range(len(commands) * each):
+            if i % between == 0:
+                found.append(state[:3])
+            wrench, h = self.wrench @ commands[i // each], STEP
+            a = self.rate(state, wrench)
+            b = self.rate(state + h / 2 * a, wrench)
+            c = self.rate(state + h / 2 * b, wrench)
+            d = self.rate(state + h * c, wrench)
+            state = state + h / 6 * (a + 2 * b + 2 * c + d)
+        return np.array(found)
+
+
+def runs_of(plate, random):
+    """_core.RunData of a case: each jet off or on by chance, every HOLD anew."""
+    runs = []
+    for number in range(RUNS):
+        edges = np.arange(0, DURATION, HOLD)
+        commands = random.choice([0.0, 0.5, 1.0], (len(edges), 8))
+        eta = plate.poses(commands, [0.0, 0.0, random.uniform(-math.pi, math.pi)])
+        noise = np.array([NOISE[0], NOISE[0], NOISE[1]])
+        poses = eta + noise * random.normal(size=eta.shape)
+        times = np.arange(len(poses)) / RATE
+        smoothed = repair.smooth(times, poses, NOISE)
+        inputs = np.column_stack([edges, commands, np.ones(len(edges))])
+        name = "run %d" % (number + 1)
+        runs.append(
+            _core.RunData(
+                name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]
+            )
+        )
+    return runs
+
+
+def diagnosed(seed, model, threads=0):
+    """What a case hides, and the effects that its diagnosis finds."""
+    kind, jet = kind_of(seed)
+    runs = runs_of(Plate(model, kind, jet), np.random.default_rng(seed))
+    found = diagnosis.Diagnosis(runs, model, candidates.library(model), threads=threads)
+    found.grow()
+    hidden = "%s_%s" % (kind, model.thrusters[jet]["name"])
+    name = next(iter(found.names), "")
+    values = {p["name"]: p["value"] for p in found.fit.parameters}
+    return {
+        "seed": seed,
+        "hidden": hidden,
+        "found": sorted(found.names),
+        "right": set(found.names) == {hidden},
+        "values": {n: v for n, v in values.items() if n.split(".")[0] == name},
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=40, help="how many cases (40)")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
+    parser.add_argument("--model", default=MODEL, help="the table (%s)" % MODEL)
+    arguments = parser.parse_args()
+    model = _core.load_model(arguments.model)
+    right = 0
+    for seed in range(arguments.first, arguments.first + arguments.seeds):
+        begin = time.perf_counter()
+        result = diagnosed(seed, model)
+        result["seconds"] = round(time.perf_counter() - begin, 1)
+        right += result["right"]
+        print(json.dumps(result), flush=True)
+    print("effect and jet named in %d of %d" % (right, arguments.seeds))
+    return 0 if right >= 0.95 * arguments.seeds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

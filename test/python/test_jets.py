@@ -1,0 +1,141 @@
+"""Crafts that list their thrusters: an air-bearing table with eight jets."""
+import os
+import sys
+
+import conftest
+import numpy as np
+import pytest
+
+from ground import _core
+from ground.analysis import candidates, memory, study
+from ground.errors import GroundError
+from ground.recordings import channels
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+sys.path.insert(0, os.path.join(ROOT, "test", "bench"))
+import jets  # noqa: E402
+
+TABLE = os.path.join(ROOT, "cfg", "craft", "air_table.yaml")
+PAIR = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")
+
+
+@pytest.fixture(scope="module")
+def table():
+    return _core.load_model(TABLE)
+
+
+def test_a_model_describes_its_thrusters(table):
+    assert not table.is_pair and len(table.thrusters) == 8
+    assert table.channels[0] == "front_right_back" and table.channels[-1] == "air"
+    jet = table.thrusters[1]
+    assert jet["position"] == (0.15, 0.15) and jet["direction"] == -90 and jet["range"] == (0, 1)
+    table = table.copy()
+    table.set_value("l", 0.3)
+    assert table.thrusters[1]["position"] == pytest.approx((0.3, 0.3))
+    pair = _core.load_model(PAIR)
+    assert pair.is_pair and pair.channels == ["left", "right", "lift"]
+    assert pair.thrusters[0]["position"] == (0, -0.0325)
+
+
+def test_forces_are_those_of_the_layout(table):
+    forward = np.zeros(8)
+    forward[[4, 6]] = 1  # back_right_forward, back_left_forward
+    assert table.forces([forward]) == pytest.approx(np.array([[2, 0, 0]]))
+    pair = _core.load_model(PAIR)
+    assert pair.forces([[1, 0.25]]) == pytest.approx(np.array([[1.25, 0, 0.75]]))
+
+
+def test_the_core_moves_the_table_as_the_truth_of_the_bench(table):
+    plate = jets.Plate(table, "thruster_tilt", 3)
+    model = table.copy()
+    model.add_effect("thruster_tilt_front_left_right")
+    model.set_value("thruster_tilt_front_left_right.angle", jets.TURNED)
+    edges = np.arange(0, 5, jets.HOLD)
+    commands = np.random.default_rng(1).uniform(0, 1, (len(edges), 8))
+    inputs = np.column_stack([edges, commands, np.ones(len(edges))])
+    start = [0.0, 0.0, 0.4]
+    truth = plate.poses(commands, start)
+    times = np.arange(len(truth)) / jets.RATE
+    eta = _core.simulate(model, inputs, times, start, np.zeros(3))["eta"]
+    assert np.abs(eta - truth).max() < 1e-9
+    straight = _core.simulate(table, inputs, times, start, np.zeros(3))["eta"]
+    assert np.abs(straight - truth).max() > 1e-3
+
+
+def test_inputs_of_another_craft_are_refused(table):
+    times = np.linspace(0, 1, 11)
+    with pytest.raises(ValueError, match="8 thrusters .*front_right_back.* inputs are for 2"):
+        _core.simulate(table, [[0.0, 1, 1, 1]], times, np.zeros(3), np.zeros(3))
+    with pytest.raises(ValueError, match="one for each of 1 to 8 thrusters"):
+        _core.simulate(table, [[0.0, 1]], times, np.zeros(3), np.zeros(3))
+
+
+def test_tracking_refuses_other_thrusters(table):
+    params = _core.TrackingParams()
+    with pytest.raises(ValueError, match="commands a left and a right thruster"):
+        _core.track_reference(
+            table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
+        )
+
+
+def test_a_fit_finds_the_parameters_of_the_table(table):
+    runs = jets.runs_of(jets.Plate(table, "", 0), np.random.default_rng(3))[:2]
+    start = table.copy()
+    start.set_value("k", 0.35)
+    start.set_value("I_z", 0.15)
+    fitted = study.Study(runs).fit(start, ["I_z", "X_u", "Y_v", "N_r", "k"]).model
+    assert fitted.value("k") == pytest.approx(0.5, rel=0.01)
+    assert fitted.value("I_z") == pytest.approx(0.08, rel=0.01)
+
+
+def test_effects_of_each_jet_are_tried(table):
+    names = [c.name for c in candidates.library(table)]
+    assert "thruster_gain_back_left_forward" in names
+    assert sum(name.startswith("thruster_tilt_") for name in names) == 8
+    assert not any(name.startswith("thruster_") for name in _core.effects())
+    pair = _core.load_model(PAIR)
+    assert not any(c.name.startswith("thruster_") for c in candidates.library(pair))
+
+
+def test_kinds_of_memory_act_on_every_jet(table):
+    kinds = {kind.name: kind for kind in memory.kinds_of(table)}
+    assert "battery_droop" in kinds and "spin_up" not in kinds
+    for kind in kinds.values():
+        kind.at(0.5, table).add(table)  # its formulas are those of the craft
+    assert memory.kinds_of(_core.load_model(PAIR)) == memory.KINDS
+
+
+def test_columns_are_in_the_order_of_the_model(table):
+    shuffled = ["air", *reversed(table.channels[:-1])]
+    thrusters, lift = channels.columns(shuffled, table, "run 1")
+    assert [shuffled[i] for i in thrusters] == table.channels[:-1] and lift == 0
+    assert channels.columns(table.channels[:-1], table, "run 1")[1] is None
+    with pytest.raises(GroundError) as error:
+        channels.columns(channels.PAIR, table, "run 1")
+    for part in ("run 1", "Air-bearing table", "front_right_back", "left, right, lift"):
+        assert part in str(error.value)
+
+
+def test_a_recording_of_another_craft_is_refused_in_a_sentence(tmp_path):
+    bag = tmp_path / "run.bag"
+    made = conftest.identify(
+        "simulate", "--model", PAIR, "--input", "prbs", "--duration", 3, "-o", bag
+    )
+    assert made.returncode == 0, made.stderr
+    for verb in (["fit", bag, "-o", tmp_path / "m.yaml"], ["diagnose", bag, "-o", tmp_path / "d"]):
+        refused = conftest.identify(*verb, "--model", TABLE)
+        assert refused.returncode == 1 and "Traceback" not in refused.stderr
+        assert "no command is named front_right_back" in refused.stderr
+    play = ["simulate", "--input", "prbs", "--duration", 3, "-o", tmp_path / "table.bag"]
+    refused = conftest.identify(*play, "--model", TABLE)
+    assert refused.returncode == 1 and "Traceback" not in refused.stderr
+    assert "thrusters" in refused.stderr
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7])
+def test_a_diagnosis_names_the_effect_and_the_jet(table, seed):
+    result = jets.diagnosed(seed, table)
+    assert result["found"] == [result["hidden"]], result
+    ((name, value),) = result["values"].items()
+    expected = jets.WEAK if name.startswith("thruster_gain") else jets.TURNED
+    assert value == pytest.approx(expected, rel=0.1)
