@@ -5,6 +5,7 @@ from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
 
 from ground.annotations import Document
 from ground.recordings import quality
+from ground.recordings.recording import LIFT
 
 _T = TypeVar("_T")
 
@@ -54,10 +55,12 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         1e3 * noise["position"],
         1e3 * noise["heading"],
     )
-    yield "commands", "%d at %.1f Hz, %d changes, thrusters %g to %g, lift %g to %g" % (
+    thrusters = [name for name in controls["channels"] if name != LIFT]
+    yield "commands", "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g" % (
         controls["count"],
         controls["rate"],
         controls["changes"],
+        "thrusters" if thrusters == list(quality.PAIR) else ", ".join(thrusters),
         *controls["levels"],
         *controls["lift"],
     )

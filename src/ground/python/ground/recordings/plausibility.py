@@ -22,7 +22,6 @@ NEIGHBOURS = 2  # messages on each side that a message is held against
 MAX_LEVELS = 8  # of commands that switch between levels
 MIN_COMMANDS = 30  # that make levels recognisable
 LEVEL_SHARE = 0.98  # of them that are at a level
-CHANNELS = ("left", "right", "lift")
 
 
 def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, float]:
@@ -55,12 +54,14 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
     return stamps, count, float(error[wrong].max())
 
 
-def lone_commands(times: Sequence[float], controls: Sequence[Sequence[float]]) -> Iterator[str]:
+def lone_commands(
+    times: Sequence[float], controls: Sequence[Sequence[float]], channels: Sequence[str]
+) -> Iterator[str]:
     """Sentences about commands whose value no other command has, where all others switch between a few
-    levels. times: (m,) [s]; controls: (m, 3) left, right, lift."""
+    levels. times: (m,) [s]; controls: (m, c) by `channels`."""
     if len(controls) < MIN_COMMANDS:
         return
-    for channel, values in zip(CHANNELS, np.asarray(controls).T):
+    for channel, values in zip(channels, np.asarray(controls).T):
         levels, counts = np.unique(values, return_counts=True)
         often = counts > 2
         lone = levels[counts == 1]

@@ -1,6 +1,7 @@
 """What is odd about a recording, which parts of it can be used, and the run that fits see."""
 
-from typing import TYPE_CHECKING, List, Optional, Tuple, TypedDict
+import itertools
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -21,8 +22,11 @@ CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw
 CONTACT_NOISE = 6.0  # nor less than this many times its noise
 CONTACT_MARGIN = 0.1  # left out before and after one [s]
 LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
+MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # of each thruster in a search over all of so many; else 2
 LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
 IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
+
+PAIR = ("left", "right")  # the thrusters of a model
 
 Span = Tuple[float, float]  # start, end [s]
 
@@ -32,7 +36,7 @@ class _Reply(TypedDict):
 
     lag: float  # of the motion after the commands [s]
     share: float  # of the accelerations that the commands explain
-    coefficients: Array  # (13, 3) of left, right, and _smooth_terms
+    coefficients: Array  # (n + 11, 3) of the thrusters, and _smooth_terms
 
 
 class Run:
@@ -65,7 +69,7 @@ class Run:
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
-        times, lift = recording.control_times - self.zero, recording.controls[:, 2]
+        times, lift = recording.control_times - self.zero, recording.lift
         starts = _core.drive_starts(times, lift, recording.drives - self.zero)
         if not starts:
             return [0.0], "start"
@@ -76,17 +80,17 @@ class Run:
     def _active(self) -> Span:
         """From just before the first thrust or motion to the end of lift and overlap [s]."""
         recording, motion = self.recording, self.motion
-        commands, times = recording.controls, recording.control_times
+        thrust, lift, times = recording.thrust, recording.lift, recording.control_times
         start, end = self.zero, self.zero + self.end
         moved = np.linalg.norm(motion.eta[:, :2] - motion.eta[0, :2], axis=1) > MOVED
         turned = np.abs(motion.eta[:, 2] - motion.eta[0, 2]) > 0.1
-        begins = [times[np.argmax(commands[:, :2].any(axis=1))]] if commands[:, :2].any() else []
+        begins = [times[np.argmax(thrust.any(axis=1))]] if thrust.any() else []
         if (moved | turned).any():
             begins.append(motion.times[np.argmax(moved | turned)])
         if begins:
             start = max(start, min(begins) - 0.1)
-        if (commands[:, 2] > 0).any():  # else the lift was not recorded
-            lifted = np.flatnonzero(commands[:, 2] > 0)
+        if (lift > 0).any():  # else the lift was not recorded
+            lifted = np.flatnonzero(lift > 0)
             start = max(start, times[lifted[0]])
             if lifted[-1] + 1 < len(times):
                 end = min(end, times[lifted[-1] + 1])
@@ -105,10 +109,11 @@ class Run:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
 
-    def inputs(self) -> Array:
-        """Rows of time on the run's clock [s], left, right, lift, 0..1."""
+    def inputs(self, thrusters: Sequence[str]) -> Array:
+        """Rows of time on the run's clock [s], the commands of `thrusters`, and lift."""
         recording = self.recording
-        return np.column_stack([recording.control_times - self.zero, recording.controls])
+        commands = recording.commands_of(thrusters)
+        return np.column_stack([recording.control_times - self.zero, commands, recording.lift])
 
     def data(
         self,
@@ -136,8 +141,8 @@ class Run:
                 "of it (identify info says why, --all takes what is there)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
-        inputs = self.inputs()
-        inputs[:, 1:3] *= model.input_max
+        inputs = self.inputs(PAIR)
+        inputs[:, 1:-1] *= model.input_max
         return _core.RunData(
             self.recording.name,
             times[inside],
@@ -225,14 +230,15 @@ class Run:
     def _describe_controls(self) -> Document:
         """What `info` says of the commands."""
         recording, motion = self.recording, self.motion
-        controls, commands = recording.control_times, recording.controls
-        changes = (np.abs(np.diff(commands[:, :2], axis=0)) > 1e-6).any(axis=1)
+        controls, thrust = recording.control_times, recording.thrust
+        changes = (np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1)
         return {
             "count": len(controls),
             "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
             "changes": int(changes.sum()),
-            "levels": [float(f(commands[:, :2])) for f in (np.min, np.max)],
-            "lift": [float(f(commands[:, 2])) for f in (np.min, np.max)],
+            "channels": list(recording.channels),
+            "levels": [float(f(thrust)) for f in (np.min, np.max)],
+            "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
             "start_after_poses": float(controls[0] - motion.times[0]),
             "end_after_poses": float(controls[-1] - motion.times[-1]),
         }
@@ -259,8 +265,8 @@ def same_inputs(runs: List[Run]) -> List[Tuple[str, str]]:
 
 
 def _held(recording: "Recording") -> Array:
-    """Rows of left, right, and how long they were held [s], (n, 3)."""
-    times, commands = recording.control_times, recording.controls[:, :2]
+    """Rows of the thrusters' commands, and how long they were held [s]."""
+    times, commands = recording.control_times, recording.thrust
     changes = np.flatnonzero((np.abs(np.diff(commands, axis=0)) > 1e-6).any(axis=1)) + 1
     starts = np.append(0, changes)
     held = np.diff(np.append(times[starts], times[-1]))
@@ -269,12 +275,15 @@ def _held(recording: "Recording") -> Array:
 
 def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
     """Whether two sequences of held commands are one, up to some of them at the start."""
+    if a.shape[1] != b.shape[1]:
+        return False
+    near = np.append(np.full(a.shape[1] - 1, 1e-6), 0.03)
     for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
         count = min(len(a) - i, len(b) - j)
         if count < fewest:
             continue
         apart = np.abs(a[i : i + count] - b[j : j + count])
-        if (apart < [1e-6, 1e-6, 0.03]).all(axis=1).mean() > 0.9:
+        if (apart < near).all(axis=1).mean() > 0.9:
             return True
     return False
 
@@ -289,7 +298,7 @@ def _stretches(times: Array, inside: Flags) -> List[Indices]:
 
 def _commands_at(recording: "Recording", times: Array) -> Array:
     at = np.searchsorted(recording.control_times, times, side="right") - 1
-    commands = recording.controls[np.maximum(at, 0), :2].copy()
+    commands = np.asarray(recording.thrust[np.maximum(at, 0)])
     commands[at < 0] = 0
     return commands
 
@@ -309,7 +318,7 @@ def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
     """
     middle = _middle(motion.times)
     times = motion.times[middle]
-    if len(times) < 50 or np.ptp(recording.controls[:, :2], axis=0).max() < 1e-6:
+    if len(times) < 50 or np.ptp(recording.thrust, axis=0).max() < 1e-6:
         return None
     wanted = _accelerations(motion)[middle]
     scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
@@ -352,25 +361,33 @@ def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -
     if reply is None:
         return [(t, t) for t in motion.times[motion.jumps]]
     coefficients = reply["coefficients"]
-    by_input = coefficients[:2]  # rows left, right
+    by_input = coefficients[: len(recording.thrusters)]  # rows: thrusters
     others = _smooth_terms(motion.nu)
-    wanted = _accelerations(motion) - others @ coefficients[2:]
-    thrust = np.linalg.norm(by_input.sum(axis=0)[:2])
-    turn = np.abs(by_input[:, 2]).max()
+    wanted = _accelerations(motion) - others @ coefficients[len(by_input) :]
+    reachable = _levels(recording) @ by_input
+    thrust = np.linalg.norm(reachable[:, :2], axis=1).max()
+    turn = np.abs(reachable[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
     # Noise is no contact, however little the commands (both alike, say) tell of what they can do.
     rest = wanted - _commands_at(recording, motion.times - reply["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
-    levels = np.linspace(0, 1, 6)
     beyond = np.full(len(wanted), np.inf)
-    for left in levels:
-        for right in levels:
-            off = (wanted - [left, right] @ by_input) / scale
-            force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-            beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
+    for effect in reachable:
+        off = (wanted - effect) / scale
+        force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+        beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact pushes for some frames; what only one shows is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
     hit = ((beyond > 1) & _middle(motion.times)) | motion.jumps
     return [(motion.times[s[0]], motion.times[s[-1]]) for s in _stretches(motion.times, hit)]
+
+
+def _levels(recording: "Recording") -> Array:
+    """Commands that the thrusters can be given, a grid (k, n)."""
+    thrust = recording.thrust
+    least = np.where(thrust.min(axis=0) < 0, -1.0, 0.0)
+    count = MOST_LEVELS.get(thrust.shape[1], 2)
+    grid = itertools.product(*[np.linspace(low, 1, count) for low in least])
+    return np.array(list(grid))

@@ -3,7 +3,7 @@
 import functools
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 JUMP_BACK = 0.5  # no message is late by more [s]
 FARTHEST = 1e4  # that a pose can be away [m]
+LIFT = "lift"  # the channel that is no thruster
+CHANNELS = ("left", "right", LIFT)  # of a craft whose thrusters nobody has named
+RANGE = (0.0, 1.0)  # of a command, unless its channel says otherwise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +33,7 @@ class Recording:
     pose_times: Array  #: (n,) [s], in the order of arrival
     eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
     control_times: Array  #: (m,) [s]
-    controls: Array  #: (m, 3) left, right, lift, 0..1
+    controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
     source: str  #: which topics it came from
     clock_offset: float = 0.0  #: what stamps of poses lack to the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
@@ -44,6 +47,7 @@ class Recording:
     )  #: flown.RunFile by `model` and `room`, where kept
     changes: List[live_changes.LiveChange] = field(default_factory=list)  #: made while it ran
     path: str = ""  #: of the bag that it was read from
+    channels: Tuple[str, ...] = CHANNELS  #: names of the commands; `lift` is the lift fan
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
@@ -62,16 +66,44 @@ class Recording:
         """Name of its bag's file, or its own name."""
         return os.path.basename(self.path) or self.name
 
+    @property
+    def thrusters(self) -> Tuple[str, ...]:
+        """Names of the channels that are thrusters."""
+        return tuple(name for name in self.channels if name != LIFT)
+
+    @property
+    def thrust(self) -> Array:
+        """Commands of the thrusters (m, n)."""
+        return self.commands_of(self.thrusters)
+
+    @property
+    def lift(self) -> Array:
+        """Command of the lift fan (m,); zeros where there is no such channel."""
+        if LIFT not in self.channels:
+            return np.zeros(len(self.control_times))
+        return np.asarray(self.controls[:, self.channels.index(LIFT)])
+
+    def commands_of(self, names: Sequence[str]) -> Array:
+        """Commands of some channels (m, len(names)). GroundError for a channel that is missing."""
+        missing = [name for name in names if name not in self.channels]
+        if missing:
+            raise GroundError(
+                "%s: no command is named %s, which the model expects; the commands are %s: name the "
+                "channels in a mapping as the model names its thrusters"
+                % (self.name, " or ".join(missing), ", ".join(self.channels))
+            )
+        return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
+
     def to_frame(self) -> "pandas.DataFrame":
         """Poses and the commands that held then: columns t [s] since the first pose, x, y [m],
-        psi [rad], left, right, lift, 0..1 (NaN before the first command)."""
+        psi [rad], and a column for each channel (NaN before the first command)."""
         import pandas
 
         order = np.argsort(self.pose_times, kind="stable")
         times, eta = self.pose_times[order], self.eta[order]
         at = np.searchsorted(self.control_times, times, side="right") - 1
         commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
-        columns = ["t", "x", "y", "psi", "left", "right", "lift"]
+        columns = ["t", "x", "y", "psi", *self.channels]
         rows = np.column_stack([times - times[0], eta, commands])
         return pandas.DataFrame(rows, columns=columns)
 
@@ -118,7 +150,9 @@ def read_bag(
     disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
-    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
+    warnings += plausibility.lone_commands(
+        [r[0] for r in controls], [r[1:] for r in controls], CHANNELS
+    )
     source = ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values())
     found = checked(path, rows.rows["poses"], controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
@@ -262,10 +296,19 @@ def _control(kind: str, message: Message) -> Tuple[float, ...]:
 
 
 def checked(
-    path: str, poses: ArrayLike, controls: ArrayLike, source: str, warnings: List[str]
+    path: str,
+    poses: ArrayLike,
+    controls: ArrayLike,
+    source: str,
+    warnings: List[str],
+    channels: Sequence[str] = CHANNELS,
+    ranges: Optional[Mapping[str, Tuple[float, float]]] = None,
 ) -> Recording:
-    """A Recording of rows of stamp, x, y, psi and of stamp, left, right, lift. GroundError names `path`
-    and what is wrong with them."""
+    """A Recording of rows of stamp, x, y, psi and of stamp and a command for each channel.
+
+    ranges: (least, most) by channel, where they are not 0..1. GroundError names `path` and what is
+    wrong with the rows.
+    """
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
@@ -288,11 +331,7 @@ def checked(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
-    low, high = controls[:, 1:].min(), controls[:, 1:].max()
-    if low < -1e-9 or high > 1 + 1e-9:
-        raise GroundError(
-            "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
-        )
+    _check_ranges(path, controls[:, 1:], channels, ranges or {})
     turns = np.abs(np.diff(poses[:, 3]))
     wraps = turns[np.abs(turns - 360) < 60]
     if len(wraps) and np.abs(poses[:, 3]).max() < 361:
@@ -315,4 +354,22 @@ def checked(
         controls=controls[:, 1:],
         source=source,
         warnings=warnings,
+        channels=tuple(channels),
     )
+
+
+def _check_ranges(
+    path: str,
+    controls: Array,
+    channels: Sequence[str],
+    ranges: Mapping[str, Tuple[float, float]],
+) -> None:
+    """GroundError when a command is outside the range of its channel."""
+    for name, values in zip(channels, controls.T):
+        least, most = ranges.get(name, RANGE)
+        low, high = values.min(), values.max()
+        if low < least - 1e-9 or high > most + 1e-9:
+            raise GroundError(
+                "%s: controls reach from %g to %g, but they are normalised to %g..%g"
+                % (path, controls.min(), controls.max(), least, most)
+            )
