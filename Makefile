@@ -107,7 +107,7 @@ $(configured): $(installed)
 	@$(in_ros) .ci/configure default $(options)
 	@touch $@
 
-$(installed): .ci/debian-packages.txt .ci/install-dependencies
+$(installed): .ci/debian-packages.txt .ci/python-packages.txt .ci/install-dependencies
 	@mkdir -p build
 	@.ci/install-dependencies
 	@touch $@

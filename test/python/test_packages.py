@@ -20,7 +20,7 @@ KEYS = {
 TOOLS = {
     # to build and to try it by hand
     *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
-    "python3-venv",
+    *("python3-pip", "python3-venv"),
     # screenshots and pages that the tests look at
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
 }

@@ -9,6 +9,7 @@ from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.recordings import findings, quality, readers, settings
+from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -19,13 +20,18 @@ def read(
     *,
     axes: Optional[str] = None,
     heading_offset: Optional[float] = None,
+    mapping: Union[Path, FieldMapping, None] = None,
+    pose_topic: Optional[str] = None,
+    command_topic: Optional[str] = None,
+    body: Optional[str] = None,
 ) -> Tuple[Recording, ...]:
-    """The recordings in bags.
+    """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
     mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of
-    what was recorded with the run. GroundError when a bag cannot be read or is given twice; what is
-    odd about a bag is a GroundWarning.
+    what was recorded with the run. mapping: a mapping file, or what it holds; pose_topic,
+    command_topic and body (child frame, or part of the topic's name) in place of its own. GroundError
+    when a bag cannot be read or is given twice; what is odd about a bag is a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -34,17 +40,22 @@ def read(
     ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
     """
     paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
-    listed = readers.listed([os.fspath(path) for path in paths])
-    return tuple(reading(listed, axes, heading_offset))
+    if mapping is None:
+        mapping = FieldMapping()
+    elif not isinstance(mapping, FieldMapping):
+        mapping = load(os.fspath(mapping))
+    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
+    return tuple(reading([os.fspath(path) for path in paths], given))
 
 
 def reading(
-    bags: Sequence[str], axes: Optional[str] = None, heading_offset: Optional[float] = None
+    paths: Sequence[str], mapping: FieldMapping = DEFAULT
 ) -> Iterator[Recording]:
-    """The recordings in bags, which are read when the first one is asked for."""
+    """The recordings in bags and folders, which are read when the first one is asked for."""
     found = []
+    bags = readers.listed(paths, mapping)
     for path in bags:
-        found.append(readers.read(path, axes, heading_offset))
+        found.append(readers.read(path, mapping))
         for warning in found[-1].warnings:
             warn("%s: %s" % (path, warning), RecordingWarning)
     names = [r.name for r in found]

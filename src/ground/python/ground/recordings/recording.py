@@ -3,15 +3,18 @@
 import functools
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, ArrayLike, Message
+from ground.annotations import Array, ArrayLike, Time
 from ground.errors import GroundError
-from ground.recordings import flown, live_changes, plausibility
+from ground.recordings import commands, flown, live_changes, plausibility, poses
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
+from ground.recordings.commands import CHANNELS
+from ground.recordings.mapping import DEFAULT, RANGE, FieldMapping
+from ground.recordings.messages import MessageSource
 
 if TYPE_CHECKING:
     import pandas
@@ -21,8 +24,6 @@ if TYPE_CHECKING:
 JUMP_BACK = 0.5  # no message is late by more [s]
 FARTHEST = 1e4  # that a pose can be away [m]
 LIFT = "lift"  # the channel that is no thruster
-CHANNELS = ("left", "right", LIFT)  # of a craft whose thrusters nobody has named
-RANGE = (0.0, 1.0)  # of a command, unless its channel says otherwise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,44 +118,60 @@ class Recording:
         )
 
 
-def read_bag(
-    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
-) -> Recording:
-    """The recording in a bag: ground's own topics or those of the original system.
-
-    Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`
-    (x, y, psi), else from ground_msgs/State. Mocap poses become world_ned by the settings that were
-    recorded with the run, or by `axes` and `heading_offset` [rad] where given; planar ones take the
-    heading offset; states are corrected already. Raises GroundError.
-    """
+def read_bag(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
+    """The recording in a bag of ROS 1, whatever of it is there. Raises GroundError."""
     if os.path.isdir(path):
         raise GroundError("%s: a folder, not a bag; name the bags in it" % path)
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
-        warnings = bag.warnings
-        info = bag.get_type_and_topic_info().topics
-        topics = {
-            "poses": _choose(info, path, "poses", _pose_rank),
-            "controls": _choose(info, path, "controls", _control_rank),
-        }
-        changes = live_changes.changes_of(bag)
-        flown_by, run_files = flown.read(path, bag)
-        kind = info[topics["poses"]].msg_type
-        settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
-        rows = _rows(bag, info, topics, settings)
+        return read_source(bag, path, mapping)
+
+
+def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Recording:
+    """The recording in an open MessageSource, by what the mapping says.
+
+    Where the mapping names no topic, poses come from a mocap PoseStamped where there is one, else
+    from a PointStamped `pose` or `eta` (x, y, psi), from ground_msgs/State, or from the only topic of
+    another type with poses; commands from the topic `controls`. Mocap poses become world_ned by the
+    mapping's axes and heading_offset where given, else by the settings that were recorded with the
+    run; planar ones take the heading offset; states are corrected already. Raises GroundError.
+    """
+    warnings = source.warnings
+    info = source.get_type_and_topic_info().topics
+    topics = _topics(info, path, mapping)
+    changes = live_changes.changes_of(source)
+    flown_by, run_files = flown.read(path, source)
+    kind = info[topics["poses"]].msg_type
+    taken = poses.takes(kind, mapping.poses)
+    settings = measured.settings_of(source, path, taken, mapping, warnings)
+    reader = poses.PoseReader(
+        "%s: %s" % (path, topics["poses"]), kind, mapping.poses, settings
+    )
+    command_reader = commands.CommandReader(
+        "%s: %s" % (path, topics["controls"]), info[topics["controls"]].msg_type, mapping.commands
+    )
+    rows = _rows(source, info, topics, reader, command_reader)
+    reader.finish()
     if rows.lost:
         warnings.append("%d poses are invalid and were left out" % rows.lost)
     rows.mend_stamps(warnings)
-    controls = rows.rows["controls"]
+    controls = list(command_reader.normalised(rows.rows["controls"]))
+    channels = command_reader.channels
     disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
-    warnings += plausibility.lone_commands(
-        [r[0] for r in controls], [r[1:] for r in controls], CHANNELS
+    names = [channel.name for channel in channels]
+    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls], names)
+    found = checked(
+        path,
+        [(row[0] + mapping.clock_offset,) + row[1:] for row in rows.rows["poses"]],
+        controls,
+        ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values()),
+        warnings,
+        names,
+        {channel.name: channel.range for channel in channels},
     )
-    source = ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values())
-    found = checked(path, rows.rows["poses"], controls, source, warnings)
     # In the order of their last word: what one damaged message says, the next one takes back.
     ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
@@ -166,7 +183,7 @@ def read_bag(
         flown_by=flown_by,
         files=run_files,
         # The recorder received both: if their delays differ by much, their stamps are of two clocks.
-        clock_offset=rows.delay("poses") - rows.delay("controls"),
+        clock_offset=0.0 if mapping.clock_offset else rows.delay("poses") - rows.delay("controls"),
     )
 
 
@@ -198,38 +215,42 @@ class _Rows:
 
 
 def _rows(
-    bag: BagReader,
+    source: MessageSource,
     info: Mapping[str, Topic],
     topics: Mapping[str, str],
-    settings: measured.Settings,
+    poses_of: poses.PoseReader,
+    commands_of: commands.CommandReader,
 ) -> _Rows:
     found = _Rows({what: [] for what in topics}, {what: [] for what in topics}, {})
     drives = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
-    for topic, message, received in bag.read_messages([*topics.values(), *drives]):
-        stamp, kind = message.header.stamp.to_sec(), info[topic].msg_type
+
+    def take(what: str, stamp: Time, received: Optional[Time], values: Tuple[float, ...]) -> None:
+        seconds = stamp.to_sec()
+        found.rows[what].append((seconds,) + values)
+        found.receipts[what].append(seconds if received is None else received.to_sec())
+
+    for topic, message, received in source.read_messages([*topics.values(), *drives]):
         if topic in drives:
-            found.drives[message.began.to_sec()] = stamp
-            continue
-        what = "controls" if topic == topics["controls"] else "poses"
-        values = _control(kind, message) if what == "controls" else _pose(kind, message, settings)
-        if values is None or (what == "poses" and max(abs(p) for p in values[:2]) > FARTHEST):
-            found.lost += 1
-            continue
-        found.rows[what].append((stamp,) + values)
-        found.receipts[what].append(received.to_sec())
+            found.drives[message.began.to_sec()] = message.header.stamp.to_sec()
+        if topic == topics["controls"]:
+            stamp, values = commands_of(message, received)
+            take("controls", stamp, received, values)
+        if topic == topics["poses"]:
+            for stamp, pose in poses_of(message, received):
+                if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
+                    found.lost += 1
+                else:
+                    take("poses", stamp, received, pose)
     return found
 
 
-def read_settings(
-    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
-) -> measured.Settings:
-    """The settings.Settings by which the mocap's poses in a bag become world_ned, or the given ones in
-    their place. Raises GroundError."""
+def read_settings(path: str) -> measured.Settings:
+    """The settings.Settings by which the mocap's poses in a bag become world_ned. Raises
+    GroundError."""
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
-        kind = "geometry_msgs/PoseStamped"
-        return measured.settings_of(bag, path, kind, axes, heading_offset)
+        return measured.settings_of(bag, path, ("axes", "heading_offset"), DEFAULT)
 
 
 def read_files(path: str) -> Dict[str, flown.RunFile]:
@@ -240,59 +261,59 @@ def read_files(path: str) -> Dict[str, flown.RunFile]:
         return flown.read(path, bag)[1]
 
 
-def _pose_rank(name: str, kind: str) -> Optional[int]:
-    if kind == "geometry_msgs/PoseStamped" and name.endswith("pose"):
-        return 0
-    if kind == "geometry_msgs/PointStamped" and name in ("pose", "eta"):
-        return 1
-    if kind == "ground_msgs/State" and name == "state":
-        return 2
-    return None
+def _topics(info: Mapping[str, Topic], path: str, mapping: FieldMapping) -> Dict[str, str]:
+    """Topics of the poses and of the controls."""
+    for topic, option in (
+        (mapping.poses.topic, "--pose-topic"),
+        (mapping.commands.topic, "--command-topic"),
+    ):
+        if topic and (topic not in info or not info[topic].message_count):
+            raise GroundError(
+                "%s: no messages on %s, which %s names; it has %s"
+                % (path, topic, mapping.file or option, _there(info))
+            )
+    ranked = _control_ranks(info)
+    chosen = {}
+    if mapping.poses.topic:
+        chosen["poses"] = poses.named(info, mapping.poses, path)
+    else:
+        others = [mapping.commands.topic] if mapping.commands.topic else list(ranked)
+        chosen["poses"] = _best(path, "poses", poses.candidates(info, mapping.poses, others), info)
+    if mapping.commands.topic:
+        chosen["controls"] = commands.named(info, mapping.commands, path)
+    else:
+        chosen["controls"] = _best(path, "controls", ranked, info)
+    return chosen
 
 
-def _control_rank(name: str, kind: str) -> Optional[int]:
-    if name != "controls":
-        return None
-    return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
+def _control_ranks(info: Mapping[str, Topic]) -> Dict[str, int]:
+    ranks = {t: commands.rank(t.rsplit("/", 1)[-1], e.msg_type) for t, e in info.items()}
+    return {t: r for t, r in ranks.items() if r is not None and info[t].message_count > 0}
 
 
-def _choose(
-    info: Mapping[str, Topic], path: str, what: str, rank: Callable[[str, str], Optional[int]]
-) -> str:
-    """The best topic that has messages, by its last name and type."""
-    found = []
-    for topic, entry in info.items():
-        order = rank(topic.rsplit("/", 1)[-1], entry.msg_type)
-        if order is not None and entry.message_count > 0:
-            found.append((order, topic))
-    if not found:
-        there = ", ".join("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
+def _there(info: Mapping[str, Topic]) -> str:
+    named = ("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
+    return ", ".join(named) or "no messages at all"
+
+
+OPTIONS = {"poses": "--pose-topic", "controls": "--command-topic"}
+
+
+def _best(path: str, what: str, ranks: Mapping[str, int], info: Mapping[str, Topic]) -> str:
+    """The topic of the lowest rank. GroundError when there is none or several have it."""
+    if not ranks:
         raise GroundError(
-            "%s: no %s in this bag; it has %s" % (path, what, there or "no messages at all")
+            "%s: no %s in this bag; it has %s; %s names another topic, and identify info "
+            "--write-mapping drafts a mapping for other fields and units"
+            % (path, what, _there(info), OPTIONS[what])
         )
-    found.sort()
-    same = [topic for order, topic in found if order == found[0][0]]
+    same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
     if len(same) > 1:
-        raise GroundError("%s: several topics could be the %s: %s" % (path, what, ", ".join(same)))
+        raise GroundError(
+            "%s: several topics could be the %s: %s; choose one by %s"
+            % (path, what, ", ".join(same), OPTIONS[what])
+        )
     return same[0]
-
-
-def _pose(kind: str, message: Message, settings: measured.Settings) -> Optional[Tuple[float, ...]]:
-    if kind == "geometry_msgs/PoseStamped":
-        p, q = message.pose.position, message.pose.orientation
-        mapping = settings.mapping(message.header.stamp)
-        planar = mapping.to_planar((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-        return None if planar is None else tuple(planar)
-    if kind == "geometry_msgs/PointStamped":
-        psi = settings.heading(message.header.stamp, message.point.z)
-        return (message.point.x, message.point.y, psi)
-    return tuple(message.eta) if message.valid else None
-
-
-def _control(kind: str, message: Message) -> Tuple[float, ...]:
-    if kind == "geometry_msgs/PointStamped":
-        return (message.point.x, message.point.y, message.point.z)
-    return (message.left, message.right, message.lift)
 
 
 def checked(
