@@ -14,6 +14,7 @@ DRIVES_BY = {  # what is assumed when nothing in the recording says when the dri
     "first command": "; assumed: the first command has lift, and no record says when it began",
     "start": "; assumed: no command has lift",
 }
+FEWEST_CHANGES = 20  # of the commands that tell whether the motion follows them
 MOST_NAMED = 4  # of gaps and the like; the rest is counted
 MOST_CHANGES = 30  # live ones that are listed, likewise
 
@@ -108,7 +109,7 @@ def grave(d: Document) -> Iterator[str]:
             "the motion comes %.0f ms BEFORE its commands: the clocks of poses and commands differ"
             % (-1e3 * d["reply"]["lag"])
         )
-    if controls["changes"] and not d["reply"]:
+    if controls["changes"] >= FEWEST_CHANGES and not d["reply"]:
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
@@ -135,7 +136,7 @@ def _frames(poses: Document) -> Iterator[str]:
     if clock:
         late = clock["lateness"]
         yield (
-            "a poll has stamped a faster mocap: %d of %d poses came within 1 ms of the one before; "
+            "stamps are late, in bursts or by a poll: %d of %d poses came within 1 ms of the one before; "
             "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in "
             "the middle and %.0f ms at most"
             % (
@@ -165,6 +166,7 @@ def _poses(poses: Document) -> Iterator[str]:
         )
     for count, what in (
         (poses["duplicate_stamps"], "repeated stamps"),
+        (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
         (poses["heading_wraps"], "wraps of the heading, unwrapped"),
         (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
     ):

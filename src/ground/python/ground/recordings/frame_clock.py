@@ -2,7 +2,8 @@
 
 A client that polls stamps every frame with the instant at which it came to fetch it: frames of one
 poll share a stamp, frames that the network held up come late all together. But frames are taken at a
-constant rate, and while the craft moves each step says how many frames it took. The most likely
+constant rate, and while the craft moves each step says how many frames it took. A client that is told
+of each frame stamps most of them well, and those that come in a burst late. The most likely
 numbers of the frames (Viterbi 1967) given both put every pose back to its instant.
 """
 
@@ -17,6 +18,8 @@ NOISE = np.array([4e-4, 4e-4, 6e-3])  # of one pose: x, y [m], psi [rad]
 LATEST = 0.4  # a frame is not stamped later than this after the poll that might have had it [s]
 EARLIEST = 1e-3  # what the clock itself may be off [s]
 SCATTER = 0.25  # of the steps in frames: intervals that vary more are not those of the frames
+IRREGULAR = 0.02  # of the intervals, from which on the clock is looked for
+SMOOTHER = 0.7  # the motion by its instants has to be, relative to that by the stamps
 MOVES = 4.0  # steps above this many noises tell how many frames they took
 MOST_LOST = 12  # frames in a row that a step can tell
 UNLIKELY = 12.0  # log-likelihood that no single step or stamp may cost more than
@@ -54,7 +57,7 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
         start, rate = _line(times, numbers)
     frames = start + numbers / rate
     roughness = _roughness(frames, eta) / _roughness(times, eta)
-    if not roughness < 0.7:
+    if not roughness < SMOOTHER:
         return None
     return FrameClock(
         frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness
@@ -64,7 +67,7 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
 def _irregular(times: Array) -> bool:
     steps = np.diff(times)
     middle = np.median(steps)
-    return bool(middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > 0.1)
+    return bool(middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > IRREGULAR)
 
 
 def _numbers_by_motion(steps: Array) -> Tuple[Indices, Flags]:
@@ -158,7 +161,7 @@ def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float
 
 
 def _roughness(times: Array, eta: Array) -> float:
-    """Median change of velocity from step to step, in noises, where the steps take time."""
+    """Mean change of velocity from step to step, in noises, where the steps take time."""
     apart = np.maximum(np.diff(times), 2e-3)[:, None]
     change = np.diff(np.diff(eta, axis=0) / apart, axis=0) / NOISE
-    return float(np.median(np.linalg.norm(change, axis=1)))
+    return float(np.mean(np.linalg.norm(change, axis=1)))

@@ -64,7 +64,8 @@ def lone_commands(
     for channel, values in zip(channels, np.asarray(controls).T):
         levels, counts = np.unique(values, return_counts=True)
         often = counts > 2
-        lone = levels[counts == 1]
+        inside = np.isin(levels, values[1:-1])  # a run may begin or end with a command of its own
+        lone = levels[(counts == 1) & inside]
         if (
             0 < len(lone) <= 2
             and often.sum() <= MAX_LEVELS

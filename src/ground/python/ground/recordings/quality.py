@@ -210,6 +210,7 @@ class Run:
             "heading_wraps": int((np.abs(np.diff(wrap(motion.measured[:, 2]))) > np.pi).sum()),
             "mirrored_headings": motion.repairs["headings mirrored back"],
             "frozen": motion.repairs["frozen poses dropped"],
+            "overtaken": motion.repairs["poses that overtook each other put in order"],
             "spikes": [float(t - self.zero) for t in motion.times[motion.spikes]],
             "out_of_range": int((np.abs(psi) > np.pi + 1e-9).sum()),
         }
