@@ -173,17 +173,9 @@ commands:
 """
 COLUMNS = ["t [ms]", "x", "y", "heading", "port", "starboard", "fan"]
 
-
-def rows():
-    """Each pose with the commands that hold; a command that changes between poses has a row too, in
-    which the poses are those that a table without gaps would repeat."""
-    poses, commands = experiment()
-    return poses, commands
-
-
 def csv_pair(folder):
     """Poses and commands apart, as a rate of their own takes."""
-    poses, commands = rows()
+    poses, commands = experiment()
     write_csv(
         folder / "poses.csv",
         COLUMNS[:4],
@@ -310,3 +302,47 @@ def test_a_cut_bag_of_ros2_is_refused_or_read_in_a_sentence(make, tmp_path):
         result = identify("info", path, *options)
         assert result.returncode == 1 or "damaged" in result.stderr
         assert "Traceback" not in result.stderr and "unexpected" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "make", [pose_stamped, tf, ros2_sqlite3, mcap], ids=lambda make: make.__name__
+)
+def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
+    path, options = written(make, tmp_path / "run")
+    draft = tmp_path / "draft.yaml"
+    assert identify("info", path, "--write-mapping", draft).returncode == 0
+    (found,) = ground.read(path, mapping=draft)
+    (wanted,) = ground.read(path, mapping=options[1] if options else None)
+    assert found.eta == pytest.approx(wanted.eta, abs=1e-12)
+    assert np.array_equal(found.controls, wanted.controls)
+    assert found.channels == ("left", "right", "lift")
+    result = identify("info", path, "--write-mapping", draft)
+    assert result.returncode == 1 and "--force" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "make, evidence",
+    [
+        (pose_stamped, "y moves least, 100% of the poses are upright by it"),
+        (transform_stamped, "lift: {field: position.z, unit: microseconds}  # 2000 to 2000, 0 changes"),
+        (tf, "body: craft\n  # others: /tf, body wall (tf2_msgs/TFMessage)"),
+        (odometry, 'right: {field: "data[2]", off: 0, full: 2}  # 0 to 2, 62 changes'),
+        (mcap, "position: {unit: cm}  # x -110 to 57.87"),
+        (csv_pair, "heading: {field: heading, unit: deg, sign: 1}  # -179.3 to 178.1"),
+        (csv_pair, 'time: {field: "t [ms]", unit: ms}'),
+        (csv_pair, "left: {field: port, unit: percent}"),
+    ],
+)
+def test_a_draft_says_what_it_guesses_by(make, evidence, tmp_path):
+    path, _ = written(make, tmp_path / "run")
+    draft = tmp_path / "draft.yaml"
+    assert identify("info", path, "--write-mapping", draft).returncode == 0
+    assert evidence in draft.read_text()
+    ground.read(path, mapping=draft)
+
+
+def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):
+    path = write_csv(tmp_path / "names.csv", ["name", "place"], [("a", "b"), ("c", "d")])
+    result = identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
+    assert result.returncode == 1 and "nothing in it has poses or numbers" in result.stderr
+    assert not (tmp_path / "draft.yaml").exists()

@@ -9,7 +9,7 @@ import re
 from typing import ContextManager, Dict, Iterable, List, Protocol, Tuple
 
 from ground.errors import GroundError
-from ground.recordings import bag_reader
+from ground.recordings import bag_reader, drafts
 from ground.recordings.bag_reader import BagReader
 from ground.recordings.mapping import DEFAULT, FieldMapping
 from ground.recordings.messages import MessageSource
@@ -41,6 +41,10 @@ class OfMessages:
     def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
         """The messages in a file. Raises GroundError."""
         raise NotImplementedError
+
+    def everything(self, path: str) -> ContextManager[MessageSource]:
+        """All that is in a file, of which a mapping may choose. Raises GroundError."""
+        return self.open(path, DEFAULT)
 
     def read(self, path: str, mapping: FieldMapping) -> Recording:
         """See Reader."""
@@ -94,6 +98,10 @@ class Table(OfMessages):
         """See OfMessages."""
         return TableReader(list(dict.fromkeys(_pair(path, mapping))))
 
+    def everything(self, path: str) -> ContextManager[MessageSource]:
+        """See OfMessages."""
+        return TableReader(_tables(path) if os.path.isdir(path) else [path])
+
     def read(self, path: str, mapping: FieldMapping) -> Recording:
         """See Reader."""
         if not mapping.of_tables:
@@ -127,6 +135,19 @@ def reader_of(path: str) -> Reader:
 def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
     return reader_of(path).read(path, mapping)
+
+
+def drafted(path: str) -> str:
+    """The text of a mapping for a file or folder, with the evidence of what it guesses. Raises
+    GroundError."""
+    if os.path.isdir(path) and len(_tables(path)) < 2:  # the runs may be folders in it
+        inside = sorted(entry.path for entry in os.scandir(path) if entry.is_dir())
+        path = next((found for found in inside if _tables(found)), path)
+    reader = reader_of(path)
+    if not isinstance(reader, OfMessages):
+        raise GroundError("%s: a %s takes no mapping" % (path, reader.name))
+    with reader.everything(path) as source:
+        return drafts.draft(source, path, os.path.isdir(path))
 
 
 def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:

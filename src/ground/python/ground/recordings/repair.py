@@ -58,8 +58,8 @@ def repair(recording: "Recording") -> Motion:
     times, eta = times[keep], eta[keep]
     if len(times) < 10:
         raise GroundError("%s: only %d distinct poses" % (recording.name, len(times)))
-    order, repairs["poses that overtook each other put in order"] = bursts.in_order(times, eta)
-    eta = eta[order]
+    measured, repairs["poses that overtook each other put in order"] = bursts.in_order(times, eta)
+    eta = eta[measured]
     eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
     eta[:, 2] = np.unwrap(eta[:, 2])
     clock = frame_clock.rebuild(times, eta)
