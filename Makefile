@@ -16,7 +16,7 @@ SEED ?= 1
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -66,6 +66,11 @@ bench-damage: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
+
+# Recordings read with mistakes in units, axes, signs, clocks and swaps, and honest ones.
+# OPTIONS="--count 48 --honest 24"
+bench-mistakes: build
+	@$(in_workspace) test/bench/mistakes.py $(OPTIONS)
 
 # Excitation and tracking inside a room over 200 seeds; goes on where it was interrupted.
 # OPTIONS="--count 20"

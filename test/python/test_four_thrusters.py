@@ -51,3 +51,16 @@ def test_motion_has_no_jumps_of_a_late_pose(described):
         motion = recording.repaired.motion
         assert not motion.jumps.any()
         assert np.abs(motion.nu[:, :2]).max() < 1.0
+
+
+def test_what_each_thruster_does_is_told(described):
+    """The craft's rigid body looks backwards, and the firmware's left is on the right."""
+    told = described[1]["authority"]
+    assert list(told) == ["back_left", "back_right", "front_left", "front_right"]
+    pushes = [1 if one["forward"] > 0 else -1 for one in told.values()]
+    turns = [1 if one["turn"] > 0 else -1 for one in told.values()]
+    assert pushes == [-1, -1, 1, 1] and turns == [-1, 1, 1, -1]
+    for one in told.values():
+        assert abs(one["forward"]) > 5 * one["errors"][0]
+        assert abs(one["turn"]) > 3 * one["errors"][2]
+        assert abs(one["right"]) < 0.3 * abs(one["forward"])

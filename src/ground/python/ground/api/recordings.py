@@ -8,7 +8,7 @@ from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.recordings import findings, quality, readers, settings
+from ground.recordings import findings, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
 
@@ -96,6 +96,13 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
     different = settings.differences([*others, *found])
     if different and different != settings.differences(others):
         warn(different, GroundNote)
+
+
+def note_suspicions(found: Sequence[Recording]) -> None:
+    """Warns of mistakes that recordings look like."""
+    for recording in found:
+        for suspicion in recording.repaired.suspicions:
+            warn("%s: %s" % (recording.name, suspicions.sentence(suspicion.describe())))
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:

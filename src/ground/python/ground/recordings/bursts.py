@@ -1,7 +1,8 @@
 """Poses that overtook each other: a network that held frames up may deliver them in another order.
 
 All frames of a burst have nearly the same stamp, so that stamps do not tell their order. The motion does:
-a craft goes on in one direction while a burst lasts.
+a craft goes on in one direction while a burst lasts, and turns on. No order is taken that makes the path
+rougher: a mocap may flip headings.
 """
 
 from typing import Tuple
@@ -32,19 +33,26 @@ def in_order(times: Array, eta: Array) -> Tuple[Indices, int]:
     for start, end in zip(starts, ends):
         if start < AROUND or end + AROUND > len(times):
             continue
-        before, after = places[start - AROUND : start], places[end : end + AROUND]
-        way = after.mean(axis=0) - before.mean(axis=0)
-        burst = places[start:end]
-        sorted_ones = np.argsort(burst @ way, kind="stable")
-        if np.linalg.norm(way) < FARTHEST or (np.diff(sorted_ones) == 1).all():
-            continue
-        found = _roughness(before, burst[sorted_ones], after)
-        as_stamped = _roughness(before, burst, after)
-        if found < LEFT * as_stamped and as_stamped - found > GAIN:
-            order[start:end] = start + sorted_ones
+        told = places[start - AROUND : end + AROUND]
+        found = min((_sorted(told, n) for n in (2, 4)), key=lambda o: _roughness(told[o]))
+        before, after = _roughness(told), _roughness(told[found])
+        rougher = _roughness(told[found, :2]) > _roughness(told[:, :2])
+        if after < LEFT * before and before - after > GAIN and not rougher:
+            order[start - AROUND : end + AROUND] = start - AROUND + found
     return order, int((order != np.arange(len(times))).sum())
 
 
-def _roughness(before: Array, burst: Array, after: Array) -> float:
-    """Sum of the squared second differences of poses in a row, in noises."""
-    return float((np.diff(np.vstack([before, burst, after]), 2, axis=0) ** 2).sum())
+def _sorted(places: Array, columns: int) -> Indices:
+    """Indices that sort the places of a burst along its way, by the first columns; as they are where
+    they do not reach far enough."""
+    told = places[:, :columns]
+    way = told[-AROUND:].mean(axis=0) - told[:AROUND].mean(axis=0)
+    order = np.arange(len(told))
+    if np.linalg.norm(way) > FARTHEST:
+        order[AROUND:-AROUND] = AROUND + np.argsort(told[AROUND:-AROUND] @ way, kind="stable")
+    return order
+
+
+def _roughness(places: Array) -> float:
+    """Sum of the squared second differences of places in a row, in noises."""
+    return float((np.diff(places, 2, axis=0) ** 2).sum())

@@ -6,7 +6,6 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core
 from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import fields, poses, units
@@ -160,11 +159,8 @@ def is_pose(columns: Columns) -> bool:
 
 def axes_guess(position: Array, quaternion: Array) -> Tuple[str, float, str]:
     """The axes that fit poses (n, 3) and (n, 4) best, the share of poses that they fit, and why."""
-    shares = []
-    for pair in units.VERTICAL:
-        mapping = _core.AxisMapping(pair[0], 0.0)
-        fit = [mapping.to_planar(p, q) is not None for p, q in zip(position, quaternion)]
-        shares.append(float(np.mean(fit)))
+    rows = np.column_stack([position, quaternion])
+    shares = [units.upright(rows, pair[0]) for pair in units.VERTICAL]
     spread = np.ptp(position, axis=0)
     best = int(np.lexsort([spread, -np.array(shares)])[0])
     up = float(np.median(position[:, best])) >= 0

@@ -46,13 +46,13 @@ class Poses:
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""  #: of the topic's messages; empty: as found
     body: str = ""  #: child frame, or part of the topic's name
-    position: Tuple[str, ...] = ()  #: paths of x, y, z or x, y; empty: as the type has them
+    position: Tuple[str, ...] = ()  #: paths of x, y, z or x, y, "-y" mirrors; empty: the type's
     unit: str = "m"
     scale: float = 1.0
     orientation: Tuple[str, ...] = ()  #: paths of the quaternion's x, y, z, w
     heading: str = ""  #: path of an angle in place of a quaternion
     heading_unit: str = "rad"
-    heading_sign: int = 1  #: -1: it is positive the other way round
+    heading_sign: int = 1  #: -1: it, or the quaternion's turn, is positive the other way round
     axes: Optional[str] = None
     heading_offset: Optional[float] = None  #: [rad]
     time: Clock = Clock()

@@ -124,7 +124,11 @@ class PoseReader:
         found = KINDS.get(self.kind if not self.poses.type else self.poses.type)
         self._kind = found or Kind("", "")
         self._position, self._rotation = self._paths(found)
-        self._get = fields.getter(self._position + self._rotation)
+        paths = self._position + self._rotation
+        self._get = fields.getter([path.lstrip("-") for path in paths])
+        self._signs = [-1.0 if path.startswith("-") else 1.0 for path in paths]
+        if len(self._rotation) == 4 and self.poses.heading_sign < 0:
+            self._signs[-4:-1] = [-sign for sign in self._signs[-4:-1]]
         self._scale = LENGTHS[self.poses.unit] * self.poses.scale
         self._turn = ANGLES[self.poses.heading_unit] * self.poses.heading_sign
 
@@ -153,10 +157,13 @@ class PoseReader:
                 continue
             stamp = self._stamp(item, received)
             try:
-                values = [float(value) for value in self._get(item)]
+                values = [sign * float(v) for sign, v in zip(self._signs, self._get(item))]
             except (LookupError, TypeError):
                 raise fields.missing(
-                    self.where, "a message", self._position + self._rotation, item
+                    self.where,
+                    "a message",
+                    [path.lstrip("-") for path in self._position + self._rotation],
+                    item,
                 )
             except ValueError:
                 yield stamp, None

@@ -1,15 +1,16 @@
 """What is odd about a recording, which parts of it can be used, and the run that fits see."""
 
 import itertools
-from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, TypedDict
+from dataclasses import asdict
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Flags, Indices
+from ground.annotations import Array, Document
 from ground.errors import GroundError
-from ground.recordings import frame_clock
-from ground.recordings.repair import MAX_GAP, Motion, repair, wrap
+from ground.recordings import frame_clock, reply, suspicions
+from ground.recordings.repair import Motion, repair, wrap
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
@@ -21,22 +22,11 @@ MOVED = 0.01  # a craft that has moved by more does not rest [m]
 CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # nor less than this many times its noise
 CONTACT_MARGIN = 0.1  # left out before and after one [s]
-LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
 MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # of each thruster in a search over all of so many; else 2
-LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
-IMPOSSIBLE_LAG = -0.03  # the motion cannot come before its command [s]
 
 PAIR = ("left", "right")  # the thrusters of a model
 
 Span = Tuple[float, float]  # start, end [s]
-
-
-class _Reply(TypedDict):
-    """How accelerations follow from the commands."""
-
-    lag: float  # of the motion after the commands [s]
-    share: float  # of the accelerations that the commands explain
-    coefficients: Array  # (n + 11, 3) of the thrusters, and _smooth_terms
 
 
 class Run:
@@ -46,7 +36,8 @@ class Run:
     it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
     reply, how the motion follows the commands; drives, when each drive began [s], the origins of
     the model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first
-    command" (which has lift already) or "start" (of the run: no command has lift).
+    command" (which has lift already) or "start" (of the run: no command has lift); suspicions, the
+    mistakes that it looks like.
     """
 
     def __init__(self, recording: "Recording") -> None:
@@ -60,12 +51,13 @@ class Run:
             raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
         self.drives, self.drives_by = self._drives()
-        reply = _reply(recording, motion)
-        contacts = _contacts(recording, motion, reply)
-        self.reply = None if reply is None else {"lag": reply["lag"], "share": reply["share"]}
+        found = reply.find(recording, motion)
+        contacts = _contacts(recording, motion, found)
+        self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
         self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
         self.active = self._active()
         self.spans = self._spans()
+        self.suspicions = suspicions.of(self)
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
@@ -104,7 +96,7 @@ class Run:
         for a, b in cuts:
             inside &= (times < a) | (times > b)
         spans = []
-        for stretch in _stretches(times, inside):
+        for stretch in reply.stretches(times, inside):
             if times[stretch[-1]] - times[stretch[0]] >= SHORTEST:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
@@ -181,10 +173,12 @@ class Run:
             "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
             "poses": self._describe_poses(),
             "controls": self._describe_controls(),
+            "authority": self._describe_authority(),
             "clock_offset": float(recording.clock_offset),
             "reply": self.reply,
             "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
             "repairs": self.motion.repairs,
+            "suspicions": [suspicion.describe() for suspicion in self.suspicions],
         }
 
     def _describe_poses(self) -> Document:
@@ -227,6 +221,15 @@ class Run:
                 "roughness": float(clock.roughness),
             }
         return poses
+
+    def _describe_authority(self) -> Document:
+        """What `info` says of what each thruster does; of crafts that are not of the usual pair."""
+        recording = self.recording
+        if recording.thrusters == PAIR:
+            return {}
+        lag = self.reply["lag"] if self.reply else None
+        found = reply.authorities(recording, self.motion, lag)
+        return {name: asdict(one) for name, one in zip(recording.thrusters, found)}
 
     def _describe_controls(self) -> Document:
         """What `info` says of the commands."""
@@ -289,89 +292,23 @@ def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
     return False
 
 
-def _stretches(times: Array, inside: Flags) -> List[Indices]:
-    """Indices of the samples inside, apart where there is a gap between them."""
-    index = np.flatnonzero(inside)
-    if not len(index):
-        return []
-    return np.split(index, np.flatnonzero(np.diff(times[index]) > MAX_GAP) + 1)
-
-
-def _commands_at(recording: "Recording", times: Array) -> Array:
-    at = np.searchsorted(recording.control_times, times, side="right") - 1
-    commands = np.asarray(recording.thrust[np.maximum(at, 0)])
-    commands[at < 0] = 0
-    return commands
-
-
-def _accelerations(motion: Motion) -> Array:
-    """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
-    u, v, r = motion.nu.T
-    turning = np.column_stack([-r * v, r * u, 0 * r])
-    return np.asarray(motion.nu_dot + turning)
-
-
-def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
-    """How accelerations follow from the commands: linearly, at the lag that suits best.
-
-    Whatever the body's axes and its drag: all accelerations on both commands and on products of the
-    velocities. None when the commands explain next to nothing.
-    """
-    middle = _middle(motion.times)
-    times = motion.times[middle]
-    if len(times) < 50 or np.ptp(recording.thrust, axis=0).max() < 1e-6:
-        return None
-    wanted = _accelerations(motion)[middle]
-    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
-    others = _smooth_terms(motion.nu[middle])
-
-    def regression(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
-        X = np.column_stack([_commands_at(recording, times[some] - lag), others[some]])
-        coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
-        return np.abs((wanted[some] - X @ coefficients) / scale).mean(), coefficients
-
-    spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lag = LAGS[int(np.argmin([regression(lag, spread)[0] for lag in LAGS]))]
-    misfit, coefficients = regression(lag)
-    without = np.linalg.lstsq(others, wanted, rcond=None)[0]
-    share = 1 - misfit / np.abs((wanted - others @ without) / scale).mean()
-    if share < 0.1:
-        return None
-    return {"lag": float(lag), "share": float(share), "coefficients": coefficients}
-
-
-def _smooth_terms(nu: Array) -> Array:
-    """What accelerations may depend on besides the commands, (n, 11)."""
-    u, v, r = nu.T
-    return np.column_stack(
-        [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
-    )
-
-
-def _middle(times: Array, margin: float = 0.06) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are guesses."""
-    inside = np.zeros(len(times), bool)
-    for stretch in _stretches(times, np.ones(len(times), bool)):
-        start, end = times[stretch[0]], times[stretch[-1]]
-        inside[stretch] = (times[stretch] > start + margin) & (times[stretch] < end - margin)
-    return inside
-
-
-def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -> List[Span]:
+def _contacts(
+    recording: "Recording", motion: Motion, found: Optional[reply.Reply]
+) -> List[Span]:
     """Spans of time in which the craft accelerates as no input within its bounds explains."""
-    if reply is None:
+    if found is None:
         return [(t, t) for t in motion.times[motion.jumps]]
-    coefficients = reply["coefficients"]
+    coefficients = found["coefficients"]
     by_input = coefficients[: len(recording.thrusters)]  # rows: thrusters
-    others = _smooth_terms(motion.nu)
-    wanted = _accelerations(motion) - others @ coefficients[len(by_input) :]
+    others = reply.smooth_terms(motion.nu)
+    wanted = reply.accelerations(motion) - others @ coefficients[len(by_input) :]
     reachable = _levels(recording) @ by_input
     thrust = np.linalg.norm(reachable[:, :2], axis=1).max()
     turn = np.abs(reachable[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
     # Noise is no contact, however little the commands (both alike, say) tell of what they can do.
-    rest = wanted - _commands_at(recording, motion.times - reply["lag"]) @ by_input
+    rest = wanted - reply.commands_at(recording, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
     beyond = np.full(len(wanted), np.inf)
@@ -381,8 +318,8 @@ def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -
         beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact pushes for some frames; what only one shows is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
-    hit = ((beyond > 1) & _middle(motion.times)) | motion.jumps
-    return [(motion.times[s[0]], motion.times[s[-1]]) for s in _stretches(motion.times, hit)]
+    hit = ((beyond > 1) & reply.middle(motion.times)) | motion.jumps
+    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit)]
 
 
 def _levels(recording: "Recording") -> Array:

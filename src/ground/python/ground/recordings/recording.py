@@ -9,7 +9,7 @@ import numpy as np
 
 from ground.annotations import Array, ArrayLike, Time
 from ground.errors import GroundError
-from ground.recordings import commands, flown, live_changes, plausibility, poses
+from ground.recordings import commands, flown, live_changes, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 from ground.recordings.commands import CHANNELS
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 JUMP_BACK = 0.5  # no message is late by more [s]
 FARTHEST = 1e4  # that a pose can be away [m]
+MANY_LOST = 0.1  # of the poses, from which on their axes are looked at
 LIFT = "lift"  # the channel that is no thruster
 
 
@@ -154,7 +155,7 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     rows = _rows(source, info, topics, reader, command_reader)
     reader.finish()
     if rows.lost:
-        warnings.append("%d poses are invalid and were left out" % rows.lost)
+        warnings.append(_lost(path, rows, reader))
     rows.mend_stamps(warnings)
     controls = list(command_reader.normalised(rows.rows["controls"]))
     channels = command_reader.channels
@@ -242,6 +243,25 @@ def _rows(
                 else:
                     take("poses", stamp, received, pose)
     return found
+
+
+def _lost(path: str, rows: _Rows, reader: poses.PoseReader) -> str:
+    """How many poses are lost, with the axes that would keep them where these are why. GroundError when
+    none is left."""
+    count = rows.lost + len(rows.rows["poses"])
+    fit = units.fitting_axes(reader.raw) if reader.raw else None
+    if fit is None or rows.lost < MANY_LOST * count or "axes" not in reader.settings.taken:
+        return "%d poses are invalid and were left out" % rows.lost
+    axes, share = fit
+    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%" % (
+        100 * rows.lost / count,
+        reader.settings.changes[0].axes,
+        axes,
+        100 * share,
+    )
+    if len(rows.rows["poses"]) < 2:
+        raise GroundError("%s: %s" % (path, text))
+    return text
 
 
 def read_settings(path: str) -> measured.Settings:
@@ -343,8 +363,8 @@ def checked(
         times = rows[:, 0]
         if times.max() == times.min():
             raise GroundError(
-                "%s: all %s have the same stamp, %.3f s: their headers were not filled in"
-                % (path, what, times[0])
+                "%s: all %s have the same stamp, %.3f s: their headers were not filled in; time: "
+                "receipt in a mapping takes the recorder's clock" % (path, what, times[0])
             )
         back = np.diff(times)
         if back.min() < -JUMP_BACK:
@@ -353,17 +373,12 @@ def checked(
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
     _check_ranges(path, controls[:, 1:], channels, ranges or {})
-    turns = np.abs(np.diff(poses[:, 3]))
-    wraps = turns[np.abs(turns - 360) < 60]
-    if len(wraps) and np.abs(poses[:, 3]).max() < 361:
+    if units.in_degrees(poses[:, 0], poses[:, 3]):
         raise GroundError(
-            "%s: headings jump by %.0f from pose to pose: they seem to be in degrees, but radians "
-            "are needed" % (path, wraps[0])
-        )
-    if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
-        raise GroundError(
-            "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
-            "degrees, but radians are needed" % (path, np.abs(poses[:, 3]).max(), np.median(turns))
+            "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
+            "degrees, but radians are needed; heading: {field: NAME, unit: deg} under poses in a "
+            "mapping turns them into radians"
+            % (path, np.abs(poses[:, 3]).max(), np.abs(np.diff(poses[:, 3])).max())
         )
     order = np.argsort(controls[:, 0], kind="stable")
     controls = controls[order]
@@ -390,7 +405,19 @@ def _check_ranges(
         least, most = ranges.get(name, RANGE)
         low, high = values.min(), values.max()
         if low < least - 1e-9 or high > most + 1e-9:
+            unit = units.command_unit(controls[controls != 0]) if (controls != 0).any() else None
+            seem = " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else ""
             raise GroundError(
-                "%s: controls reach from %g to %g, but they are normalised to %g..%g"
-                % (path, controls.min(), controls.max(), least, most)
+                "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their "
+                "channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
+                "one)%s"
+                % (
+                    path,
+                    controls.min(),
+                    controls.max(),
+                    least,
+                    most,
+                    seem,
+                    "; a thruster that can be reversed has range: [-1, 1]" if -1 <= low < 0 else "",
+                )
             )
