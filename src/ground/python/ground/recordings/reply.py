@@ -1,7 +1,7 @@
 """How the motion of a craft replies to its commands."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, List, Optional, Tuple, TypedDict
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -175,6 +175,32 @@ def _clipped(values: Array) -> Array:
     centre = np.median(values, axis=0)
     scatter = 1.4826 * np.median(np.abs(values - centre), axis=0)
     return np.asarray(np.clip(values, centre - OUTLIER * scatter, centre + OUTLIER * scatter))
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Accelerations and commands without what the velocities explain, at the same instants."""
+
+    accelerations: Array  # (n, 3) specific force [m/s^2], yaw acceleration [rad/s^2]
+    commands: Array  # (n, k)
+
+
+def rest(
+    recording: "Recording", motion: Motion, lag: Optional[float], names: Sequence[str]
+) -> Rest:
+    """The Rest of a motion that follows the commands of some channels by a lag [s]."""
+    inside = middle(motion.times)
+    times = motion.times[inside]
+    sent = (times > recording.control_times[0]) & (times < recording.control_times[-1])
+    at = np.searchsorted(
+        recording.control_times, times[sent] - (USUAL_LAG if lag is None else lag), side="right"
+    )
+    commands = recording.commands_of(names)[np.maximum(at - 1, 0)]
+    commands[at < 1] = 0
+    base = np.linalg.qr(smooth_terms(motion.nu[inside][sent]))[0]
+    found = np.column_stack([_clipped(accelerations(motion)[inside][sent]), commands])
+    found = found - base @ (base.T @ found)
+    return Rest(found[:, :3], found[:, 3:])
 
 
 @dataclass(frozen=True)
