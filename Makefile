@@ -1,18 +1,18 @@
-# make demo: a hidden effect, found; make test: everything checked.
-# Both install what is missing first (as root or through sudo) and build what has changed.
+# make demo: finds a hidden effect; make test: runs all tests.
+# Both first install missing packages (as root or through sudo) and build what has changed.
 SHELL := /bin/bash
-# ROS 1 lives in the system's Python, whichever python3 comes first in PATH.
+# ROS 1 needs the system's Python, which may not be the first python3 in PATH.
 export PATH := /usr/bin:$(PATH)
 MAKEFLAGS += --no-print-directory
 
-tests_at_once := $(shell echo $$(($$(nproc) + 1)))  # one of them mostly waits
+tests_at_once := $(shell echo $$(($$(nproc) + 1)))  # one of them mostly sleeps
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 configured := build/.configured
 SEED ?= 1
-# Options of CMake besides those of the preset "default" (CMakePresets.json)
+# CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
@@ -26,7 +26,7 @@ demo: build
 
 test: $(configured)
 	@.ci/build build all tests
-	@rm -rf build/test_results build/Testing  # ctest would remember other costs than CMakeLists.txt
+	@rm -rf build/test_results build/Testing  # ctest would use its own costs, not those of CMakeLists.txt
 	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
@@ -34,15 +34,15 @@ test: $(configured)
 lint: $(if $(TIDY),build)
 	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions tidy)
 
-# All C++ tests once more, watched by sanitizers: address and undefined behaviour, then threads.
+# All C++ tests under sanitizers: address and undefined behaviour, then threads.
 sanitize: $(installed)
 	@$(in_ros) .ci/sanitize
 
-# All that reads what others have written, fed with nonsense: FUZZ_SECONDS for each.
+# Fuzzes every reader of external input, FUZZ_SECONDS for each.
 fuzz: build
 	@$(in_ros) FUZZ_SECONDS=$(FUZZ_SECONDS) .ci/fuzz
 
-# The thesis's table 3.1, then times of everything, beside peers, as a table and as build/bench.json.
+# The thesis's table 3.1, then run times compared with peers, as a table and as build/bench.json.
 # OPTIONS="--only steps fit"
 bench: bench-table
 	@$(in_workspace) test/bench/bench.py --json build/bench.json \
@@ -53,15 +53,15 @@ bench-table: build
 	@.ci/build build ground_benchmarks
 	@$(in_workspace) rosrun ground table_3_1
 
-# Every fault three times, and its worst case.
+# Injects every fault three times and prints the worst case.
 bench-faults: build
 	@$(in_workspace) test/bench/faults.py
 
-# Bags cut and bits flipped at random, through info, fit and compare. OPTIONS="--cuts 50 --flips 100"
+# info, fit and compare on bags that are cut or have flipped bits. OPTIONS="--cuts 50 --flips 100"
 bench-damage: build
 	@$(in_workspace) test/bench/damage.py $(OPTIONS)
 
-# Effects hidden in simulated crafts, diagnosed, as a table; goes on where it was interrupted.
+# Diagnoses effects hidden in simulated crafts; prints a table; resumes after an interruption.
 # OPTIONS="--kinds disturbed_null --count 20", OPTIONS="--help"
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
@@ -72,24 +72,24 @@ bench-hidden: build
 bench-mistakes: build
 	@$(in_workspace) test/bench/mistakes.py $(OPTIONS)
 
-# Excitation and tracking inside a room over 200 seeds; goes on where it was interrupted.
+# Excitation and tracking inside a room over 200 seeds; resumes after an interruption.
 # OPTIONS="--count 20"
 bench-room: build
 	@$(in_workspace) test/bench/room.py --results build/room.jsonl $(OPTIONS)
 
-# Every experiment that a diagnosis can propose, flown by its printed line. OPTIONS="--only PRBS"
+# Runs every experiment that a diagnosis can propose by its printed line. OPTIONS="--only PRBS"
 bench-lines: build
 	@$(in_workspace) test/bench/printed_lines.py $(OPTIONS)
 
-# The craft's own stop, proven on simulated crafts with watchdogs and without.
+# Tests prove_stop on simulated crafts with and without watchdogs.
 bench-own-stop: build
 	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
 
-# Sweeps on all cores and on a Dask cluster, and what 1000 workers would do.
+# Sweeps on all cores and on a Dask cluster, with a prediction for 1000 workers.
 bench-scaling: build
 	@$(in_workspace) test/bench/scaling.py
 
-# An hour of simulated experiment: memory, timing, complaints. OPTIONS="seconds:=600"
+# An hour of simulated experiment: memory, timing, warnings. OPTIONS="seconds:=600"
 bench-soak: build
 	@$(in_workspace) roslaunch ground soak.launch $(OPTIONS) 2>&1 | \
 	  grep -aE 'of experiment|times:|soak:' | tee build/soak.txt; grep -q ': sound' build/soak.txt
@@ -98,8 +98,8 @@ bench-soak: build
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
 
-# The documentation, from docs/ and from the code, which is why it begins anew each time; warnings, such as broken links, are errors.
-# LINKCHECK=1 follows external links, too, which takes a network.
+# The documentation from docs/ and from the code, hence always rebuilt; warnings, such as broken links, are errors.
+# LINKCHECK=1 also checks external links, which needs a network.
 docs: build
 	@.ci/install-dependencies .ci/debian-packages-docs.txt
 	@$(in_workspace) for builder in html $(if $(LINKCHECK),linkcheck); do \

@@ -21,7 +21,7 @@ def main(folder):
                 skipped += 1
                 reason = case.find("skipped")
                 print("skipped: %s: %s" % (name, "" if reason is None else reason.get("message")))
-            elif not path.name.startswith("rostest-"):  # says again that a test of its own file ran
+            elif not path.name.startswith("rostest-"):  # repeats the result of another file
                 passed += 1
     for name in failed:
         print("FAILED: " + name)

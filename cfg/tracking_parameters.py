@@ -1,4 +1,4 @@
-"""What all controllers that follow a reference are tuned with."""
+"""Parameters of all controllers that follow a reference."""
 from dynamic_reconfigure.parameter_generator_catkin import bool_t, double_t, str_t
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""check_math.py HTML_FOLDER: says which formulas KaTeX cannot draw, by a browser; 1 if there are any."""
+"""check_math.py HTML_FOLDER: lists formulas that KaTeX cannot draw in a browser; status 1 if any."""
 
 import pathlib
 import sys

@@ -16,8 +16,8 @@ release = ElementTree.parse(os.path.join(ROOT, "src/ground/package.xml")).findte
 extensions = ["myst_parser", "from_code", "sphinx.ext.autodoc"]
 exclude_patterns = ["schemas"]
 smartquotes = False  # they would turn --option into a dash
-nitpicky = True  # a reference that leads nowhere is a warning, and make docs fails by warnings
-nitpick_ignore_regex = [("py:.*", ".*")]  # but types of others have no page here
+nitpicky = True  # a broken reference is a warning, and warnings fail make docs
+nitpick_ignore_regex = [("py:.*", ".*")]  # types of other packages have no page here
 autodoc_member_order = "bysource"
 
 myst_enable_extensions = ["dollarmath", "deflist"]
@@ -28,7 +28,7 @@ html_title = "ground %s" % release
 html_static_path = ["_static", KATEX]
 html_css_files = ["katex.min.css", "ground.css"]
 html_show_sphinx = False
-# Not MathJax: that comes from the network, and KaTeX draws without it.
+# KaTeX, because MathJax is loaded from the network.
 mathjax_path = "math.js"
 mathjax_options = {"defer": "defer"}
 html_js_files = [("katex.min.js", {"defer": "defer"})]

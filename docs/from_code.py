@@ -1,10 +1,10 @@
-"""A directive that writes parts of the reference from the code, each time the pages are built.
+"""A directive that generates parts of the reference from the code when the pages are built.
 
     ```{from-code} verbs
     ```
 
-A generator is a function of this module's table GENERATORS: it returns lines of Markdown. What needs
-the built package (make build) fails with one line that says so.
+A generator is a function in the table GENERATORS that returns lines of Markdown. One that needs the
+built package (make build) fails with one line if the package is missing.
 """
 
 import contextlib
@@ -63,7 +63,7 @@ def plain(text):
 
 
 def help_of(program, *arguments):
-    """What --help prints, by the installed program in a process of its own."""
+    """Output of --help of a program, run in a separate process."""
     script = os.path.join(PACKAGE, "scripts", program)
     return subprocess.run(
         [sys.executable, script, *arguments, "--help"],
@@ -75,7 +75,7 @@ def help_of(program, *arguments):
 
 
 def in_process(run):
-    """What a command line of this process prints before it ends."""
+    """Output of --help of a command line, run in this process."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), mock.patch.dict(os.environ, COLUMNS="100"):
         with contextlib.suppress(SystemExit):

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""All that is timed, as one table, and as JSON with the machine that it was measured on.
+"""Prints all benchmarks as one table and writes them as JSON with a description of the machine.
 
-Each row is a median with its least and largest value; "goal" is what it has to hold. Peers do the same
-work in the same run, in an environment of their own.
+Each row is a median with its smallest and largest value; "goal" is the largest median allowed. Peers do
+the same work in the same run, in their own Python environment.
 """
 import argparse
 import datetime
@@ -16,7 +16,7 @@ import sys
 import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-# of a step of the velocities: operations by hand count in src/model/stages.h
+# Operations of one step of the velocities, counted by hand in src/model/stages.h.
 FLOPS = {"velocities: state": 88, "velocities: five sensitivities": 88 + 5 * 122}
 GOALS = {
     "velocities: state": 20,
@@ -31,7 +31,7 @@ SHARE = re.compile(r"live comparison (\w+).*takes ([0-9.]+)% of a core")
 
 
 class Table:
-    """Rows of the table; prints each as it comes."""
+    """Collects the rows of the table and prints each at once."""
 
     def __init__(self):
         self.rows = []
@@ -52,7 +52,7 @@ class Table:
 
 
 def run(*command, check=True):
-    """What a command prints; what it says besides is shown where its failure matters."""
+    """Standard output of a command; standard error is hidden only where failure is allowed."""
     quiet = None if check else subprocess.DEVNULL
     return subprocess.run(
         command, check=check, stdout=subprocess.PIPE, stderr=quiet, universal_newlines=True
@@ -64,7 +64,7 @@ def binary(name):
 
 
 def google(name, *options):
-    """Benchmarks of a program: name, and its repetitions."""
+    """Runs a Google Benchmark program: {name of a benchmark: its repetitions}."""
     found = json.loads(
         run(binary(name), "--benchmark_format=json", "--benchmark_repetitions=7", *options)
     )
@@ -76,20 +76,20 @@ def google(name, *options):
 
 
 def peak():
-    """Of this core, in operations a second."""
+    """Peak rate of this core [operations/s]."""
     return float(run(binary("peak")).split()[0])
 
 
 def steps(table):
     most = peak()
-    table.add("multiply-adds of a core, the most", most / 1e9, "Gflop/s")
+    table.add("multiply-adds of a core, peak", most / 1e9, "Gflop/s")
     for name, repetitions in google("model_step").items():
         ns = [1e9 * b["per step"] for b in repetitions]
         note = ""
         plain = name.replace(", eight runs", "")
         if plain in FLOPS:
             share = FLOPS[plain] / (np.median(ns) * 1e-9) / most
-            note = "%d operations, %.0f%% of the most" % (FLOPS[plain], 100 * share)
+            note = "%d operations, %.0f%% of the peak" % (FLOPS[plain], 100 * share)
         table.add("step, " + name, ns, "ns", GOALS.get(name), note)
 
 
@@ -137,7 +137,7 @@ def diagnoses(table, peers):
 
 
 def simulation(table):
-    """Simulated time over time."""
+    """Ratio of simulated time to computing time."""
     import time
 
     from ground import _core
@@ -164,7 +164,7 @@ def controllers(table):
         stdout=subprocess.PIPE, universal_newlines=True,
     ).stdout.split("\n")  # fmt: skip
     if float(peer[1]) > 1e-9:
-        sys.exit("bench: the thesis's controller in Python decides otherwise: by %s" % peer[1])
+        sys.exit("bench: inputs of the thesis's controller in Python differ by %s" % peer[1])
     times = 1e6 * np.array(peer[0].split(), float)
     ratio = np.median(times) / ours["TrajectoryTracking (backstepping)"]
     table.add("iteration, the thesis's controller in Python", times, "us", None,

@@ -1,4 +1,4 @@
-// What an iteration of each controller costs, of a craft that follows a circle at 50 Hz.
+// Computing time of one iteration of each controller while a craft follows a circle at 50 Hz.
 #include <benchmark/benchmark.h>
 
 #include <cstdio>
@@ -53,7 +53,7 @@ void predictive(benchmark::State& state) {
 }
 BENCHMARK(predictive)->Name("ModelPredictive");
 
-/// Body and gains, then cases for a peer: states, references and the law's inputs.
+/// Prints body and gains, then cases for a peer: states, references and the inputs of the law.
 void printCases() {
   const Model model = craft();
   const Body<double>& b = model.body;

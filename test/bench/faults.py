@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Injects every fault several times and prints one table: how each ends, and its worst case.
+"""Injects every fault several times and prints one table: how each fault ends, and its worst case.
 
-Runs faults_*.test and room_axes.test of test/rostest, test/python/test_faults.py and test_starved.py;
-fails when any fault ends otherwise than its row says, once.
+Runs faults_*.test and room_axes.test of test/rostest, test/python/test_faults.py and test_starved.py.
+Fails if any of these programs fails in any round.
 """
 
 import argparse

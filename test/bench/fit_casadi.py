@@ -13,11 +13,12 @@ import numpy as np
 import fit_problem
 from fit_problem import PARAMETERS
 
-UNKNOWNS = PARAMETERS + 3  # of one run
+UNKNOWNS = PARAMETERS + 3  # parameters and the initial velocities of one run
 
 
 def make_simulation(problem, compiled):
-    """All runs: [nu; sensitivities] at the start, inputs, parameters -> the same at the samples."""
+    """Function of all runs: ([nu; sensitivities] at the start, inputs, parameters) to [nu;
+    sensitivities] at the samples."""
     x, nu, u = casadi.SX.sym("x", PARAMETERS), casadi.SX.sym("nu", 3), casadi.SX.sym("u", 2)
     I_z, X_u, Y_v, N_r, k = casadi.vertsplit(x * problem.start)
     m, lever, h = problem.mass, problem.lever, problem.h
@@ -79,7 +80,8 @@ class Residuals:
 
 
 def robust(residuals, jacobian, width):
-    """Scaled so that their squares are the pseudo-Huber loss (Triggs et al. 2000, 4.3)."""
+    """Residuals and Jacobian scaled so that the squares give the pseudo-Huber loss (Triggs et al. 2000,
+    4.3)."""
     if np.isinf(width):
         return residuals, jacobian
     root = np.sqrt(1 + (residuals / width) ** 2)
@@ -91,7 +93,7 @@ def minimise(residuals, x, problem, width=np.inf):
     """Levenberg-Marquardt; every run's velocity is eliminated from the normal equations."""
 
     def linearise(x):
-        with np.errstate(over="ignore", invalid="ignore"):  # a step too far is not taken
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is rejected
             r, J = robust(*residuals(x), width)
             r, J = r.reshape(len(r), -1), J.reshape(len(J), -1, UNKNOWNS)
             transposed = J.swapaxes(1, 2)

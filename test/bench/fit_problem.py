@@ -1,9 +1,9 @@
-"""The problem of fit_speed.py as scipy and CasADi see it: nine runs, 5 parameters, 27 velocities.
+"""The problem of fit_speed.py for scipy and CasADi: nine runs, 5 parameters, 27 velocities.
 
 Residuals are (simulated - measured) velocities over the run's standard deviations, samples by
-channels. Unknowns are I_z, X_u, Y_v, N_r, k, each over its start value, then u, v, r of every run's
-start. As in SimulationError::fit, plain least squares come first and a pseudo-Huber loss
-(scipy's soft_l1) follows from where they end.
+channels. Unknowns are I_z, X_u, Y_v, N_r, k, each over its start value, then u, v, r at the start of
+every run. As in SimulationError::fit, plain least squares come first; a fit with the pseudo-Huber loss
+(scipy's soft_l1) starts from their result.
 """
 import time
 
@@ -37,7 +37,7 @@ class Problem:
         return x[:PARAMETERS] * self.start, x[PARAMETERS:].reshape(-1, 3)
 
     def loss_width(self, residuals):
-        """Where the robust loss turns from squares to absolute values."""
+        """Residual at which the robust loss changes from squares to absolute values."""
         return 2 * 1.4826 * np.median(np.abs(residuals))
 
 

@@ -9,14 +9,14 @@ from scipy.optimize import least_squares
 import fit_problem
 from fit_problem import PARAMETERS
 
-STEP = 1.5e-8  # of finite differences, relative to variables of order one
+STEP = 1.5e-8  # step of finite differences, for variables of order one
 
 
 def simulate(problem, theta, nu):
     """Velocities at the samples, samples x 3 x runs x columns.
 
-    theta: 5 x columns, nu: 3 x runs x columns. Everything that does not depend on the state is
-    taken out of the loop.
+    theta: 5 x columns, nu: 3 x runs x columns. Everything independent of the state is computed before
+    the loop.
     """
     I_z, X_u, Y_v, N_r, k = theta
     m = problem.mass
@@ -53,8 +53,8 @@ def simulate(problem, theta, nu):
 
 
 class Residuals:
-    """Residuals and their Jacobian from one simulation, in which every run has nine columns: the
-    unperturbed one, one a parameter and one a component of the velocity at its start."""
+    """Residuals and their Jacobian from one simulation in which every run has nine columns: one
+    unperturbed, one for each parameter and one for each component of its initial velocity."""
 
     def __init__(self, problem):
         self.problem = problem
@@ -96,7 +96,7 @@ def fit(problem):
     residuals = Residuals(problem)
     common = dict(
         jac=residuals.slope, bounds=(problem.lower, problem.upper), x_scale="jac"
-    )  # from 0.2 half again as fast as without x_scale
+    )  # with x_scale, a fit that starts from 0.2 is 1.5 times as fast
     plain = least_squares(residuals.value, problem.x0, **common)
     width = problem.loss_width(plain.fun)
     robust = least_squares(residuals.value, plain.x, loss="soft_l1", f_scale=width, **common)

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""How long a fit takes: ours, scipy over vectorised numpy, and CasADi, on the same artificial data.
+"""Times of a fit by ground, by scipy over vectorised numpy, and by CasADi, on the same artificial data.
 
 Nine runs of 4 s, PRBS {0, 1} at 20 Hz, 100 Hz samples, RK4 with h = 0.005 s, five parameters from
-0.2 each and nine initial velocities. Each contender runs in the interpreter where it lives, on one
-core, in one go; data and results are exchanged by .npz files.
+0.2 each and nine initial velocities. Each contender runs on one core, in the interpreter that has it;
+data and results are exchanged by .npz files.
 """
 import argparse
 import json
@@ -21,7 +21,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 NAMES = ["I_z", "X_u", "Y_v", "N_r", "k"]
 TRUTH = [1e-3, 5e-2, 5e-2, 1e-3, 0.1]  # thesis, table 3.1
 START = [0.2] * 5
-AGREEMENT = 1e-3  # of all contenders' parameters, relative
+MAX_DIFFERENCE = 1e-3  # relative, of the parameters that two contenders find
 RUNS, DURATION, SAMPLES_PER_SECOND, STEPS_PER_SECOND, CLOCK, NOISE = 9, 4, 100, 200, 20, 0.1
 
 
@@ -33,7 +33,7 @@ def make_model(path, values):
 
 
 def make_runs(model):
-    """RunData of the artificial recordings, the noise a fraction of each velocity's deviation."""
+    """RunData and inputs of the artificial runs; NOISE is relative to each velocity's deviation."""
     times = np.arange(DURATION * SAMPLES_PER_SECOND + 1) / SAMPLES_PER_SECOND
     random = np.random.RandomState(1)
     runs, inputs = [], []
@@ -59,10 +59,10 @@ def fit_core(runs, model):
 
 
 def fit_elsewhere(python, script, data, folder, *arguments):
-    """Times [s], parameters and facts of a contender; raises CalledProcessError."""
+    """Times [s], parameters and facts of a contender. Raises CalledProcessError if it fails."""
     result = os.path.join(folder, "result.npz")
     environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    environment.pop("PYTHONPATH", None)  # ROS's, of the system's Python
+    environment.pop("PYTHONPATH", None)  # holds ROS modules for the system's Python
     command = [python, os.path.join(HERE, script), data, result, *arguments]
     subprocess.run(command, check=True, env=environment, cwd=folder)
     with np.load(result) as found:
@@ -83,7 +83,7 @@ def save(path, runs, inputs, start):
 
 
 def contest(casadi):
-    """Name, times [s] and parameters of each contender, and what to say about them."""
+    """Rows (name, times [s], parameters) of the contenders, and notes to print."""
     model = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
     start = make_model(model, START)
     runs, inputs = make_runs(make_model(model, TRUTH))
@@ -118,7 +118,7 @@ def main():
         print(json.dumps({name: list(map(float, times)) for name, times, _ in rows}))
         return agreement(rows)
     print("Fit of nine runs of 4 s, h = 0.005 s, 5 parameters from 0.2 and 9 initial velocities;")
-    print("one core unless said otherwise, %d fits each:" % len(rows[0][1]))
+    print("one core unless stated otherwise, %d fits each:" % len(rows[0][1]))
     print("%-22s %10s %18s %8s" % ("", "median", "least to most", "ratio"))
     for name, times, _ in rows:
         ms = 1e3 * np.array(times)
@@ -132,15 +132,14 @@ def main():
 
 
 def agreement(rows):
-    """Exit code: whether all contenders found the same parameters."""
+    """Exit status: 0 if all contenders found the same parameters."""
     status = 0
     for name, _, theta in rows[1:]:
-        apart = np.max(np.abs(np.array(theta) / rows[0][2] - 1))
-        if not apart < AGREEMENT:
+        difference = np.max(np.abs(np.array(theta) / rows[0][2] - 1))
+        if not difference < MAX_DIFFERENCE:
             status = 1
-            print(
-                "fit_speed: %s found other parameters: %.1e apart" % (name, apart), file=sys.stderr
-            )
+            message = "fit_speed: %s found parameters that differ by %.1e" % (name, difference)
+            print(message, file=sys.stderr)
     return status
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""How time and memory of a fit grow: with bags, with effects that are free, with the windows' length.
+"""How time and memory of a fit grow with the number of bags, free effects, and the windows' length.
 
-Each case in a process of its own; prints one JSON object a line.
+Each case runs in its own process. Prints one JSON object per case.
 """
 import json
 import os
@@ -14,13 +14,14 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
 BODY = ["I_z", "X_u", "Y_v", "N_r", "k"]
 EFFECTS = ["motor_lag", "quadratic_drag", "com_offset", "thrust_asymmetry", "floor_tilt", "wind"]
-# what grows, and the cases: bags of 10 s, effects, length of windows [s]
+# (what grows, cases); a case: number of bags of 10 s, of effects, length of windows [s]
 CASES = [("bags", [(n, 0, 1.0) for n in (1, 10, 50, 200)])]
 CASES += [("effects", [(10, n, 1.0) for n in (0, 1, 3, 6)])]
 CASES += [("window", [(10, 1, s) for s in (0.25, 0.5, 1.0, 2.0, 4.0)])]
 
 
-def one(bags, effects, window):
+def measure(bags, effects, window):
+    """Time and memory of one fit, and whether it converged."""
     import numpy as np
 
     from ground import _core
@@ -52,7 +53,7 @@ def one(bags, effects, window):
 
 def main():
     if len(sys.argv) > 1:
-        print(json.dumps(one(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))))
+        print(json.dumps(measure(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))))
         return
     for what, cases in CASES:
         for case in cases:

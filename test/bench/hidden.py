@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Hides effects in simulated crafts, has each diagnosed, and compares with the truth.
+"""Hides effects in simulated crafts, diagnoses each, and compares the results with the truth.
 
-A case is a kind and a seed: four runs of 8 s to fit to and two held out. Craft, disturbance and
-measurement are the bench's own (hidden_cases); kinds that begin with white_ use the project's
-simulator. Results go to a file of JSON lines; an interrupted bench continues where it stopped.
+A case is a kind and a seed: four runs of 8 s to fit to and two held out. The bench has its own craft,
+disturbance and measurement (hidden_cases); kinds that begin with white_ use the project's simulator.
+Results go to a file of JSON lines; an interrupted bench continues where it stopped.
 """
 import argparse
 import functools
@@ -25,13 +25,13 @@ from ground.analysis import next_experiment, study
 from ground.errors import GroundError
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
-# What a cluster's workers need, each after what it imports.
+# Modules that a cluster's workers need, in the order of their imports.
 MODULES = (white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_engine)
 MODULES += (hidden_score, hidden_table)
 
 
 def run_case(job):
-    """What came of one (kind, seed, options of white cases), a dictionary for a line of JSON."""
+    """Result of one job (kind, seed, options of white cases), a dictionary for a line of JSON."""
     kind, seed, cell = job
     if kind == "white_ambiguous":
         return run_ambiguous(white.make(kind, seed, **cell))
@@ -43,36 +43,37 @@ def run_case(job):
     made = time.perf_counter() - start
     found = hidden_engine.diagnose(fitted, heldout, hidden_cases.given_model(case))
     _add_truth(found, functools.partial(hidden_cases.true_value, case))
-    worth = hidden_visibility.visibility(case)
-    return dict(case.describe(), visibility=worth, seconds_of_data=made, found=found)
+    visibility = hidden_visibility.visibility(case)
+    return dict(case.describe(), visibility=visibility, seconds_of_data=made, found=found)
 
 
 def run_white(case):
-    """The same of a case in white noise, and the held-out error of the refitted truth of one effect."""
+    """Result of a case in white noise, with the held-out error of the refitted true model unless the
+    effect is outside the library."""
     truth, runs = white.recorded(case)
     outside = case["kind"] == "white_outside"
     found = hidden_engine.diagnose(runs, (), _core.load_model(white.MODEL), thorough=outside)
     known = {p["name"]: truth.value(p["name"]) for p in truth.parameters()}
     _add_truth(found, lambda name: known[name] if name in known else white.neutral(name))
-    if outside:  # its formula takes long to fit
+    if outside:  # a fit of its formula takes long
         return dict(case, found=found)
     error = study.Study(runs, threads=1).fit(truth, study.free_parameters(truth)).heldout.sum()
     return dict(case, true_error=float(error), found=found)
 
 
 def run_ambiguous(case):
-    """The same of runs that cannot distinguish two effects, and of the proposed experiment."""
+    """Result of runs that cannot distinguish two effects, before and after the proposed experiment."""
     truth, runs = white.recorded(case)
     found = _thorough(runs)
     result = dict(case, found=found)
     if "failed" in found:
         return result
-    result["before"] = _told(found, case)
+    result["before"] = _choice(found, case)
     proposed = found["next_experiment"]
     if proposed:
         schedule = next_experiment.schedule_of(proposed["arguments"], truth)
         runs = runs + white.more_runs(case, truth, schedule, proposed["repeat"])
-        result["after"] = _told(_thorough(runs), case)
+        result["after"] = _choice(_thorough(runs), case)
     return result
 
 
@@ -80,26 +81,26 @@ def _thorough(runs):
     return hidden_engine.diagnose(runs, (), _core.load_model(white.MODEL), thorough=True)
 
 
-def _told(found, case):
-    """What was chosen, and what could not be told from the first rival."""
+def _choice(found, case):
+    """The chosen effects, and the group that cannot be distinguished from the first rival."""
     rivals = white.AMBIGUOUS[case["ambiguous"]][1]
     group = next(group for name, group in found["alike"].items() if name in rivals)
     return {"chosen": found["chosen"], "group": group}
 
 
 def _add_truth(found, true_value):
-    """Adds to each parameter what it truly is."""
+    """Adds to each parameter its true value."""
     for parameter in found.get("parameters", []):
         parameter["true"] = true_value(parameter["name"])
 
 
 def run_until(deadline, job):
-    """run_case, or None when it is too late to begin; deadline by time.time() [s]."""
+    """run_case, or None after the deadline, by time.time() [s]."""
     return run_case(job) if time.time() < deadline else None
 
 
 def jobs_of(options):
-    """What the options ask for: kinds take turns, so that one that is stopped has some of each."""
+    """Jobs that the options ask for. Kinds alternate: an interrupted bench has results of each."""
     cell = {name: getattr(options, name) for name in ("strength", "noise", "excitation")}
     counts = {kind: options.count or COUNTS[kind] for kind in kinds_of(options.kinds)}
     for number in range(max(counts.values())):
@@ -109,7 +110,7 @@ def jobs_of(options):
 
 
 def kinds_of(names):
-    """Kinds by their names; `white` and `new` are all of their sort."""
+    """Kinds by their names; `white` and `new` stand for several."""
     sorts = {"white": list(white.KINDS), "new": list(hidden_cases.KINDS)}
     return [kind for name in names for kind in sorts.get(name, [name])]
 
@@ -119,13 +120,13 @@ def key(kind, seed, cell):
 
 
 def key_of(result):
-    """The key of the job that a result came of."""
+    """The key of the job that gave a result."""
     cell = ("strength", "noise", "excitation") if result["kind"] in white.KINDS else ()
     return key(result["kind"], result["seed"], {name: result[name] for name in cell})
 
 
 def bench(options):
-    """Does what is left to do and prints the table of all that was asked for."""
+    """Runs the jobs without a result and prints the table of all jobs."""
     wanted = list(jobs_of(options))
     done = {key_of(r) for r in read(options.results)} if os.path.exists(options.results) else set()
     left = [job for job in wanted if key(*job) not in done]
@@ -147,7 +148,7 @@ def bench(options):
 
 
 def read(path):
-    """Results of a file of JSON lines, without those that were cut when a bench was killed."""
+    """Results of a file of JSON lines; skips lines that were cut when a bench was killed."""
     results = []
     with open(path) as file:
         for line in file:
@@ -166,7 +167,7 @@ def _end_last_line(path):
 
 
 def summary(results, options):
-    """Prints what the results come to, and writes table and picture where they were asked for."""
+    """Prints the table of the results; writes table and picture if options ask for them."""
     for r in [r for r in results if "failed" in r["found"]]:
         print("failed: %s %d: %s" % (r["kind"], r["seed"], r["found"]["failed"]))
     results = [r for r in results if "failed" not in r["found"]]
@@ -191,17 +192,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     kinds = ["new", "white"] + list(COUNTS)
     parser.add_argument("--kinds", nargs="+", default=kinds[:2], choices=kinds, metavar="KIND",
-                        help="of %s; white, new: all that begin with white_, all others (both)"
+                        help="some of %s; white: all that begin with white_; new: all others (both)"
                         % ", ".join(kinds[2:]))  # fmt: skip
-    parser.add_argument("--count", type=int, help="of cases of each kind (each its own)")
+    parser.add_argument("--count", type=int, help="number of cases of each kind (depends on the kind)")
     parser.add_argument("--seed-base", type=int, default=1, help="seed of the first case (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case later")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
     parser.add_argument("--strength", default="moderate", choices=list(white.LEVELS),
-                        help="of effects in white cases")  # fmt: skip
-    parser.add_argument("--noise", type=float, default=1.0, help="factor on it in white cases")
+                        help="strength of effects in white cases")  # fmt: skip
+    parser.add_argument("--noise", type=float, default=1.0, help="factor on the noise in white cases")
     parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"],
-                        help="of white cases")  # fmt: skip
+                        help="excitation in white cases")  # fmt: skip
     workers.add_scheduler_argument(parser)
     parser.add_argument("--results", default="build/hidden.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")

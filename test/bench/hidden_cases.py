@@ -1,4 +1,4 @@
-"""Cases of the hidden-effect bench: what is hidden, what disturbs the craft, how it is measured.
+"""Cases of the hidden-effect bench: hidden effects, disturbances, and measurement.
 
 A case follows from its kind and seed alone. hidden_craft moves it, hidden_noise disturbs and
 measures it: the estimator shares neither equations nor integrator nor noise with the truth. The
@@ -19,14 +19,14 @@ from ground.simulation import experiments
 from hidden_white import in_turn
 
 FITTED, HELD_OUT = 4, 2  # runs of a case
-DRIVEN = 7.0  # of a run of 8 s, the first of which has lift alone [s]
-SPREAD = 0.2  # of the true body's parameters about those of the model that is diagnosed
+DRIVEN = 7.0  # a run of 8 s has lift alone in its first second [s]
+SPREAD = 0.2  # largest relative difference of the true body's parameters from the diagnosed model's
 NOMINAL = ("m", "l", "I_z", "X_u", "Y_v", "N_r", "k")
 FREE = NOMINAL[2:]
-LEVELS = (0.01, 0.02, 0.05)  # of a disturbance, in parts of full thrust
-TRIM = 0.03  # deviation from run to run, in parts of full thrust, force or moment
+LEVELS = (0.01, 0.02, 0.05)  # sigma of the disturbance, relative to full thrust
+TRIM = 0.03  # standard deviation from run to run, relative to full thrust or its moment
 LAGS = ["input_delay", "motor_lag"]
-# What the library cannot express, and by how much either way its sizes are drawn.
+# Effects that the library cannot express, with the medians of their parameters, in SI units.
 HISTORY = {
     "spin_up": {"rise": 0.06, "fall": 0.02},
     "thrust_droop": {"part": 0.2, "time": 1.5},
@@ -34,24 +34,24 @@ HISTORY = {
     "thrust_backlash": {"width": 0.2},
     "warm_up": {"part": 0.25, "use": 3.0},
 }
-ABOUT = 1.3
+SIZE_FACTOR = 1.3  # sizes are drawn between median / SIZE_FACTOR and median * SIZE_FACTOR
 
 
 @dataclass
 class Case:
-    """A truth and the experiments with it; all plain values, in SI units."""
+    """A true craft and the experiments with it; plain values in SI units."""
 
     kind: str
     seed: int
     hidden: list = field(default_factory=list)  # effects of the library in the truth
-    allowed: list = field(default_factory=list)  # others that are no false answer
-    effects: dict = field(default_factory=dict)  # all in the truth: {name: {parameter: value}}
-    body: dict = field(default_factory=dict)  # the truth's
-    given: dict = field(default_factory=dict)  # factors on the model that is diagnosed
-    runs: list = field(default_factory=list)  # drive, heading, push, thrust of each
+    allowed: list = field(default_factory=list)  # other effects that do not count as false
+    effects: dict = field(default_factory=dict)  # all effects in the truth: {name: {parameter: value}}
+    body: dict = field(default_factory=dict)  # true nominal parameters
+    given: dict = field(default_factory=dict)  # factors on parameters of the diagnosed model
+    runs: list = field(default_factory=list)  # drive, heading, push and thrust of each run
     mocap: dict = field(default_factory=dict)
     jitter: float = 0.0  # largest delay of single commands [s]
-    level: float = 0.0  # of the disturbance, in parts of full thrust
+    level: float = 0.0  # sigma of the disturbance, relative to full thrust
 
     def describe(self):
         """The case as a dictionary for a line of JSON."""
@@ -59,12 +59,12 @@ class Case:
 
 
 def random_of(*parts):
-    """A generator of its own for everything that has a name."""
+    """A random generator seeded by names, so that each use has independent numbers."""
     return np.random.default_rng(int(hashlib.sha256(repr(parts).encode()).hexdigest()[:16], 16))
 
 
 def plain(kind, seed, excitation="varied", mocap=None):
-    """A case with nothing hidden and nothing but the noise of the poses."""
+    """A case without hidden effects and disturbance: only the poses are noisy."""
     random = random_of(kind, seed, "body")
     given = _core.load_model(hidden_white.MODEL)
     case = Case(kind, seed, body={name: given.value(name) for name in NOMINAL})
@@ -81,8 +81,8 @@ def plain(kind, seed, excitation="varied", mocap=None):
 
 
 def _drives(random, excitation):
-    """How each run is driven. varied: clocks, levels and lift differ from run to run; every eighth
-    such case and `thesis`: all as in the recordings of 2019; `levels`: many levels in every run."""
+    """Drives of the runs. `thesis`: a PRBS as in the recordings of 2019; `levels`: many levels in every
+    run; `varied`: clocks, levels and lift differ from run to run, every eighth case is `thesis`."""
     if excitation == "thesis" or (excitation == "varied" and random.uniform() < 1 / 8):
         return [_prbs(random, 10, (0.0, 1.0), 1.0) for _ in range(FITTED + HELD_OUT)]
     lifts = list(random.permutation([1.0, 1.0, 0.85, 0.7])) + [1.0, 0.85]
@@ -109,7 +109,7 @@ def _number(random):
 
 
 def schedule(drive):
-    """The experiments.Schedule of a run's drive."""
+    """The experiments.Schedule of a drive."""
     if drive["input"] == "prbs":
         clock, levels = drive["clock"], drive["levels"]
         rows = experiments.rows("prbs", DRIVEN, clock=clock, levels=levels, seed=drive["number"])
@@ -121,8 +121,10 @@ def schedule(drive):
 
 
 def push(case, low, high):
-    """Adds a random wrench of a level between two, in parts of the full wrench: Ornstein-Uhlenbeck
-    of 0.1 to 3 s, in half of the cases of another kind in each run, in a quarter with a white part.
+    """Adds a random wrench with a level in [low, high], relative to the full wrench.
+
+    It is an Ornstein-Uhlenbeck process with a correlation time of 0.1 to 3 s. In half of the cases level
+    and time differ from run to run; a quarter of the cases has a white part, too.
     """
     random = random_of(case.kind, case.seed, "push")
     case.level = _between(random, low, high)
@@ -134,13 +136,13 @@ def push(case, low, high):
             level, times = _between(random, low, high), _times(random)
         run["push"]["sigma"] = (level * full).tolist()
         run["push"]["time"] = times
-        if white:  # as strong at low frequencies as 10 ms of the other
+        if white:  # the density at low frequency equals that of a correlation time of 10 ms
             run["push"]["white"] = (level * full * np.sqrt(0.02)).tolist()
     return case
 
 
 def full_wrench(case):
-    """Force (two components) and moment that the thrusters can make [N, N, N m]."""
+    """Largest force (two components) and moment of the thrusters [N, N, N m]."""
     k = case.body["k"]
     return np.array([2 * k, 2 * k, k * case.body["l"]])
 
@@ -151,13 +153,13 @@ def _times(random):
 
 
 def _between(random, low, high):
-    """A number between two, evenly spread in its logarithm."""
+    """A number in [low, high], log-uniformly distributed."""
     drawn = random.uniform(np.log(low), np.log(high))
     return low if low == high else float(np.exp(drawn))
 
 
 def hide(case, names, low, high):
-    """Adds effects of the library at a number of times their strength, drawn between two."""
+    """Adds effects of the library at their strength times a factor drawn from [low, high]."""
     random = random_of(case.kind, case.seed, "effects", *names)
     for name in names:
         factor, case.effects[name] = random.uniform(low, high), {}
@@ -179,7 +181,7 @@ def trim(case, what):
         else:
             channel = {"side": 1, "yaw": 2}[what]
             run["push"]["trim"][channel] = size * float(full_wrench(case)[channel])
-    # The mean over the runs is a constant effect that is there.
+    # The mean over the runs acts as a constant effect, which is a right answer.
     case.allowed = {"yaw": ["yaw_bias"], "side": ["body_force_bias"], "thrust": []}[what]
     return case
 
@@ -206,21 +208,21 @@ def odd_noise(kind, seed):
 
 
 def wrong_givens(kind, seed):
-    """Half of them in a disturbance."""
+    """Mass and lever arm of the diagnosed model are wrong; half of the cases have a disturbance."""
     case = plain(kind, seed)
     case.given = {"m": 1.08, "l": 0.93}
     return push(case, 0.005, 0.02) if seed % 2 else case
 
 
 def jittered_link(kind, seed):
-    """Each command is late by up to 30 ms of its own: on average a delay, and a spread."""
+    """Each command has its own random delay of up to 30 ms."""
     case = push(plain(kind, seed), 0.001, 0.01)
     case.jitter, case.allowed = 0.03, list(LAGS)
     return case
 
 
 def single(low, high):
-    """Makes cases with one effect in a disturbance: each effect in turn, at each level."""
+    """A maker of cases with one effect in a disturbance: each effect in turn, at each level."""
 
     def make(kind, seed):
         name, level, _ = in_turn(seed, hidden_white.strengths(), LEVELS)
@@ -237,7 +239,7 @@ def trim_null(kind, seed):
 
 
 def trim_single(kind, seed):
-    """Not the effect that is the mean of the trim."""
+    """A trim and one effect, but not the effect that equals the mean of the trim."""
     what, turn = in_turn(seed, TRIMS)
     case = trim(push(plain(kind, seed), 0.001, 0.01), what)
     names = [name for name in hidden_white.strengths() if name not in case.allowed]
@@ -245,14 +247,14 @@ def trim_single(kind, seed):
 
 
 def _calm_or_not(kind, seed):
-    """A third of the cases undisturbed, the others by 0.5 and 1% of full thrust."""
+    """A disturbance of none, 0.5% and 1% of full thrust in turn."""
     level, _ = in_turn(seed, (0.0, 0.005, 0.01))
     return push(plain(kind, seed), level, level) if level else plain(kind, seed)
 
 
 def twins(kind, seed):
-    """Effects that do nearly the same; delay and lag are of 20 ms each."""
-    pair, _ = in_turn(in_turn(seed, range(3))[-1], hidden_white.NEARLY_THE_SAME)
+    """Two effects that look nearly alike; delay and lag are 20 ms each."""
+    pair, _ = in_turn(in_turn(seed, range(3))[-1], hidden_white.LOOK_ALIKES)
     case = hide(_calm_or_not(kind, seed), sorted(pair), 1.5, 2.5)
     if "motor_lag" in pair:
         case.effects = {"input_delay": {"delay": 0.02}, "motor_lag": {"tau": 0.02}}
@@ -260,7 +262,7 @@ def twins(kind, seed):
 
 
 def several(count):
-    """Makes cases with so many effects, twins among them."""
+    """A maker of cases with `count` random effects, which may be twins."""
 
     def make(kind, seed):
         known = list(hidden_white.strengths())
@@ -271,13 +273,13 @@ def several(count):
 
 
 def history(kind, seed):
-    """A thrust or drag that depends on what was before."""
+    """A thrust or drag that depends on the past."""
     name, is_calm, _ = in_turn(seed, HISTORY, (True, False))
     case = plain(kind, seed, "levels" if name == "thrust_backlash" else "varied")
     if not is_calm:
         push(case, 0.001, 0.01)
     random = random_of(kind, seed, "sizes")
-    sizes = {n: _between(random, s / ABOUT, s * ABOUT) for n, s in HISTORY[name].items()}
+    sizes = {n: _between(random, s / SIZE_FACTOR, s * SIZE_FACTOR) for n, s in HISTORY[name].items()}
     case.effects[name] = sizes
     case.allowed = list(LAGS) if name == "spin_up" else []
     return case
@@ -302,7 +304,7 @@ def floor_field(kind, seed):
     return case
 
 
-# How the cases of a kind are made, and how many there are unless a number is asked for.
+# The maker of the cases of each kind, and their default number.
 KINDS = {
     "disturbed_null": (disturbed_null, 400),
     "noise_null": (noise_null, 100),
@@ -331,7 +333,7 @@ def make(kind, seed):
 
 
 def record(case):
-    """What the tool sees of a case: runs to fit to and runs held out, lists of _core.RunData."""
+    """Recordings of a case: runs to fit to and runs held out, lists of _core.RunData."""
     runs = [record_run(case, i) for i in range(len(case.runs))]
     return runs[:FITTED], runs[FITTED:]
 
@@ -355,8 +357,8 @@ def record_run(case, i):
 
 
 def moved(case, i, plan, random=None, effects=None):
-    """The hidden_craft.Motion of a run: it begins with the lift. Undisturbed without `random`;
-    `effects` in place of the truth's."""
+    """The hidden_craft.Motion of a run, from the first lift on. Without `random` there is no
+    disturbance and no jitter; `effects` replaces the effects of the truth."""
     run, effects = case.runs[i], case.effects if effects is None else effects
     if run["thrust"]:
         effects = {**effects, "thrust_scale": {"a": run["thrust"]}}
@@ -376,7 +378,7 @@ def moved(case, i, plan, random=None, effects=None):
 
 
 def given_model(case):
-    """The nominal _core.Model that is diagnosed."""
+    """The nominal _core.Model, which is diagnosed."""
     model = _core.load_model(hidden_white.MODEL)
     for name, factor in case.given.items():
         model.set_value(name, model.value(name) * factor)
@@ -384,8 +386,8 @@ def given_model(case):
 
 
 def true_value(case, name):
-    """True value of a parameter as the diagnosed model names it; None where it has none, with wrong
-    givens. An effect that is not there has its neutral value."""
+    """True value of a parameter of the diagnosed model. None for nominal parameters with wrong givens.
+    An effect that is not in the truth has its neutral value."""
     effect, _, parameter = name.partition(".")
     if not parameter:
         return None if case.given else case.body[name]

@@ -1,25 +1,25 @@
-"""A craft that the project's core has no part in: own equations of motion, effects and integrator.
+"""A craft independent of the project's core: separate equations of motion, effects and integrator.
 
-The hidden-effect bench makes its truth here, so that an error of the project's model does not
-cancel against itself. Equations from Fossen (1994, 2.4). Frames are z down: pose x, y
-[m], psi [rad] in world_ned, velocities u, v [m/s], r [rad/s] in the body's frame; inputs are 0..1.
-Kutta's 3/8 rule integrates over steps that end where a command or the disturbance changes.
+The hidden-effect bench simulates its truth here, so that an error of the project's model cannot cancel
+between simulation and diagnosis. Equations from Fossen (1994, 2.4). Frames are z down: pose x, y [m],
+psi [rad] in world_ned, velocities u, v [m/s], r [rad/s] in the body frame; inputs are 0..1. Kutta's 3/8
+rule integrates over steps that end where a command or the disturbance changes.
 """
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
-GRID = 1e-3  # a disturbance is constant over so long [s]
+GRID = 1e-3  # interval over which a disturbance is constant [s]
 COARSE = 4e-3  # longest step without a disturbance [s]
 GRAVITY = 9.81  # [m/s^2]
-SLOW, SLOW_YAW = 0.01, 0.1  # dry friction is proportional to speed below [m/s], [rad/s]
+DRY_SPEED, DRY_RATE = 0.01, 0.1  # below them dry friction is proportional to speed [m/s], [rad/s]
 
 
 @dataclass
 class Craft:
-    """Parameters in SI units: body has m, l, I_z, X_u, Y_v, N_r, k; effects {name: {parameter:
-    value}} are those of the library and those of BEYOND."""
+    """Parameters in SI units: body has m, l, I_z, X_u, Y_v, N_r, k; effects {name: {parameter: value}}
+    come from the library or from OUTSIDE_LIBRARY."""
 
     body: dict
     effects: dict = field(default_factory=dict)
@@ -35,7 +35,7 @@ class Motion:
     nu_dot: np.ndarray  # (n, 3) their derivatives just after each instant
 
     def poses(self, times):
-        """Poses (m, 3) at any instants between: cubic Hermite interpolation."""
+        """Poses (m, 3) at given times, by cubic Hermite interpolation."""
         c, s = np.cos(self.eta[:, 2]), np.sin(self.eta[:, 2])
         u, v, r = self.nu.T
         rates = np.column_stack([c * u - s * v, s * u + c * v, r])
@@ -50,26 +50,27 @@ class Motion:
         )
 
 
-class At:
-    """What effects see: t since the drive began [s], pose, velocities, velocities through the air
-    (ua, va), inputs that reach the thrusters, their forces [N], lift; m, l of the body."""
+class Point:
+    """Arguments of the effects: time t since the drive began [s], pose (c, s: cosine and sine of psi),
+    velocities, velocities through the air (ua, va), inputs at the thrusters, their forces [N], lift;
+    m, l of the body, and its centre of mass com (x, y) [m]."""
 
     __slots__ = "t x y psi c s u v r ua va left right force_left force_right lift m l com".split()
 
 
 def _dry(at, force, moment):
-    share = force / math.sqrt(at.u**2 + at.v**2 + SLOW**2)
-    return -share * at.u, -share * at.v, -moment * at.r / math.sqrt(at.r**2 + SLOW_YAW**2)
+    share = force / math.sqrt(at.u**2 + at.v**2 + DRY_SPEED**2)
+    return -share * at.u, -share * at.v, -moment * at.r / math.sqrt(at.r**2 + DRY_RATE**2)
 
 
 def _floor_tilt(p, at):
     along, across = GRAVITY * at.m * p["sx"], GRAVITY * at.m * p["sy"]
     X, Y = at.c * along + at.s * across, at.c * across - at.s * along
-    return X, Y, at.com[0] * Y - at.com[1] * X  # acts in the centre of mass
+    return X, Y, at.com[0] * Y - at.com[1] * X  # the force acts in the centre of mass
 
 
 def _floor_field(p, at):
-    """A floor of hills and valleys, `length` [m] apart: force of at most `force` [N]."""
+    """A wavy floor of wavelength `length` [m] with a force of at most `force` [N] per axis."""
     wave = 2 * math.pi / p["length"]
     along = p["force"] * math.sin(wave * at.x + p["phase"])
     across = p["force"] * math.cos(wave * at.y + p["phase"])
@@ -82,7 +83,7 @@ def _quadratic_drag(p, at):
 
 
 def _directional(p, at):
-    return 0.0, 0.0, -p["na"] * at.r**2 / math.sqrt(at.r**2 + SLOW_YAW**2)
+    return 0.0, 0.0, -p["na"] * at.r**2 / math.sqrt(at.r**2 + DRY_RATE**2)
 
 
 def _sum(at):
@@ -98,7 +99,7 @@ def _misalignment(p, at):
     return -short * _sum(at), math.sin(p["angle"]) * _sum(at), -short * at.l * _difference(at)
 
 
-# Wrench (X [N], Y [N], N [N m]) in the body's frame.
+# Wrench (X [N], Y [N], N [N m]) in the body frame.
 WRENCH = {
     "quadratic_drag": _quadratic_drag,
     "coulomb_friction": lambda p, at: _dry(at, p["f"], p["n"]),
@@ -141,14 +142,14 @@ THRUST = {
 
 
 def _spin(p, at, z):
-    """Thrusters that follow their commands at one pace up and at another down."""
+    """Thrusters with different time constants for rising and falling commands."""
     return [
         (u - w) / (p["rise"] if u > w else p["fall"]) for u, w in zip((at.left, at.right), z)
     ]
 
 
 def _pressure(p, at, z):
-    """A skirt that is filled by the lift and loses air at speed."""
+    """Pressure in a skirt that the lift fills and that loses air at speed."""
     speed = (at.u**2 + at.v**2) / p["speed"] ** 2
     return [(at.lift / (1 + speed) - z[0]) / p["time"]]
 
@@ -158,7 +159,7 @@ def _first_order(time, at, z):
 
 
 def _cold(p, z):
-    """Cold thrusters lack a `part` of their thrust, less and less as they are used."""
+    """Cold thrusters give less thrust by a share `part`, which decays with their use."""
     share = 1 - p["part"] * math.exp(-z[0] / p["use"])
     return share, share
 
@@ -168,7 +169,7 @@ def _leak(p, at, z):
     return -drag * at.u, -drag * at.v, 0.0
 
 
-# Effects with states z of their own, 0 at first: how many, and their rates.
+# Effects with states z, initially 0: (number of states, function that gives their rates).
 STATES = {
     "motor_lag": (2, lambda p, at, z: _first_order(p["tau"], at, z)),
     "spin_up": (2, _spin),
@@ -176,22 +177,22 @@ STATES = {
     "warm_up": (1, lambda p, at, z: [at.left + at.right]),
     "skirt_pressure": (1, _pressure),
 }
-# What they do: inputs that reach the thrusters, factors on their forces, a wrench.
+# Action of these effects: inputs at the thrusters, factors on their forces, a wrench.
 INPUT_OF = {"motor_lag": lambda p, z: z, "spin_up": lambda p, z: z}
 THRUST_OF = {
     "thrust_droop": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[1]),
     "warm_up": _cold,
 }
 WRENCH_OF = {"skirt_pressure": _leak}
-# What the project's library does not have; `acting` has thrust_backlash and unequal_delays.
+# Effects outside the project's library; `acting` implements thrust_backlash and unequal_delays.
 MEMORY = ["spin_up", "thrust_droop", "skirt_pressure", "thrust_backlash", "warm_up"]
-BEYOND = MEMORY + ["unequal_delays", "floor_field", "thrust_scale"]
+OUTSIDE_LIBRARY = MEMORY + ["unequal_delays", "floor_field", "thrust_scale"]
 
 
 def acting(effects, commands):
-    """Commands as they reach the craft: a list of times [s] and values for left, right and lift.
+    """Commands as they reach the craft: (times [s], values) for left, right and lift.
 
-    commands: rows time, left, right, lift; or three such lists, which a link has delayed already.
+    commands: rows time, left, right, lift; or three pairs (times, values) that a link has delayed.
     """
     if isinstance(commands, np.ndarray):
         commands = [(commands[:, 0], commands[:, i]) for i in (1, 2, 3)]
@@ -206,7 +207,7 @@ def acting(effects, commands):
 
 
 def _slack(values, width):
-    """A command through a drive with play of `width`, 0 at first."""
+    """A command after backlash of `width`, initially 0."""
     reached, out = 0.0, []
     for value in values:
         reached = min(max(reached, value - width / 2), value + width / 2)
@@ -214,13 +215,13 @@ def _slack(values, width):
     return np.array(out)
 
 
-def simulate(craft, commands, end, pose, began, wrench=None, until=COARSE):
-    """The Motion from rest at `pose` at `began` [s], when the drive begins, to `end` [s].
+def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
+    """The Motion from rest at `pose`, from the begin of the drive at `began` [s] to `end` [s].
 
-    commands: what reaches the craft, from `acting`. wrench: (n, 3) disturbance [N, N, N m] of the
-    body's frame, a row for each GRID from `began` on. until: longest step [s] without one.
+    commands: from `acting`. wrench: disturbance (n, 3) in the body frame [N, N, N m], one row for each
+    GRID from `began` on. max_step: longest step without a disturbance [s].
     """
-    step = until if wrench is None else GRID
+    step = max_step if wrench is None else GRID
     count = math.ceil((end - began) / step - 1e-9)
     grid = began + step * np.arange(count + 1)
     edges = np.concatenate([times for times, _ in commands])
@@ -245,7 +246,7 @@ def simulate(craft, commands, end, pose, began, wrench=None, until=COARSE):
 
 
 def held_at(command, times):
-    """Values (n,) of a command (times [s], values) at instants: held, and 0 before the first."""
+    """Values (n,) of a command (times [s], values) at given times: held, and 0 before the first."""
     at = np.searchsorted(command[0], times + 1e-12, side="right") - 1
     return np.where(at >= 0, np.asarray(command[1], float)[np.maximum(at, 0)], 0.0)
 
@@ -262,7 +263,7 @@ def _kutta(f, t, y, h, inputs, push, a):
 
 
 class _Rates:
-    """Right-hand side of the equations of motion of a craft whose drive began at an instant [s]."""
+    """Right-hand side of the equations of motion of a craft whose drive began at `began` [s]."""
 
     def __init__(self, craft, began):
         self.body, self.began = craft.body, began
@@ -289,7 +290,7 @@ class _Rates:
         mass[0, 2] = mass[2, 0] = -m * yg
         mass[1, 2] = mass[2, 1] = m * xg
         self.mass, self.inverse = mass.tolist(), np.linalg.inv(mass).tolist()
-        self.at = At()
+        self.at = Point()
         self.at.m, self.at.l, self.at.com = m, self.body["l"], (xg, yg)
 
     def __call__(self, t, state, inputs, push):
@@ -319,7 +320,7 @@ class _Rates:
         return [c * u - s * v, s * u + c * v, r] + accelerations + rates
 
     def _wrench(self, state, push):
-        """Of thrusters, effects and disturbance."""
+        """Wrench of thrusters, effects and disturbance."""
         at = self.at
         left, right = self.body["k"] * at.left, self.body["k"] * at.right
         for factors, p in self.thrust:
@@ -342,21 +343,21 @@ class _Rates:
 
 
 def _mount(effects):
-    """Where the motion capture's rigid body sits in the craft: dx, dy [m], psi0 [rad]."""
+    """Pose of the motion capture's rigid body in the craft: dx, dy [m], psi0 [rad]."""
     marker = effects.get("marker_offset", {"dx": 0.0, "dy": 0.0})
     return marker["dx"], marker["dy"], effects.get("heading_offset", {"psi0": 0.0})["psi0"]
 
 
 def seen(effects, eta):
-    """What a motion capture without noise measures of true poses (n, 3)."""
+    """Poses (n, 3) that a motion capture without noise measures, given the true ones."""
     dx, dy, psi0 = _mount(effects)
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     return eta + np.column_stack([c * dx - s * dy, s * dx + c * dy, np.full(len(eta), psi0)])
 
 
 def seen_motion(effects, motion):
-    """Velocities and accelerations (n, 3) of what is measured, in the measured frame; those of the
-    translation with the terms of the turning frame, u' - v r and v' + u r."""
+    """Velocities and accelerations (n, 3) of the measured rigid body in its frame. Accelerations include
+    the terms of the rotating frame: u' - v r and v' + u r."""
     dx, dy, psi0 = _mount(effects)
     u, v, r = motion.nu.T
     du, dv, dr = motion.nu_dot.T

@@ -1,4 +1,4 @@
-"""The one place at which the hidden-effect bench calls the project's diagnosis."""
+"""The only module of the hidden-effect bench that calls the project's diagnosis."""
 
 import time
 
@@ -8,23 +8,23 @@ from ground.errors import GroundError
 
 
 def diagnose(runs, heldout, model, thorough=False):
-    """What the tool says of runs, lists of _core.RunData, as plain values for a line of JSON.
+    """Diagnosis of runs, lists of _core.RunData, as plain values for a line of JSON.
 
-    heldout: runs to test on; without any, errors are those of each run by a fit to the others.
+    heldout: runs to test on; if empty, each run is tested with a fit to the others.
     The dictionary has:
       verdict, floor   as in diagnosis.json
-      seconds          that it took
+      seconds          computing time
       chosen           effects in the order of their choice
-      groups           {chosen effect: effects that are its equals}
-      first            the three effects that rank first beside the nominal model
-      p_values         {effect: beside the nominal model, not corrected for the number tried}
+      groups           {chosen effect: effects that the diagnosis declares equal to it}
+      first            the three effects that rank first when added to the nominal model
+      p_values         {effect: p-value when added to the nominal model, uncorrected}
       errors           fit: nominal and improved; steps: held out, nominal and after each step
       parameters       of the improved model: name, value, ci95, identified
-      varies           names of what it says differs from run to run; None if it cannot say
-      memory           whether it says that history matters; None if it cannot say
-      unseen           effects that it says these runs cannot show
-    thorough adds alike {candidate: its group}, next_experiment, and where (the variables of what is
-    unexplained). {"failed": why} is all there is when the tool refuses.
+      varies           names of the parameters that it reports as different from run to run
+      memory           whether it reports that history matters
+      unseen           effects that it reports as not identifiable from these runs
+    thorough adds alike {candidate: its group}, next_experiment, and where (the variables on which the
+    unexplained part depends). If the tool refuses the runs, the result is {"failed": reason}.
     """
     start = time.perf_counter()
     try:
@@ -33,8 +33,18 @@ def diagnose(runs, heldout, model, thorough=False):
         conclusion = conclude(found, heldout)
     except GroundError as error:
         return {"failed": str(error)}
-    told = {
-        "seconds": time.perf_counter() - start,
+    answer = {"seconds": time.perf_counter() - start, **_answer(found, conclusion)}
+    if thorough:
+        report = diagnosis_report.of(found, conclusion, model.name, heldout)
+        answer["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
+        answer["next_experiment"] = report["next_experiment"]
+        answer["where"] = [w["variable"] for w in report["unexplained"]["where"]]
+    return answer
+
+
+def _answer(found, conclusion):
+    """The plain values of a diagnosis.Diagnosis and its conclusion."""
+    return {
         "verdict": conclusion.verdict,
         "chosen": [c.name for c in found.chosen],
         "groups": {s.added: list(s.group) for s in found.steps},
@@ -69,9 +79,3 @@ def diagnose(runs, heldout, model, thorough=False):
         "dropped": {d.trial.name: d.why for d in found.dropped},
         "slight": found.slight and found.slight.name,
     }
-    if thorough:
-        report = diagnosis_report.of(found, conclusion, model.name, heldout)
-        told["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
-        told["next_experiment"] = report["next_experiment"]
-        told["where"] = [w["variable"] for w in report["unexplained"]["where"]]
-    return told

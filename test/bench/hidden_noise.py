@@ -1,11 +1,11 @@
-"""What disturbs the craft of the hidden-effect bench, and how its poses are measured."""
+"""Disturbance and pose measurement of the hidden-effect bench."""
 import numpy as np
 from scipy import signal
 
 RATE = 120.0  # frames of the motion capture [Hz]
-NOISE = np.array([3e-4, 3e-4, 5e-3])  # of a pose [m], [m], [rad]
-STEP = np.array([5e-4, 5e-4, 5e-3])  # of quantised poses [m], [m], [rad]
-SPIKES, FAR = 0.005, 15.0  # part of the frames that are off, by so many times the noise
+NOISE = np.array([3e-4, 3e-4, 5e-3])  # standard deviation of a pose [m], [m], [rad]
+STEP = np.array([5e-4, 5e-4, 5e-3])  # resolution of quantised poses [m], [m], [rad]
+SPIKE_SHARE, SPIKE_SIZE = 0.005, 15.0  # share of frames with a spike; its deviation in NOISE
 
 
 def ornstein_uhlenbeck(random, count, step, time):
@@ -20,7 +20,7 @@ def wrench(random, count, step, push):
     """Disturbance (count, 3) in the body's frame [N, N, N m], constant over each `step` [s].
 
     push: `sigma` (3) [N, N, N m] and `time` (3) [s] of its Ornstein-Uhlenbeck part, `white` (3)
-    [N sqrt(s), N m sqrt(s)], `trim` (3) [N, N, N m], which does not change.
+    [N sqrt(s), N m sqrt(s)], constant `trim` (3) [N, N, N m].
     """
     columns = []
     for sigma, time, white, trim in zip(push["sigma"], push["time"], push["white"], push["trim"]):
@@ -30,17 +30,17 @@ def wrench(random, count, step, push):
 
 
 def frames(random, end, mocap):
-    """Instants at which frames are taken and their stamps [s], both (n,), from 0 to `end` [s]."""
+    """Times of the frames and their stamps [s], both (n,), from 0 to `end` [s]."""
     taken = np.arange(0, end, 1 / RATE)
     stamps = taken + mocap["jitter"] * random.normal(size=len(taken))
     return taken, np.maximum.accumulate(stamps)
 
 
 def measured(random, poses, mocap):
-    """Poses (n, 3) as the motion capture gives them; heading within a half turn of zero.
+    """Poses (n, 3) as the motion capture measures them; heading in -pi..pi.
 
-    mocap: `kind` (white, coloured, heavy, spikes, quantised), `level` of the noise in parts of
-    NOISE, correlation `time` [s] of coloured noise.
+    mocap: `kind` (white, coloured, heavy, spikes, quantised), `level` of the noise relative to NOISE,
+    correlation `time` [s] of coloured noise.
     """
     shape, kind, scale = poses.shape, mocap["kind"], mocap["level"] * NOISE
     if kind == "coloured":
@@ -53,8 +53,8 @@ def measured(random, poses, mocap):
     else:
         noise = random.normal(size=shape)
     if kind == "spikes":
-        off = random.uniform(size=shape[0]) < SPIKES
-        noise[off] += FAR * random.normal(size=(off.sum(), 3))
+        off = random.uniform(size=shape[0]) < SPIKE_SHARE
+        noise[off] += SPIKE_SIZE * random.normal(size=(off.sum(), 3))
     noisy = poses + scale * noise
     if kind == "quantised":
         noisy = STEP * np.round(noisy / STEP)

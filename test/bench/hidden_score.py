@@ -1,13 +1,13 @@
-"""How right an answer of the hidden-effect bench is.
+"""Scores for the answers of the hidden-effect bench.
 
-A result is a line of hidden.py: a case and, as `found`, what hidden_engine.diagnose says of it. A
-score is None where the question does not arise.
+A result is a line of hidden.py: a case with the answer of hidden_engine.diagnose under `found`. A score
+is None where it does not apply.
 """
 
 from ground import _core
 
-MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past does matter
-NEAR = 1.05  # of the true model's error: as good as the truth
+MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past matters
+MAX_ERROR_RATIO = 1.05  # up to this ratio to the true model's error a model is as good as the truth
 
 
 def chosen(result):
@@ -15,12 +15,12 @@ def chosen(result):
 
 
 def equals(result, name):
-    """A chosen effect and those that the tool declares its equals."""
+    """A chosen effect and those that the tool declares equal to it."""
     return {name} | set(result["found"]["groups"].get(name, []))
 
 
 def false_effects(result):
-    """What was chosen, is not there and was not declared equal to anything that is."""
+    """Chosen effects that are neither hidden nor declared equal to a hidden one."""
     there = set(result["hidden"])
     false = {name for name in chosen(result) if not equals(result, name) & there}
     return false - set(result["allowed"])
@@ -40,23 +40,23 @@ def is_exact(result):
 
 
 def is_found(result):
-    """Whether each hidden effect was chosen, declared equal to a chosen one, or to other parameters
-    of the model (the runs cannot show it)."""
-    told = set(result["found"].get("unseen", ())).union(
+    """Whether each hidden effect was chosen, or declared equal to a chosen one, or declared not
+    identifiable from these runs."""
+    found = set(result["found"].get("unseen", ())).union(
         *(equals(result, name) for name in chosen(result))
     )
-    return set(result["hidden"]) <= told
+    return set(result["hidden"]) <= found
 
 
 def is_right(result):
-    """Whether each hidden effect was found, and nothing else."""
+    """Whether each hidden effect and no false one was found."""
     return is_found(result) and not false_effects(result)
 
 
 def is_visible(result, least):
-    """Whether each hidden effect is worth that 2 ln L at least; None where it is not known."""
-    worth = result.get("visibility")
-    return min(worth.values()) >= least if worth else None
+    """Whether each hidden effect raises 2 ln L by `least` or more; None if unknown."""
+    visibility = result.get("visibility")
+    return min(visibility.values()) >= least if visibility else None
 
 
 def not_unexplained(result):
@@ -64,12 +64,12 @@ def not_unexplained(result):
 
 
 def says_varies(result):
-    """Whether it says that something differs from run to run."""
+    """Whether the diagnosis reports that something differs from run to run."""
     return bool(result["found"]["varies"])
 
 
 def says_memory(result):
-    """Whether it says that history matters."""
+    """Whether the diagnosis reports that history matters."""
     return bool(result["found"]["memory"]) or result["found"]["verdict"] == "memory"
 
 
@@ -78,8 +78,8 @@ def false_memory(result):
 
 
 def made_worse(result):
-    """Whether the error on the runs held out is above that of a part of the answer, or of none of
-    it; None where nothing was added. Two effects may lower it only together."""
+    """Whether the held-out error is above that of an earlier step, including the nominal model; None if
+    nothing was added. Two effects may lower it only together."""
     errors = result["found"]["errors"]["steps"]
     if not chosen(result):
         return None
@@ -87,8 +87,8 @@ def made_worse(result):
 
 
 def intervals(result, effects=True):
-    """Whether the interval of each identified parameter, of hidden effects or of the body, holds.
-    What is chosen and not hidden stands for something else, and has no true value."""
+    """Whether the interval of each identified parameter of hidden effects (or of the body) holds the
+    true value. A chosen effect that is not hidden has no true value."""
     asked = [p for p in result["found"]["parameters"] if p["identified"] and p.get("true") is not None]
     if effects:
         asked = [p for p in asked if p["name"].split(".")[0] in result["hidden"]]
@@ -98,13 +98,13 @@ def intervals(result, effects=True):
 
 
 def p_values(result):
-    """P-values of effects that may have either sign: those of others are 1 half of the time."""
+    """P-values of effects of either sign. (For a one-sided effect half of the p-values are 1.)"""
     free = free_effects()
     return [p for name, p in result["found"]["p_values"].items() if name in free]
 
 
 def free_effects():
-    """Effects none of whose parameters is neutral at a bound."""
+    """Effects without a parameter whose neutral value is a bound."""
     return {
         name
         for name, effect in _core.effects().items()
@@ -113,8 +113,8 @@ def free_effects():
 
 
 def as_good_as_the_truth(result):
-    """Whether the error on what was held out is within NEAR of the refitted truth's."""
-    return result["found"]["errors"]["steps"][-1] <= NEAR * result["true_error"]
+    """Whether the held-out error is at most MAX_ERROR_RATIO times the refitted truth's."""
+    return result["found"]["errors"]["steps"][-1] <= MAX_ERROR_RATIO * result["true_error"]
 
 
 def is_first(result):
@@ -122,7 +122,8 @@ def is_first(result):
     return result["found"]["first"][:1] == result["hidden"]
 
 
-def tells(result, when):
-    """Of runs that cannot tell two rivals: whether the answer is right and not a group."""
-    told = result.get(when)
-    return bool(told) and told["chosen"] == result["hidden"] and len(told["group"]) == 1
+def is_distinguished(result, when):
+    """Whether the answer on ambiguous runs, "before" or "after" the proposed experiment, is right and not
+    a group."""
+    answer = result.get(when)
+    return bool(answer) and answer["chosen"] == result["hidden"] and len(answer["group"]) == 1

@@ -1,4 +1,4 @@
-"""What the results of the hidden-effect bench come to, beside what they have to be."""
+"""Tables of the hidden-effect bench's results beside their goals."""
 from dataclasses import dataclass
 from typing import Callable, Optional, Tuple
 
@@ -17,16 +17,16 @@ UNIFORM = 0.01  # p-value of the Kolmogorov-Smirnov test below which p-values ar
 
 @dataclass(frozen=True)
 class Row:
-    """One question to the results of some kinds, and the share of yes that has to be."""
+    """One question about the results of some kinds, and a bound on the share of yes."""
 
     what: str
     kinds: Tuple[str, ...]  # () for all
-    ask: Callable  # of a result: yes, no, None where the question does not arise, or a list
+    ask: Callable  # result -> yes, no, None where it does not apply, or a list of these
     bound: Optional[Tuple[str, float]] = None  # "<=", ">=" or "in", and the share
-    only: Callable = lambda result: True  # which results
+    only: Callable = lambda result: True  # whether the row uses a result
 
     def answers(self, results):
-        """(answer, whether it can be seen at all) of all results that the row is about."""
+        """(answer, whether the hidden effects are visible) for all results of the row."""
         given = []
         for result in results:
             if (self.kinds and result["kind"] not in self.kinds) or not self.only(result):
@@ -56,7 +56,7 @@ def _rows():
     yield Row("weak effect (1.1 times): found", SINGLES[1:], score.is_found)
     yield Row("weak effect (1.1 times): a false one", SINGLES[1:], score.has_false_effect)
     trims = ("trim", "trim_single")
-    yield Row("trim per run: said so", trims, score.says_varies, (">=", 0.90))
+    yield Row("trim per run: reported", trims, score.says_varies, (">=", 0.90))
     yield Row("trim per run: a false effect", trims, score.has_false_effect)
     yield Row("trim per run: an effect beside it found", trims[1:], score.is_found, (">=", 0.90))
     yield Row("twins: right set or group", ("twins",), score.is_right, (">=", 0.95))
@@ -84,8 +84,8 @@ def _rows():
     yield Row("white, outside the library: `unexplained`", ("white_outside",), _says("unexplained"))
     yield Row("- its variable among the first two", ("white_outside",), _names_variable)
     ambiguous = ("white_ambiguous",)
-    yield Row("ambiguous runs: right at once, if not a group", ambiguous, _told_at_once)
-    yield Row("ambiguous runs: right after the experiment", ambiguous, _told_after)
+    yield Row("ambiguous runs: right at once, if not a group", ambiguous, _right_at_once)
+    yield Row("ambiguous runs: right after the experiment", ambiguous, _right_after)
 
 
 def _has(name):
@@ -101,7 +101,7 @@ def _body(result):
 
 
 def _is_moderate(result):
-    """Whether the nominal model's error is 30% above the truth's."""
+    """Whether the nominal model's error is at least 1.3 times the truth's."""
     return result["found"]["errors"]["steps"][0] >= 1.3 * result["true_error"]
 
 
@@ -114,23 +114,23 @@ def _is_group(result):
     return len(result["before"]["group"]) > 1
 
 
-def _told_at_once(result):
-    return None if _is_group(result) else score.tells(result, "before")
+def _right_at_once(result):
+    return None if _is_group(result) else score.is_distinguished(result, "before")
 
 
-def _told_after(result):
-    return score.tells(result, "after") if _is_group(result) else None
+def _right_after(result):
+    return score.is_distinguished(result, "after") if _is_group(result) else None
 
 
 def rate(answers):
-    """Yes, count, and the 95% interval of the share (Clopper and Pearson 1934)."""
+    """Number of yes, number of answers, and the share's 95% interval (Clopper and Pearson 1934)."""
     yes, count = sum(answers), len(answers)
     interval = stats.binomtest(yes, count).proportion_ci(0.95, method="exact")
     return yes, count, interval.low, interval.high
 
 
 def is_held(bound, yes, count):
-    """Whether a share keeps a bound; "in": 92 to 98% of the intervals hold."""
+    """Whether a share keeps a bound; "in" means 92 to 98%."""
     sense, share = bound
     if sense == "in":
         return 0.92 <= yes / count <= 0.98
@@ -138,8 +138,8 @@ def is_held(bound, yes, count):
 
 
 def lines(results):
-    """Lines of the table, each a list of texts: what, rate, count, interval, bound, whether it is
-    kept, and the rate where all that is hidden is visible."""
+    """Lines of the table, each a list of strings: what, rate, count, interval, bound, whether it is kept,
+    and the rate among results whose hidden effects are all visible."""
     table = [["what", "rate", "of", "95% interval", "bound", "kept", "visible ones"]]
     for row in _rows():
         answers = row.answers(results)
@@ -162,7 +162,7 @@ def lines(results):
 
 
 def verdicts(results):
-    """Lines of a table: how often each verdict was given to the cases of each kind."""
+    """Lines of a table: number of cases by kind and verdict."""
     kinds = list(dict.fromkeys(r["kind"] for r in results))
     given = [(r["kind"], r["found"]["verdict"]) for r in results]
     names = sorted({verdict for _, verdict in given})
@@ -178,7 +178,7 @@ def _bound(bound):
 
 
 def _p_values(results):
-    """The line of p-values of disturbed nulls: the share below 1%, and whether they are uniform."""
+    """Line on the p-values of disturbed nulls: the share below 1%, and whether they are uniform."""
     nulls = [r for r in results if r["kind"] == "disturbed_null"]
     values = [p for r in nulls for p in score.p_values(r)]
     if not values:
@@ -199,13 +199,13 @@ def markdown(table):
 
 
 def text(table):
-    """The table in columns."""
+    """The table in aligned columns."""
     widths = [max(len(line[i]) for line in table) for i in range(len(table[0]))]
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(line, widths)).rstrip() for line in table)
 
 
 def wrong(results):
-    """A line for each answer that is not right, where one is asked for."""
+    """A line for each case with a missed or a false effect."""
     for r in results:
         missed = sorted(set(r["hidden"]) - score.chosen(r)) if not score.is_found(r) else []
         false = sorted(score.false_effects(r))
@@ -217,7 +217,8 @@ def wrong(results):
 
 
 def matrix(results):
-    """Names (n,), and shares (n, n + 1) of hidden effects by what was found first, or nothing."""
+    """Names (n,), and shares (n, n + 1) of the cases by hidden effect and by the effect found first; the
+    last column is nothing found."""
     names = list(hidden_white.strengths())
     counts = np.zeros((len(names), len(names) + 1))
     for r in results:

@@ -1,9 +1,9 @@
-"""How much of a hidden effect the recordings can show at all.
+"""Visibility of hidden effects: the expected 2 ln L of each in the recordings.
 
-Each effect acts alone in runs without a disturbance. The wrench that the nominal model lacks there
-is compared, frequency by frequency, with the random wrench of the case and the noise of the poses.
-What other values of the nominal parameters take over is projected out. The rest is the
-noncentrality of a likelihood ratio test: the 2 ln L that the effect is worth on average.
+Each effect acts alone in runs without a disturbance. At each frequency the missing wrench of the nominal
+model is divided by the level of the case's random wrench and pose noise. The part that other values of
+the nominal parameters explain is projected out. The rest is the noncentrality of a likelihood ratio
+test: the mean gain in 2 ln L by the effect.
 """
 import numpy as np
 
@@ -11,23 +11,24 @@ import hidden_cases as cases
 import hidden_craft
 import hidden_noise
 
-VISIBLE = 40.0  # 2 ln L that 99 of 100 tests see: p of 0.01 over 24 effects, three parameters
-STEP = hidden_craft.COARSE  # of the grid of the spectra [s]
-HIGHEST = hidden_noise.RATE / 2  # frequency that the poses tell [Hz]
+# Noncentrality that 99 of 100 tests detect (three parameters, p of 0.01 corrected for 24 effects).
+VISIBLE = 40.0
+STEP = hidden_craft.COARSE  # time step of the spectra [s]
+MAX_FREQUENCY = hidden_noise.RATE / 2  # Nyquist frequency of the poses [Hz]
 
 
 def visibility(case):
-    """{effect: 2 ln L} of everything that is hidden in a case, in the runs to fit to."""
+    """{effect: 2 ln L} of all effects in a case's truth, over the runs to fit to."""
     return {name: _noncentrality(case, {name: p}) for name, p in case.effects.items()}
 
 
 def _noncentrality(case, effects):
-    missing, columns = [], []
+    wrenches, columns = [], []
     for i in range(cases.FITTED):
-        lack, takes_over, weight = _spectra(case, i, effects)
-        missing.append((weight * lack).ravel())
-        columns.append((weight[..., None] * takes_over).reshape(-1, takes_over.shape[-1]))
-    y, A = np.concatenate(missing), np.vstack(columns)
+        missing, by_parameter, weight = _spectra(case, i, effects)
+        wrenches.append((weight * missing).ravel())
+        columns.append((weight[..., None] * by_parameter).reshape(-1, by_parameter.shape[-1]))
+    y, A = np.concatenate(wrenches), np.vstack(columns)
     y, A = np.concatenate([y.real, y.imag]), np.vstack([A.real, A.imag])
     A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     rest = y - A @ np.linalg.lstsq(A, y, rcond=1e-9)[0]
@@ -35,8 +36,8 @@ def _noncentrality(case, effects):
 
 
 def _spectra(case, i, effects):
-    """Of one run: spectra of the missing wrench (f, 3) and of the wrench by each nominal parameter
-    (f, 3, 5), and the weights (f, 3) that make squares log-likelihood ratios."""
+    """Spectra of one run: of the missing wrench (f, 3), and of the wrench's derivatives by the nominal
+    parameters (f, 3, 5); and the weights (f, 3) that turn squares into log-likelihood ratios."""
     plan, body = cases.schedule(case.runs[i]["drive"]), case.body
     motion = cases.moved(case, i, plan, effects=effects)
     times = motion.times[motion.times <= plan.rows[-1, 0]]  # until the lift is off
@@ -44,7 +45,7 @@ def _spectra(case, i, effects):
     left, right = (hidden_craft.held_at((plan.rows[:, 0], plan.rows[:, c]), times) for c in (1, 2))
     zero, both, turn = np.zeros(len(times)), left + right, body["l"] * (left - right)
     u, v, r = nu.T
-    by_parameter = [  # I_z, X_u, Y_v, N_r, k
+    derivatives = [  # by I_z, X_u, Y_v, N_r, k
         [zero, zero, -nu_dot[:, 2]],
         [-u, zero, zero],
         [zero, -v, zero],
@@ -54,18 +55,18 @@ def _spectra(case, i, effects):
     inertia = np.array([body["m"], body["m"], body["I_z"]])
     nominal = [body["k"] * both - body["X_u"] * u, -body["Y_v"] * v]
     nominal.append(body["k"] * turn - body["N_r"] * r)
-    lack = inertia * nu_dot - np.column_stack(nominal)
-    takes_over = np.moveaxis(np.array(by_parameter), [0, 1, 2], [2, 1, 0])
-    lack, takes_over = _sampled(times, lack), _sampled(times, takes_over)
-    frequency = np.fft.rfftfreq(len(lack), STEP)
-    told = frequency < HIGHEST
-    density = _density(case.runs[i]["push"], case.mocap, inertia, frequency[told], len(lack) * STEP)
-    weight = np.sqrt(2 * STEP / len(lack) / density)
-    return np.fft.rfft(lack, axis=0)[told], np.fft.rfft(takes_over, axis=0)[told], weight
+    missing = _sampled(times, inertia * nu_dot - np.column_stack(nominal))
+    by_parameter = _sampled(times, np.moveaxis(np.array(derivatives), [0, 1, 2], [2, 1, 0]))
+    count = len(missing)
+    frequency = np.fft.rfftfreq(count, STEP)
+    low = frequency < MAX_FREQUENCY
+    density = _density(case.runs[i]["push"], case.mocap, inertia, frequency[low], count * STEP)
+    weight = np.sqrt(2 * STEP / count / density)
+    return np.fft.rfft(missing, axis=0)[low], np.fft.rfft(by_parameter, axis=0)[low], weight
 
 
 def _sampled(times, values):
-    """Means over each STEP of what is held from each of the instants until the next."""
+    """Means over each STEP of a piecewise constant signal with the given values from each time on."""
     steps = np.diff(times).reshape((-1,) + (1,) * (values.ndim - 1))
     integral = np.concatenate([0 * values[:1], np.cumsum(values[:-1] * steps, axis=0)])
     grid = np.arange(times[0], times[-1], STEP)
@@ -75,8 +76,8 @@ def _sampled(times, values):
 
 
 def _density(push, mocap, inertia, frequency, length):
-    """Two-sided spectral density (f, 3) of the random wrench and of the poses' noise as a wrench;
-    length: of the run [s]."""
+    """Two-sided spectral density (f, 3) of the random wrench plus the pose noise, expressed as a wrench;
+    length of the run in s."""
     omega = 2 * np.pi * np.maximum(frequency, 0.5 / length)[:, None]
     sigma, time = np.array(push["sigma"]), np.array(push["time"])
     slow = 2 * sigma**2 * time / (1 + (omega * time) ** 2) + np.array(push["white"]) ** 2

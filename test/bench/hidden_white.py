@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The hidden-effect bench in white noise: an effect hidden in the project's own simulated craft.
 
-Called as a program it prints how strong the effects of STRENGTHS are.
+As a program it checks STRENGTHS: it prints the error ratio that each effect causes.
 """
 import argparse
 import hashlib
@@ -16,11 +16,11 @@ from ground.analysis import candidates, study
 from ground.recordings import quality
 from ground.simulation import experiments
 
-# From the workspace that is sourced: a cluster's workers have this file somewhere else.
+# Found through the sourced workspace: on a cluster's workers this file is in another folder.
 MODEL = find_in_workspaces(["share"], "ground", "cfg/hovercraft/tiny_whoover.yaml")[0]
-RUNS, DURATION = 4, 8.0  # a diagnosis sees so many runs of so many seconds
-SPREAD = 0.2  # of the true nominal parameters about those of the model that is diagnosed
-NOISE = (3e-4, 5e-3)  # of the mocap [m], [rad]
+RUNS, DURATION = 4, 8.0  # number of runs for a diagnosis, and length of each [s]
+SPREAD = 0.2  # largest relative difference of true nominal parameters from the diagnosed model's
+NOISE = (3e-4, 5e-3)  # standard deviation of mocap noise [m], [rad]
 
 # Size of each effect's parameters [SI] at which the refitted nominal model's held-out error is
 # 1.5 times that of the refitted truth, for excitation "varied", by `hidden_white.py`.
@@ -51,7 +51,7 @@ STRENGTHS = {
 }
 ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
 ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
-# Truths that are not in the library: formulas, and the variables that they depend on.
+# True effects outside the library: formulas, parameters, and the variables that they depend on.
 OUTSIDE = {
     "washboard floor": (
         {"X": "a*sin(2*pi*x/0.3)*cos(psi)", "Y": "-a*sin(2*pi*x/0.3)*sin(psi)"},
@@ -66,7 +66,7 @@ OUTSIDE = {
         {"u_L", "u_R", "u_L+u_R"},
     ),
 }
-# Two runs that cannot distinguish effects: how they are driven, the effects and their sizes.
+# Cases of two runs that cannot distinguish effects: excitation, the effects and their sizes.
 AMBIGUOUS = {
     "delay or lag, slow PRBS": (
         "slow",
@@ -81,8 +81,8 @@ AMBIGUOUS = {
         },
     ),
 }
-LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # of the strengths above
-NEARLY_THE_SAME = [
+LEVELS = {"weak": 0.45, "moderate": 1.0, "strong": 2.5}  # factors on STRENGTHS
+LOOK_ALIKES = [
     {"input_delay", "motor_lag"},
     {"thrust_misalignment", "heading_offset"},
     {"thrust_asymmetry", "yaw_bias"},
@@ -90,23 +90,23 @@ NEARLY_THE_SAME = [
     {"momentum_drag", "coulomb_friction"},
     {"quadratic_drag", "coulomb_friction"},
 ]
-MANY = 10  # runs of an experiment that a lab would do at most
+MAX_REPEATS = 10  # largest number of runs of a proposed experiment
 
 
 def strengths():
-    """STRENGTHS of the effects that the library has."""
+    """STRENGTHS of the effects that are in the library."""
     known = _core.effects()
     return {name: sizes for name, sizes in STRENGTHS.items() if name in known}
 
 
 def neutral(name):
-    """Value at which a parameter, effect.name, of the library does nothing."""
+    """Neutral value of a parameter of the library, given as effect.parameter."""
     effect, _, parameter = name.partition(".")
     listed = _core.effects()[effect]["parameters"]
     return next(p["neutral"] for p in listed if p["name"] == parameter)
 
 
-# Cases of each kind unless a number is asked for.
+# Default number of cases of each kind.
 KINDS = {
     "white_single": 20 * len(strengths()),
     "white_null": 200,
@@ -117,8 +117,8 @@ KINDS = {
 
 
 def in_turn(seed, *lists):
-    """One item of each list, by a seed from 1 on: those of the first list change fastest. The last
-    value is the number of the round through all of them, from 1 on."""
+    """One item of each list, by a seed from 1 on; items of the first list change fastest. Appended is
+    the number of the round through all combinations, from 1 on."""
     number, chosen = seed - 1, []
     for items in lists:
         number, at = divmod(number, len(items))
@@ -127,7 +127,7 @@ def in_turn(seed, *lists):
 
 
 def make(kind, seed, strength="moderate", noise=1.0, excitation="varied"):
-    """A case, a dictionary for a line of JSON; `draw` is what its numbers are drawn by."""
+    """A case, a dictionary for a line of JSON; `draw` is the seed of its random numbers."""
     case = {"kind": kind, "seed": seed, "draw": seed, "hidden": [], "allowed": []}
     case.update(strength=strength, factor=LEVELS[strength], noise=noise, excitation=excitation)
     if kind == "white_pairs":
@@ -146,7 +146,7 @@ def _pair(seed):
     random = np.random.default_rng(seed)
     while True:
         pair = sorted(random.choice(sorted(strengths()), 2, replace=False).tolist())
-        if set(pair) not in NEARLY_THE_SAME:
+        if set(pair) not in LOOK_ALIKES:
             return pair
 
 
@@ -164,7 +164,7 @@ def more_runs(case, model, schedule, count):
     """Runs of an experiment that a diagnosis proposes."""
     return [
         run(model, schedule, 0.0, case["noise"], 1000 * case["draw"] + i, "new %d" % i)
-        for i in range(min(MANY, count))
+        for i in range(min(MAX_REPEATS, count))
     ]
 
 
@@ -176,11 +176,11 @@ def scaled(effect, name, size, factor):
 
 
 def truth(effects, factor, seed, strengths=STRENGTHS):
-    """The craft's true model: nominal parameters and the effects' directions drawn by the seed."""
+    """The craft's true model; the seed determines nominal parameters and signs of the effects."""
     random = np.random.default_rng(_number(seed, *effects))
     model = _core.load_model(MODEL)
     model.name = "truth"
-    for name in study.FIVE:
+    for name in study.NOMINAL:
         model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
     for effect in effects:
         if effect in OUTSIDE:
@@ -212,7 +212,7 @@ def _number(*parts):
 
 
 def runs(model, excitation, noise, seed, count=RUNS):
-    """What runs of a true model look like to the tool: _core.RunData."""
+    """Simulated runs of a true model: a list of _core.RunData."""
     found = []
     for i in range(count):
         random = np.random.default_rng(_number("run", seed, i))
@@ -223,7 +223,7 @@ def runs(model, excitation, noise, seed, count=RUNS):
 
 
 def run(model, schedule, heading, noise, seed, name):
-    """What one run of a true model looks like to the tool: _core.RunData."""
+    """One simulated run of a true model: _core.RunData."""
     mocap = _core.MocapParams()
     mocap.rate = 120.0
     mocap.position_noise, mocap.heading_noise = (noise * n for n in NOISE)
@@ -234,9 +234,10 @@ def run(model, schedule, heading, noise, seed, name):
 
 
 def _schedule(excitation, i, seed):
-    """varied: clocks, levels and lift differ from run to run; prbs: as in the recordings of 2019;
-    slow: the same twenty times slower; straight: both thrusters alike, so that it hardly turns."""
-    length = DURATION - 1.0  # of which lift alone
+    """Schedule of run i. varied: clocks, levels and lift differ from run to run; prbs: as in the
+    recordings of 2019; slow: prbs at a twentieth of the clock; straight: nearly equal thrusters, so that
+    the craft hardly turns."""
+    length = DURATION - 1.0  # the first second has lift alone
     number = 10 * seed + i
     if excitation == "prbs":
         rows = experiments.rows("prbs", length, clock=10, levels=(0, 1), seed=number)
@@ -261,13 +262,14 @@ def _schedule(excitation, i, seed):
 
 
 def calibrate(effects, seeds, excitation):
-    """Prints the nominal model's error by the truth's, and what brings it to 1.5."""
+    """Prints the ratio of the nominal model's error to the truth's, and the factor on the strength that
+    makes the ratio 1.5."""
     for effect in effects:
         ratios = []
         for seed in range(1, seeds + 1):
             model = truth([effect], 1.0, seed)
             on_runs = study.Study(runs(model, excitation, 1.0, seed))
-            nominal = on_runs.fit(_core.load_model(MODEL), list(study.FIVE)).heldout.sum()
+            nominal = on_runs.fit(_core.load_model(MODEL), list(study.NOMINAL)).heldout.sum()
             fitted = on_runs.fit(model, study.free_parameters(model))
             ratios.append(nominal / fitted.heldout.sum())
         ratio = float(np.median(ratios))

@@ -1,4 +1,4 @@
-// How long it takes from a pose to the UDP packet that it causes.
+// Measures the time from a pose to the UDP packet that it causes.
 #include <geometry_msgs/PoseStamped.h>
 #include <ground_msgs/ControllerStatus.h>
 #include <ros/ros.h>
@@ -19,7 +19,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// The mocap of a craft that circles slowly, and the craft that receives packets.
+/// Stands for the mocap, which sees a slowly circling craft, and for the craft, which gets packets.
 class Probe {
  public:
   Probe(int port, double rate)
@@ -46,8 +46,8 @@ class Probe {
       const auto sent = Clock::now();
       publishPose((ros::Time::now() - start).toSec());
       due += period;
-      // While it runs, the controller answers each state with one command and the sender each
-      // command with one packet; its keepalive is slower than the poses and never comes to pass.
+      // A running controller answers each state with one command, and the sender answers each
+      // command with one packet. Its keepalive is slower than the poses and therefore never sent.
       const double left = std::chrono::duration<double>(due - Clock::now()).count();
       if (socket_.receive(left, datagram, from) && running_)
         latencies.push_back(std::chrono::duration<double>(Clock::now() - sent).count());

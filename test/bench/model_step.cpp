@@ -1,4 +1,4 @@
-// What a step of the model costs: velocities alone, with pose, with five sensitivities, with
+// Computing time of a model step: velocities alone, with pose, with five sensitivities, with
 // effects.
 #include <benchmark/benchmark.h>
 
@@ -29,7 +29,7 @@ Model craft(const std::string& effects) {
   return model;
 }
 
-/// Coordinates that carry derivatives by I_z, X_u, Y_v, N_r and k where T does.
+/// Coordinates of the model, with derivatives by I_z, X_u, Y_v, N_r and k if T has derivatives.
 template <typename T>
 std::vector<T> coordinates(const Model& model) {
   const std::vector<double> values = model.coordinates();
@@ -57,7 +57,7 @@ void count(benchmark::State& state, int steps) {
                          benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
 }
 
-/// One simulation of kSteps.
+/// One simulation of kSteps steps.
 template <typename T>
 void step(benchmark::State& state, const std::string& effects, bool pose) {
   const Model model = craft(effects);
@@ -72,7 +72,7 @@ void step(benchmark::State& state, const std::string& effects, bool pose) {
   count(state, kSteps);
 }
 
-/// Eight of them side by side.
+/// Eight simulations in the lanes of a vector.
 template <typename T>
 void sideBySide(benchmark::State& state, const std::string& effects, bool pose) {
   const Model model = craft(effects);

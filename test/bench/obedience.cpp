@@ -1,8 +1,7 @@
-// How soon a craft that does not do as it is told is noticed by its motion, what is said of it, and
-// how often a sound one is blamed: ObedienceMonitor over simulated runs, of crafts that are other
-// than the model.
-//   obedience [SEEDS [DRIVE]]    a table, of the drives whose name contains DRIVE; 
-//                              exit status 1 when a sound craft was blamed
+// Tests ObedienceMonitor on simulated runs of crafts that differ from the model: how soon it
+// detects a fault, which fault it names, and how often it blames a sound craft.
+//   obedience [SEEDS [DRIVE]]    prints a table of the drives whose name contains DRIVE;
+//                                exit status 1 if a sound craft was blamed
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -21,7 +20,7 @@
 namespace ground {
 namespace {
 
-constexpr double kDuration = 60;  // of a run [s]
+constexpr double kDuration = 60;  // length of a run [s]
 constexpr double kTimeout = 1.0;  // the sender's obedience_timeout [s]
 
 struct Drive {
@@ -30,13 +29,13 @@ struct Drive {
 };
 struct Craft {
   std::string name;
-  std::function<void(Model&, std::mt19937&)> make;  ///< of the ground's model, for one seed
+  std::function<void(Model&, std::mt19937&)> make;  ///< changes the known model into the craft
 };
 struct Verdict {
-  double blamed = -1;  ///< when [s]; never: -1
-  std::string said;
-  double most = -1e9;  ///< evidence over the monitor's duration
-  double error = 0;    ///< from the reference when blamed [m]
+  double blamed = -1;  ///< time of the first blame [s]; -1: never
+  std::string reason;
+  double most = -1e9;  ///< largest evidence
+  double error = 0;    ///< distance from the reference when blamed [m]
 };
 
 Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
@@ -57,8 +56,8 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
     while (reference + 1 < log.references.size() &&
            log.references[reference + 1].time <= frame.captured)
       ++reference;
-    verdict.said = monitor.disobedience(kTimeout);
-    if (verdict.said.empty()) continue;
+    verdict.reason = monitor.disobedience(kTimeout);
+    if (verdict.reason.empty()) continue;
     verdict.blamed = frame.delivered;
     if (tracks && !log.references.empty())
       verdict.error = (frame.eta.head<2>() - log.references[reference].point.p).norm();
@@ -67,7 +66,7 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
   return verdict;
 }
 
-/// Sound, or with a fault from some instant on.
+/// Verdict on one simulated run with a fault from `fault_from` on [s]; no fault if after the end.
 Verdict run(const Model& model, const Drive& drive, const Craft& craft, unsigned long seed,
             CraftFault fault, double fault_from) {
   std::mt19937 random(static_cast<unsigned>(seed));
@@ -130,7 +129,7 @@ std::vector<Craft> crafts() {
 struct Failing {
   std::string name;
   CraftFault fault;
-  std::string named;  ///< a part of what has to be said
+  std::string named;  ///< words that the reason must contain
 };
 const std::vector<Failing> kFaults = {{"hears nothing", CraftFault::kDeaf, "without"},
                                       {"swapped", CraftFault::kSwapped, "swapped"},
@@ -138,7 +137,7 @@ const std::vector<Failing> kFaults = {{"hears nothing", CraftFault::kDeaf, "with
                                       {"right off", CraftFault::kRightOff, "right thruster"},
                                       {"no lift", CraftFault::kNoLift, "without lift"}};
 
-/// Verdicts of all seeds, two at a time.
+/// Verdicts of all seeds, computed two at a time.
 std::vector<Verdict> verdicts(int seeds, const std::function<Verdict(int)>& judge) {
   std::vector<Verdict> found;
   for (int first = 0; first < seeds; first += 2) {
@@ -156,7 +155,7 @@ double quantile(std::vector<double> values, double share) {
   return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
-/// Prints how sound crafts are judged; gives how many are blamed.
+/// Prints the verdicts on sound crafts; returns the number of blamed ones.
 int judgeSound(const Model& model, const Drive& drive, const Craft& craft, int seeds) {
   int blamed = 0;
   double most = -1e9;
@@ -166,7 +165,8 @@ int judgeSound(const Model& model, const Drive& drive, const Craft& craft, int s
        })) {
     blamed += verdict.blamed >= 0;
     most = std::max(most, verdict.most);
-    if (verdict.blamed >= 0) std::printf("  blamed at %.1f s: %s\n", verdict.blamed, verdict.said.c_str());
+    if (verdict.blamed >= 0)
+      std::printf("  blamed at %.1f s: %s\n", verdict.blamed, verdict.reason.c_str());
   }
   std::printf("%-22s %-26s %-14s blamed %3d/%3d, most evidence %.1f\n", drive.name.c_str(),
               craft.name.c_str(), "sound", blamed, seeds, most);
@@ -187,9 +187,9 @@ void judgeFaulty(const Model& model, const Drive& drive, const Craft& craft, int
     if (verdict.blamed < 0) continue;
     times.push_back(verdict.blamed);
     errors.push_back(verdict.error);
-    const bool named = verdict.said.find(failing.named) != std::string::npos;
+    const bool named = verdict.reason.find(failing.named) != std::string::npos;
     (named ? right : wrong) += 1;
-    if (!named) std::printf("  %s, but: %s\n", failing.name.c_str(), verdict.said.c_str());
+    if (!named) std::printf("  %s, but: %s\n", failing.name.c_str(), verdict.reason.c_str());
   }
   std::printf("%-22s %-26s %-14s right %3d, other %3d, missed %3d of %3d; after %.2f s (%.2f s), "
               "error %.2f m (%.2f m)\n",
@@ -202,7 +202,7 @@ int main(int count, char** arguments) {
   const Model model = loadModel(std::string(GROUND_WORKSPACE) + "/cfg/hovercraft/tiny_whoover.yaml");
   const int seeds = count > 1 ? std::atoi(arguments[1]) : 200;
   int blamed = 0;
-  std::puts("drive, craft, fault: what was said; after a median (worst) of seconds");
+  std::puts("drive, craft, fault: verdicts; delay and error, median (worst)");
   for (const Drive& drive : kDrives) {
     if (count > 2 && drive.name.find(arguments[2]) == std::string::npos) continue;
     for (const Craft& craft : crafts()) {

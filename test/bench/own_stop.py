@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Trials of the own stop of simulated crafts by watchdog, mocap noise and seed, as a table that counts
-wrong verdicts."""
+"""Tests prove_stop on simulated crafts over watchdog times, mocap noise and seeds; prints a table and
+counts wrong verdicts."""
 
 import argparse
 import contextlib
@@ -16,7 +16,7 @@ import yaml
 
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
 WATCHDOGS = [0.1, 0.25, 0.5, 1.0, 0.0]  # [s]; 0: none
-NOISES = [0.0003, 0.001]  # of the mocap [m]
+NOISES = [0.0003, 0.001]  # standard deviation of the mocap's position [m]
 
 
 def free_port(kind):
@@ -27,7 +27,7 @@ def free_port(kind):
 
 @contextlib.contextmanager
 def stack(seed, noise):
-    """A launch with a master of its own; gives the environment of its programs."""
+    """Runs the launch file on a separate master; yields the environment for its programs."""
     port = free_port(socket.SOCK_STREAM)
     env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % port)
     launch = os.path.join(ROOT, "test", "rostest", "resting_craft.launch")
@@ -58,20 +58,20 @@ def until(env, what, *command):
         if what in call(env, *command):
             return
         time.sleep(0.5)
-    raise SystemExit("%s does not say %s" % (" ".join(command), what))
+    raise SystemExit("%s does not print %s" % (" ".join(command), what))
 
 
 def trials(seed, noise, watchdogs):
-    """A recorded outcome for each watchdog."""
+    """The recorded outcome for each watchdog time."""
     with tempfile.TemporaryDirectory() as folder, stack(seed, noise) as env:
         path = os.path.join(folder, "own_stop.yaml")
         for watchdog in watchdogs:
             set_to = "watchdog=%g" % watchdog
             until(env, "watchdog", "rosrun", "ground", "parameters", "simulator", set_to)
             until(env, "success: True", "rosservice", "call", "/sender/arm", "true")
-            said = call(env, "rosrun", "ground", "prove_stop", "-o", path)
-            if "added to" not in said:
-                raise SystemExit(said)
+            output = call(env, "rosrun", "ground", "prove_stop", "-o", path)
+            if "added to" not in output:
+                raise SystemExit(output)
         with open(path) as file:
             return yaml.safe_load(file)["Tiny Whoover"]
 

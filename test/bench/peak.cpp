@@ -1,4 +1,4 @@
-// The most that a core can do: independent multiply-adds in registers, nothing else.
+// Measures the peak rate of a core by independent multiply-adds in registers.
 #include <chrono>
 #include <cstdio>
 

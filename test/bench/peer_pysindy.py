@@ -1,14 +1,14 @@
 #!/usr/bin/python3
-"""Which effect is missing, asked of PySINDy: sparse regression of the accelerations.
+"""Finds the missing effect with PySINDy: sparse regression of the accelerations.
 
-Arguments: a .npz file with lists nu (samples x 3), psi, inputs (samples x 2) and dt of the runs of each
-case. Prints a JSON object a case: the effect that it names, and seconds.
+Argument: a JSON file with nu (samples x 3), psi, inputs (samples x 2) and dt of the runs of each case.
+Prints a JSON object for each case: the effect found, and the time it took [s].
 
-What it is given is the best that we know for the question: smoothed velocities (those that our own fit
-sees), terms of the rigid body and of every effect that can be written as a term of an acceleration, in
-units of their deviation, smoothed finite differences of several widths and sequential thresholding with
-several thresholds, the pair chosen by the accelerations of runs left out in turn. Terms of the nominal
-model are always kept. The effect is named whose terms take the largest part in the accelerations.
+PySINDy gets the best settings that we know for this question. It sees the smoothed velocities of our
+fit. Its terms are those of the rigid body and of every effect that is a term of an acceleration, scaled
+by their deviation. Cross-validation over runs chooses the width of the smoothed finite differences and
+the threshold. Terms of the nominal model are always kept. The answer is the effect whose terms have the
+largest part in the accelerations.
 """
 import json
 import sys
@@ -18,7 +18,7 @@ import warnings
 import numpy as np
 import pysindy
 
-# effect: terms by equation (0: surge, 1: sway, 2: yaw)
+# {effect: (equation, term)}; equations are 0: surge, 1: sway, 2: yaw.
 EFFECTS = {
     "quadratic_drag": [(0, "V u"), (1, "V v"), (2, "|r| r")],
     "coulomb_friction": [(0, "u/V"), (1, "v/V"), (2, "sign r")],
@@ -33,7 +33,7 @@ EFFECTS = {
     "thrust_speed_loss": [(0, "sum u"), (2, "difference u")],
 }
 NOMINAL = [["r v", "sum", "u"], ["r u", "v"], ["difference", "r"]]
-THRESHOLDS = [0.003, 0.01, 0.03, 0.1]  # of the acceleration's deviation
+THRESHOLDS = [0.003, 0.01, 0.03, 0.1]  # relative to the acceleration's deviation
 WIDTHS = [7, 15, 31]  # samples
 
 
@@ -94,7 +94,6 @@ def name_effect(case):
                 c = fit(F, y, names, NOMINAL[equation], threshold)
                 for n, part in zip(names, (F * c).std(axis=0) + np.abs((F * c).mean(axis=0))):
                     sizes[equation, n] = part / y.std()
-            # error of the accelerations is dominated by noise: widths are compared by what is left
             if best is None or error < best[0]:
                 best = (error, sizes)
     parts = {

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""The thesis's tracking law (4.7), (4.8) in Python with numpy, as its project had it: how long an
-iteration takes, and that it decides as ours does.
+"""The thesis's tracking law (4.7), (4.8) in Python with numpy, like the thesis's own program: measures an
+iteration and compares its inputs with ground's.
 
-Reads what `controllers --cases` prints: body, gains, then states, references (p and three derivatives)
-and the inputs that ours gives. Prints seconds per iteration of each of seven rounds, and the largest
-difference.
+Reads the output of `controllers --cases`: body, gains, then states, references (p and three derivatives)
+and ground's inputs. Prints the time per iteration [s] of each of seven rounds, then the largest
+difference of the inputs.
 """
 import sys
 import time
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def inputs(state, reference, body, gains):
-    """Left and right, in 0..1; state: x, y, psi, u, v, r."""
+    """Inputs left and right, in 0..1; state is x, y, psi, u, v, r."""
     m, lever, I_z, d, d_r, k = body
     k_e, k_z, k_phi_1, k_phi_2, delta_1, delta_2 = gains
     psi, v, r = state[2], state[3:5], state[5]

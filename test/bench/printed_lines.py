@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Flies every experiment that a diagnosis can propose by its printed line, in the simulated room, and
-compares what is on the wire with the design.
+"""Runs every experiment that a diagnosis can propose by its printed roslaunch line, in the simulated
+room, and compares the inputs on the wire with the design.
 
-For each line: how it ended, how many bursts and edges there were, and how far the edges are on the wire
-from where the design has them (median, 99%), after the median delay of the commands around each.
-Fails when one is not flown to its end or the median of all is beyond 2 ms.
+Prints for each line how it ended, the number of bursts and edges, and the timing error of the edges on
+the wire (median, 99%), without the median delay of the commands around each. Fails if a line does not run
+to its end or the median of all errors is above 2 ms.
 """
 
 import argparse
@@ -26,11 +26,11 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 from fake_craft import free_port
 from wire_proxy import WireProxy
 
-MOST = 2e-3  # median of the edges [s]
-STEP = 1e-3  # of an input on the wire
-NEAR = 2.0  # within which the clocks keep their difference [s]
-MATCHED = 0.9  # share of the changes that has to be found on the wire
-PATIENCE = 120.0  # for a line [s]
+MAX_MEDIAN_ERROR = 2e-3  # median timing error of the edges [s]
+STEP = 1e-3  # resolution of an input on the wire
+DELAY_WINDOW = 2.0  # half the window over which the delay's median is taken [s]
+MIN_MATCHED = 0.9  # share of the changes that must be found on the wire
+TIMEOUT = 120.0  # limit for a line [s]
 WRAPPER = """<launch>
   <include file="$(find ground)/launch/sim_prbs.launch">
 %s
@@ -48,7 +48,7 @@ def arguments_of(line):
 
 
 def fly(arguments, folder):
-    """Runs a line through the whole chain; gives the bag's path and the packets on the wire."""
+    """Runs a line with all nodes; returns the bag's path and the packets on the wire."""
     sender, craft, master = free_port(), free_port(), free_port()
     given = dict(arguments, port=sender, record="true", bag_dir=folder, exit_when_done="true")
     args = "\n".join('    <arg name="%s" value="%s"/>' % item for item in given.items())
@@ -61,7 +61,7 @@ def fly(arguments, folder):
         done = subprocess.run(
             ["roslaunch", "-p", str(master), path],
             env=environment,
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             universal_newlines=True,
@@ -75,27 +75,27 @@ def fly(arguments, folder):
 
 
 def changes(rows):
-    """Rows time, left, right at which left or right changes by what the wire can tell."""
+    """Rows time, left, right at which left or right changes by at least the wire's resolution."""
     rows = np.asarray(rows)
     on_wire = np.floor(rows[:, 1:] / STEP + 0.5)
     moved = np.r_[True, (np.diff(on_wire, axis=0) != 0).any(axis=1)]
     return rows[moved]
 
 
-def arrivals(told, sent):
-    """When changes of the controller's inputs came over the wire, by their number [s, time.time()]."""
-    values = [[tuple(row) for row in np.floor(rows[:, 1:] / STEP + 0.5)] for rows in (told, sent)]
+def arrivals(commanded, sent):
+    """{index of a commanded change: time of its packet [s, time.time()]}."""
+    values = [[tuple(row) for row in np.floor(rows[:, 1:] / STEP + 0.5)] for rows in (commanded, sent)]
     found = {}
     for at, there, count in difflib.SequenceMatcher(None, *values, False).get_matching_blocks():
         found.update((at + i, sent[there + i, 0]) for i in range(count))
-    if len(found) < MATCHED * len(told):
-        raise RuntimeError("of %d changes %d are on the wire" % (len(told), len(found)))
+    if len(found) < MIN_MATCHED * len(commanded):
+        message = "only %d of %d changes are on the wire"
+        raise RuntimeError(message % (len(found), len(commanded)))
     return found
 
 
 def expected(design, bursts):
-    """Times at which bursts begin and at which the design's edges in them are due, on the clock of
-    the bag."""
+    """Times of the begins of bursts and of the design's edges in them, on the clock of the bag [s]."""
     edges, played, end = changes(design)[:, 0], 0.0, design[-1, 0]
     for begin, until in bursts:
         due = edges[(edges > played + 1e-9) & (edges < played + until - begin)]
@@ -106,7 +106,7 @@ def expected(design, bursts):
 
 
 def compared(bag, packets, design):
-    """Deviations [s] of the wire's edges from the design's, the number of bursts, and the end."""
+    """Timing errors [s] of the edges on the wire, number of bursts, and reason of the end."""
     with rosbag.Bag(bag) as file:
         commands = [
             (m.header.stamp.to_sec(), m.left, m.right)
@@ -116,26 +116,27 @@ def compared(bag, packets, design):
             (m.header.stamp.to_sec(), m.burst) for _, m, _ in file.read_messages(topics=["/bursts"])
         ]
         status = [m for _, m, _ in file.read_messages(topics=["/controller/status"])]
-    told = changes(commands)
+    commanded = changes(commands)
     sent = changes([(p.time, p.left, p.right) for p in packets])
-    arrival = arrivals(told, sent)
+    arrival = arrivals(commanded, sent)
     ends = [time for time, _ in marks[1:]] + [commands[-1][0]]
     bursts = [(begin, end) for (begin, burst), end in zip(marks, ends) if burst]
-    stamps = told[list(arrival), 0]
-    behind = np.array(list(arrival.values())) - stamps  # clock of the wire to that of stamps
-    off = []
+    stamps = commanded[list(arrival), 0]
+    delays = np.array(list(arrival.values())) - stamps  # includes the difference of the clocks
+    errors = []
     for time in expected(design, bursts):
-        near = int(np.argmin(np.abs(told[:, 0] - time)))
-        if abs(told[near, 0] - time) > 0.02 or near not in arrival:
-            continue  # the design's next edge after a return is a level that is held already
-        off.append(arrival[near] - time - np.median(behind[np.abs(stamps - time) < NEAR]))
-    return off, len(bursts), status[-1].reason
+        near = int(np.argmin(np.abs(commanded[:, 0] - time)))
+        if abs(commanded[near, 0] - time) > 0.02 or near not in arrival:
+            continue  # after a return, an edge to a level that is already held changes nothing
+        delay = np.median(delays[np.abs(stamps - time) < DELAY_WINDOW])
+        errors.append(arrival[near] - time - delay)
+    return errors, len(bursts), status[-1].reason
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--duration", type=float, help="of each [s], in place of the printed one")
-    parser.add_argument("--only", default="", help="experiments whose description contains this")
+    parser.add_argument("--duration", type=float, help="of each experiment [s] (as printed)")
+    parser.add_argument("--only", default="", help="run only experiments whose description contains this")
     options = parser.parse_args()
     everything, failed = [], 0
     lines = [e for e in next_experiment.choices() if options.only in e.input]
@@ -164,7 +165,7 @@ def main():
         "%d of %d lines flown; %d edges off by %.2f ms (median), %.2f ms (99%%)"
         % (len(lines) - failed, len(lines), len(everything), 1e3 * median, 1e3 * most)
     )
-    return 1 if failed or median > MOST else 0
+    return 1 if failed or median > MAX_MEDIAN_ERROR else 0
 
 
 if __name__ == "__main__":

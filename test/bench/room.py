@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Excites and tracks inside a simulated room, and says who left it, who was stopped and what it cost.
+"""Excites and tracks inside a simulated room, and counts crafts that leave it and runs that are stopped.
 
-A seed is four experiments: the excitation with the true craft and with a wrong one, and a circle by
-ModelPredictive and by TrajectoryTracking, all while the mocap is lost for 0.3 s at times; besides,
-fits to the true craft's excitation and to an unbounded PRBS of the same length. Results go to a
-file of JSON lines; an interrupted bench continues where it stopped.
+Each seed has four experiments: an excitation of the model's craft and of a different one, and a circle by
+ModelPredictive and by TrajectoryTracking. The mocap fails for 0.3 s now and then. Two fits compare the
+excitation inside the room with an unbounded PRBS of the same length. Results go to a file of JSON lines;
+an interrupted bench continues where it stopped.
 """
 
 import argparse
@@ -27,10 +27,10 @@ ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")
 ROOM = os.path.join(ROOT, "cfg", "room", "room_4x4.yaml")
 GAINS = os.path.join(ROOT, "cfg", "gains", "tiny_whoover.yaml")
-WRONG = ("m", "I_z", "X_u", "Y_v", "N_r", "k", "l")  # parameters that a wrong craft has wrong
+WRONG = ("m", "I_z", "X_u", "Y_v", "N_r", "k", "l")  # parameters in which a wrong craft differs
 FACTORS = (0.8, 1.2)
-GAP_RATE, GAP_LENGTH = 0.1, 0.3  # of the mocap's losses [1/s], [s]
-RADIUS = 1.5  # of the circle [m]
+GAP_RATE, GAP_LENGTH = 0.1, 0.3  # rate and length of the mocap's failures [1/s], [s]
+RADIUS = 1.5  # radius of the circle [m]
 CONTROLLERS = ("ModelPredictive", "TrajectoryTracking")
 EXCITATIONS = ("true", "wrong")
 CRAFTS = {"true": "excitation, craft true", "wrong": "excitation, craft wrong by 20%"}
@@ -44,7 +44,7 @@ def mocap():
 
 
 def wrong_craft(model, seed):
-    """The model with each of WRONG times 0.8 or 1.2."""
+    """The model with each parameter of WRONG times one of FACTORS, chosen at random."""
     craft = model.copy()
     for name, factor in zip(WRONG, np.random.default_rng(seed).choice(FACTORS, len(WRONG))):
         craft.set_value(name, craft.value(name) * factor)
@@ -72,7 +72,7 @@ def tracking(room, controller, duration):
 
 
 def described(run, room):
-    """Where a run went and how it ended."""
+    """Numbers that describe where a run went and how it ended."""
     positions = run.truth_eta[:, :2]
     times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, 2] > 0][-1]]
     bursts = [b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2]]
@@ -87,18 +87,18 @@ def described(run, room):
 
 
 def fitted(run, model):
-    """Estimates and standard deviations by name, as `identify fit` finds them."""
+    """Estimates and standard deviations by name, as from `identify fit`."""
     data = [quality.Run(run).data(model)]
-    result = windows.problem(data, windows.cut(data)).fit(model, list(study.FIVE))
+    result = windows.problem(data, windows.cut(data)).fit(model, list(study.NOMINAL))
     return {
         p["name"]: {"value": p["value"], "deviation": (p["ci95"][1] - p["ci95"][0]) / (2 * Z95)}
         for p in result["parameters"]
-        if p["name"] in study.FIVE
+        if p["name"] in study.NOMINAL
     }
 
 
 def run_seed(duration, seed):
-    """What came of one seed, a dictionary for a line of JSON."""
+    """Results of one seed, a dictionary for a line of JSON."""
     begin = time.perf_counter()
     model, room = _core.load_model(MODEL), _core.load_room(ROOM)
     pose = start_pose(room, seed)
@@ -142,7 +142,7 @@ def share(count, of):
 
 
 def kind_of(reason):
-    """A reason to stop without its numbers."""
+    """The reason of a stop without its numbers."""
     words = " ".join(word for word in reason.split() if not any(c.isdigit() for c in word))
     return words.replace(" m ", " ").replace(" if it were stopped later", "")
 
@@ -153,12 +153,12 @@ def reasons(runs):
 
 
 def stopped_falsely(run, least):
-    """Whether a run was stopped that keeps this far from the walls [m] when nothing keeps it inside."""
+    """Whether a run was stopped that, without limits, stays farther than `least` [m] from the walls."""
     return bool(run["stopped"]) and run["free"]["clearance"] > least
 
 
 def rows_of(results):
-    """Rows label, value of the table."""
+    """Rows (label, value) of the table."""
     for kind in EXCITATIONS:
         runs = [r[kind] for r in results]
         early = [run for run in runs if run["stopped"]]
@@ -180,7 +180,7 @@ def rows_of(results):
         falsely = sum(stopped_falsely(run, margin) for run in runs)
         yield "circle by %s: stopped falsely" % controller, share(falsely, len(runs))
         inside = sum(stopped_falsely(run, 0) for run in runs)
-        yield "  stopped, would only have come nearer than the margin", share(inside, len(runs))
+        yield "  stopped, would have stayed in the room", share(inside, len(runs))
         yield "  stopped", share(sum(bool(run["stopped"]) for run in runs), len(runs))
         yield "  reasons", reasons(runs)
         yield "  left the room", share(sum(_left(run) for run in runs), len(runs))
@@ -203,7 +203,7 @@ def _fit_rows(fits):
     pairs = [(f["bounded"], f["unbounded"]) for f in fits if f["bounded"] and f["unbounded"]]
     failed = {name: sum(not f[name] for f in fits) for name in ("bounded", "unbounded")}
     yield "fits that failed, bounded; unbounded", "%(bounded)d; %(unbounded)d" % failed
-    for name in study.FIVE if pairs else ():
+    for name in study.NOMINAL if pairs else ():
         sizes = np.array([[fit[name]["deviation"] for fit in pair] for pair in pairs])
         errors = np.array(
             [[fit[name]["value"] - model.value(name) for fit in pair] for pair in pairs]
@@ -222,7 +222,7 @@ def _fit_rows(fits):
 
 
 def read(path):
-    """Results of a file of JSON lines, without those that were cut when a bench was killed."""
+    """Results of a file of JSON lines; skips lines that were cut when a bench was killed."""
     results = []
     if os.path.exists(path):
         with open(path) as file:
@@ -235,7 +235,7 @@ def read(path):
 
 
 def bench(options):
-    """Does what is left to do and prints the table of all that was asked for."""
+    """Runs the seeds without a result and prints the table of all seeds."""
     wanted = range(options.seed_base, options.seed_base + options.count)
 
     def asked(result):
@@ -265,11 +265,11 @@ def bench(options):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200, help="of seeds (%(default)s)")
+    parser.add_argument("--count", type=int, default=200, help="number of seeds (%(default)s)")
     parser.add_argument("--seed-base", type=int, default=1, help="the first seed (%(default)s)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument(
-        "--duration", type=float, default=60.0, help="of an experiment [s] (%(default)g)"
+        "--duration", type=float, default=60.0, help="length of an experiment [s] (%(default)g)"
     )
     parser.add_argument("--results", default="build/room.jsonl", help="file of JSON lines")
     options = parser.parse_args()

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""How sweeps scale: gains evaluated by threads and by a Dask cluster on this computer, measured; and on
-up to 1000 workers, predicted.
+"""Measures how a sweep over gains scales with threads and with a Dask cluster on this computer, and
+predicts its time on up to 1000 workers.
 
-The forecast is a simulation: pieces of work as long as the measured ones, drawn with replacement, go in
-order to whichever worker is free; the scheduler hands out one piece after the other and takes for each
-what it was measured to take with pieces of no work.
+The prediction is a simulation. Tasks, whose lengths are drawn from the measured ones with replacement, go
+in order to the next free worker. The scheduler submits one task after the other; its overhead per task is
+measured with empty tasks.
 """
 import contextlib
 import heapq
@@ -25,10 +25,10 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
 CANDIDATES, STARTS = 40, 4
 WORKERS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000]
-SWEEP = 100000  # pieces of work in the sweep that is predicted
+SWEEP = 100000  # tasks in the predicted sweep
 
 
-def nothing(_):
+def empty_task(_):
     return None
 
 
@@ -60,7 +60,7 @@ def cluster(count):
 
 
 def sweep(team, cells, model):
-    """Seconds that the evaluation of all candidates takes."""
+    """Time for the evaluation of all candidates [s]."""
     choices = [gains.choice("TrajectoryTracking") for _ in range(CANDIDATES)]
     places = tracking.starts(STARTS, 1)
     begin = time.perf_counter()
@@ -68,21 +68,21 @@ def sweep(team, cells, model):
     return time.perf_counter() - begin
 
 
-def pieces(cells, model):
-    """Seconds of single pieces of work."""
+def task_times(cells, model):
+    """Times of single tasks [s]."""
     choice, place = gains.choice("TrajectoryTracking"), tracking.starts(1, 1)[0]
     lengths = []
     for cell in cells:
         for seed in range(3):
             run = (cell.truth, model, choice, cell.task, place, cell.conditions, seed, 50.0)
             begin = time.perf_counter()
-            tuning._numbers([run] * tuning.TOGETHER)
+            tuning._numbers([run] * tuning.BATCH)
             lengths.append(time.perf_counter() - begin)
     return np.array(lengths)
 
 
 def diagnoses():
-    """Seconds of some pieces of make bench-hidden, one core each."""
+    """Times of some cases of make bench-hidden on one core [s]."""
     names, lengths = list(hidden_white.strengths()), []
     for effect in ("motor_lag", "floor_tilt", "quadratic_drag"):
         begin = time.perf_counter()
@@ -92,7 +92,7 @@ def diagnoses():
 
 
 def predicted(lengths, overhead, count):
-    """Seconds of the sweep on so many workers."""
+    """Predicted time of the sweep on `count` workers [s]."""
     random = np.random.default_rng(1)
     free, handed, end = [0.0] * count, 0.0, 0.0
     for length in random.choice(lengths, SWEEP):
@@ -106,11 +106,11 @@ def predicted(lengths, overhead, count):
 def main():
     model = _core.load_model(MODEL)
     cells = tuning.cells({k: tracking.task(k) for k in ("circle", "line", "sinusoid")}, model)
-    lengths = pieces(cells, model)
+    lengths = task_times(cells, model)
     print(
-        "%d pieces of work; one takes %.0f ms in the middle, %.0f to %.0f ms"
+        "%d tasks; one takes a median of %.0f ms, %.0f to %.0f ms"
         % (
-            CANDIDATES * len(cells) * STARTS / tuning.TOGETHER,
+            CANDIDATES * len(cells) * STARTS / tuning.BATCH,
             *1e3 * np.quantile(lengths, [0.5, 0, 1]),
         )
     )
@@ -121,17 +121,17 @@ def main():
             times["%d threads" % count] = sweep(team, cells, model)
     for count in (1, cores):
         with cluster(count) as address, workers.Workers(address) as team:
-            list(team.map(nothing, range(100)))
+            list(team.map(empty_task, range(100)))
             times["%d Dask workers" % count] = sweep(team, cells, model)
             begin = time.perf_counter()
-            list(team.map(nothing, range(2000)))
+            list(team.map(empty_task, range(2000)))
             overhead = (time.perf_counter() - begin) / 2000
     first = times["1 threads"]
     for name, seconds in times.items():
         print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
-    print("the scheduler takes %.2f ms a piece; %d pieces, predicted:" % (1e3 * overhead, SWEEP))
+    print("the scheduler takes %.2f ms a task; predicted for %d tasks:" % (1e3 * overhead, SWEEP))
     kinds = {
-        "gains, %d runs a piece" % tuning.TOGETHER: lengths,
+        "gains, %d runs a task" % tuning.BATCH: lengths,
         "diagnoses of hidden effects": diagnoses(),
     }
     print("%8s" % "workers" + "".join("%32s" % name for name in kinds))

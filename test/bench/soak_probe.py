@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Watches a long experiment: whether memory stays flat, commands keep their pace and nobody complains."""
+"""Watches a long experiment: memory stays constant, commands keep their rate, and there are no warnings."""
 import argparse
 import math
 import sys
@@ -13,10 +13,10 @@ import rospy
 from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
 from rosgraph_msgs.msg import Log
 
-SAMPLES = 60  # of memory
-SETTLED = 0.1  # part of the time after which memory counts and the craft tracks
-GROWTH = 0.02  # of memory from then on that is still flat
-PACE = 0.01  # by which the rate of commands may drift
+SAMPLES = 60  # number of measurements of the memory
+SETTLING = 0.1  # share of the time before the checks of memory and tracking error begin
+MAX_GROWTH = 0.02  # relative growth of memory after settling
+MAX_DRIFT = 0.01  # relative change of the commands' rate
 
 
 def memory(pid):
@@ -30,10 +30,10 @@ def main():
     parser.add_argument("--seconds", type=float, required=True)
     arguments = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("soak_probe")
-    stamps, complaints, errors, newest = [], [], [], {}
+    stamps, warnings, errors, newest = [], [], [], {}
     rospy.Subscriber("controls", Controls, lambda m: stamps.append(m.header.stamp.to_sec()))
     rospy.Subscriber(
-        "/rosout", Log, lambda m: complaints.append(m.msg) if m.level >= Log.WARN else None
+        "/rosout", Log, lambda m: warnings.append(m.msg) if m.level >= Log.WARN else None
     )
     for topic, kind in (
         ("controller/status", ControllerStatus),
@@ -53,11 +53,11 @@ def main():
         while rospy.Time.now().to_sec() < due and not rospy.is_shutdown():
             time.sleep(0.02)
         sizes.append(memory(pid))
-        if len(sizes) > SETTLED * SAMPLES:
+        if len(sizes) > SETTLING * SAMPLES:
             t, r = newest["simulator/truth"].eta, newest["reference"].p
             errors.append(math.hypot(t[0] - r[0], t[1] - r[1]))
     seconds = rospy.Time.now().to_sec() - begin
-    first = sizes[int(SETTLED * SAMPLES)]
+    first = sizes[int(SETTLING * SAMPLES)]
     thirds = np.array_split([s for s in stamps if s > begin], 3)
     rates = [(len(part) - 1) / (part[-1] - part[0]) for part in thirds]
     print(
@@ -65,14 +65,14 @@ def main():
         "%.2f Hz; error at most %.0f mm"
         % (seconds, time.monotonic() - wall, first, sizes[-1], *rates, 1e3 * max(errors))
     )
-    for complaint in sorted(set(complaints)):
-        print("  %d times: %s" % (complaints.count(complaint), complaint))
+    for warning in sorted(set(warnings)):
+        print("  %d times: %s" % (warnings.count(warning), warning))
     sound = (
-        sizes[-1] < (1 + GROWTH) * first
-        and max(rates) / min(rates) < 1 + PACE
+        sizes[-1] < (1 + MAX_GROWTH) * first
+        and max(rates) / min(rates) < 1 + MAX_DRIFT
         and newest["controller/status"].state == 3
         and newest["sender/status"].state == SenderStatus.ARMED
-        and not complaints
+        and not warnings
     )
     print("soak: %s" % ("sound" if sound else "NOT SOUND"))
     return 0 if sound else 1

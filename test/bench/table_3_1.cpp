@@ -1,4 +1,4 @@
-// Prints the thesis's table 3.1 over many sequences and draws of noise.
+// Prints the thesis's table 3.1, repeated over many PRBS sequences and draws of noise.
 #include <cstdio>
 
 #include "../unit/artificial_run.h"
@@ -7,7 +7,7 @@ int main() {
   using namespace ground;
   constexpr unsigned kSeeds = 200;
   struct Row {
-    double epsilon, thesis;  ///< noise, largest error in the thesis's one run [%]
+    double epsilon, thesis;  ///< relative noise; largest error in the single run of the thesis [%]
   };
   std::printf("table 3.1: largest error of any parameter, %u runs of 4 s each, from 0.2 each\n",
               kSeeds);
@@ -20,7 +20,7 @@ int main() {
     const auto thesis = studyNoise(row.epsilon, kSeeds, FitOptions::Objective::kThesis);
     std::printf("%8.1f %9.2f%% %8.2f%% %9.2f%% %8.2f%%", row.epsilon, 100 * squares.median,
                 100 * squares.largest, 100 * thesis.median, 100 * thesis.largest);
-    if (row.epsilon > 0)  // an exact fit has no uncertainty to speak of
+    if (row.epsilon > 0)  // an exact fit has no uncertainty
       std::printf(" %10.1f%% %9.1f%%", squares.coverage.percent(), thesis.coverage.percent());
     else
       std::printf(" %11s %10s", "-", "-");

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Controllers in closed loop: nominal, with noise and delay, with a wrong model, with every effect
-hidden in the craft before and after diagnose has improved the model."""
+"""Measures controllers in closed loop: nominal, with noise and delay, and with a wrong model; then with
+each effect hidden in the craft, before and after diagnose improves the model."""
 
 import argparse
 import json
@@ -39,7 +39,7 @@ def choices():
 
 
 def tables(model, starts, seed):
-    """Rows of dicts: controller, reference, condition, and the numbers of tracking.pooled."""
+    """Dictionaries with controller, reference, condition, and the numbers of tracking.pooled."""
     tasks = {kind: tracking.task(kind, **settings) for kind, settings in REFERENCES.items()}
     for cell in tuning.cells(tasks, model):
         for label, choice in choices():
@@ -62,7 +62,7 @@ def tables(model, starts, seed):
 
 
 def anywhere(model, count, seed):
-    """Share of starts at rest within 3 m, any heading, from which the circle is reached."""
+    """Share of random starts at rest (within 3 m, any heading) from which the craft reaches the circle."""
     task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
     runs = tracking.many(
         model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(count, seed, 3.0)
@@ -83,8 +83,8 @@ def identify(*arguments):
 
 
 def hidden(model_path, effect, values, folder):
-    """Errors of the predictive controller [m rms], by reference, with the model fitted as it is and
-    with the one that diagnose made, on a craft with the effect."""
+    """RMS errors of the predictive controller [m] by reference, on a craft with the effect: with the
+    fitted nominal model and with the model of diagnose."""
     truth = _core.load_model(model_path)
     truth.add_effect(effect)
     for name, value in values.items():
@@ -112,8 +112,8 @@ def hidden(model_path, effect, values, folder):
     return {"effect": effect, "found": report["improved"]["effects"], "errors": errors}
 
 
-def told_tables(model, starts, seed):
-    """The tables of controllers and references, printed row by row."""
+def print_tables(model, starts, seed):
+    """Prints the table of controllers and references row by row; returns its numbers."""
     rows = []
     print(
         "%-22s%-11s%-13s%30s%11s%11s%8s%18s"
@@ -158,8 +158,8 @@ def told_tables(model, starts, seed):
     return {"tables": rows, "anywhere": reached}
 
 
-def told_effects(model, effects, strength):
-    """What hidden effects cost before and after a diagnosis, printed row by row."""
+def print_effects(model, effects, strength):
+    """Prints the errors with hidden effects before and after a diagnosis; returns the rows."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for effect in effects:
@@ -185,11 +185,11 @@ def main():
     )
     parser.add_argument("--starts", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", metavar="FILE", help="all numbers")
-    parser.add_argument("--effects", nargs="*", help="to hide (all); none: no argument")
+    parser.add_argument("--json", metavar="FILE", help="file for all numbers")
+    parser.add_argument("--effects", nargs="*", help="effects to hide (all); none if empty")
     parser.add_argument("--only-effects", action="store_true")
     parser.add_argument(
-        "--strength", type=float, default=5.0, help="of the effects, that of bench-hidden is 1 (5)"
+        "--strength", type=float, default=5.0, help="strength of the effects relative to bench-hidden (5)"
     )
     arguments = parser.parse_args()
     if arguments.json:
@@ -197,9 +197,9 @@ def main():
     model = _core.load_model(arguments.model)
     found = {"tables": [], "hidden": []}
     if not arguments.only_effects:
-        found.update(told_tables(model, arguments.starts, arguments.seed))
+        found.update(print_tables(model, arguments.starts, arguments.seed))
     effects = hidden_white.strengths() if arguments.effects is None else arguments.effects
-    found["hidden"] = told_effects(arguments.model, effects, arguments.strength)
+    found["hidden"] = print_effects(arguments.model, effects, arguments.strength)
     if arguments.json:
         files.write_json(arguments.json, found)
 

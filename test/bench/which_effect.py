@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Which effect is missing: our diagnosis and PySINDy, on the same recordings of the same craft.
+"""Finds the missing effect by ground's diagnosis and by PySINDy, on the same recordings.
 
-An effect that can be written as a term of an acceleration is hidden in the simulated craft at moderate
-strength; four runs of 8 s, mocap noise 0.3 mm and 0.005 rad. Prints a table; with --json a JSON object.
+Each effect of EFFECTS, which are terms of an acceleration, is hidden in the simulated craft at moderate
+strength; four runs of 8 s, mocap noise 0.3 mm and 0.005 rad. Prints a table, or JSON with --json.
 """
 import argparse
 import json
@@ -25,7 +25,7 @@ EFFECTS = [
 
 
 def as_arrays(run):
-    """A run for PySINDy: smoothed velocities and held inputs, on its samples' mean interval."""
+    """A run for PySINDy: smoothed velocities, headings, held inputs, and the mean sample interval."""
     times, rows = np.asarray(run.times), np.asarray(run.inputs)
     held = np.clip(np.searchsorted(rows[:, 0], times, side="right") - 1, 0, None)
     return {

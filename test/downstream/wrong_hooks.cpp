@@ -1,4 +1,4 @@
-// Effects that must not compile, each for a hook of its own (test/python/test_downstream.py).
+// Effects with a wrong hook, one each, that must not compile (test/python/test_downstream.py).
 #include "ground/model/effect_registry.h"
 
 namespace {
@@ -16,22 +16,22 @@ struct Right : Named {
 };
 GROUND_REGISTER_EFFECT(Right)
 #else
-struct TakesACopy : Named {
+struct WrenchByValue : Named {
   template <typename T>
   static void wrench(const T*, const Point<T>&, Vector3<T>) {}
 };
-GROUND_REGISTER_EFFECT(TakesACopy)
+GROUND_REGISTER_EFFECT(WrenchByValue)
 
-struct LacksThePoint : Named {
+struct MissingPoint : Named {
   template <typename T>
   static void thrust(const T*, Vector2<T>&) {}
 };
-GROUND_REGISTER_EFFECT(LacksThePoint)
+GROUND_REGISTER_EFFECT(MissingPoint)
 
-struct IsNoTemplate : Named {
+struct IsNotATemplate : Named {
   static void air(const double*, Vector2<double>&) {}
 };
-GROUND_REGISTER_EFFECT(IsNoTemplate)
+GROUND_REGISTER_EFFECT(IsNotATemplate)
 
 struct IsNotStatic : Named {
   template <typename T>
@@ -53,11 +53,11 @@ struct ReturnsAValue : Named {
 };
 GROUND_REGISTER_EFFECT(ReturnsAValue)
 
-struct IsMisspelt : Named {
+struct IsMisspelled : Named {
   template <typename T>
   static void wrnech(const T*, const Point<T>&, Vector3<T>&) {}
 };
-GROUND_REGISTER_EFFECT(IsMisspelt)
+GROUND_REGISTER_EFFECT(IsMisspelled)
 #endif
 
 }  // namespace

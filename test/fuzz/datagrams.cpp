@@ -1,4 +1,4 @@
-// Datagrams from the network: the craft's telemetry and the sender's commands.
+// Fuzzes the decoders of datagrams: the craft's telemetry and the sender's commands.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>

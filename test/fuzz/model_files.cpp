@@ -1,4 +1,5 @@
-// Model files, expression effects included: what is taken is sound, reads back and can be run.
+// Fuzzes model files with expression effects: an accepted model is sound, survives a round trip and
+// can be simulated.
 #include <cstdint>
 #include <cstdlib>
 #include <stdexcept>

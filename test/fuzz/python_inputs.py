@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Nonsense for what the identification tool reads: exports (csv), bags (bag), options (options).
+"""Fuzzes the inputs of the identification tool: exports (csv), bags (bag), options (options).
 
-Whatever is wrong has to be said as an GroundError, or as bad usage; anything else is a crash. First
-argument: what; the rest is libFuzzer's.
+Every defect must be reported as a GroundError or as bad usage; anything else is a crash. The first
+argument chooses the input; the others are libFuzzer's.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ def path(name, data):
 
 
 def csv(data):
-    """Two exports, one after the other."""
+    """Reads two exports, separated by a zero byte."""
     controls, _, poses = data.partition(b"\0")
     bag = os.path.join(FOLDER.name, "run.bag")
     with contextlib.suppress(GroundError):
@@ -48,7 +48,7 @@ def bag(data):
 
 
 def short_bag():
-    """One that can be read, and is too short for a diagnosis."""
+    """A bag that is readable, but too short for a diagnosis."""
     name = os.path.join(FOLDER.name, "short.bag")
     if not os.path.exists(name):
         with open(ROOT + "/test/fuzz/seeds/csv/exports", "rb") as file:
@@ -71,14 +71,14 @@ def options(data):
         if provider.ConsumeBool():
             words.append(provider.PickValueInList(OPTIONS))
         else:
-            # no command line can bring a zero
+            # a command line cannot contain a zero byte
             words.append(provider.ConsumeUnicodeNoSurrogates(12).replace("\0", ""))
     if "-h" in words or any(w.startswith("--h") for w in words):
         return
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         with contextlib.suppress(SystemExit):
             if cli.main(words) not in (0, 1):
-                raise AssertionError("an exit status that nobody knows: %s" % words)
+                raise AssertionError("unknown exit status: %s" % words)
 
 
 def main():

@@ -1,4 +1,4 @@
-// CSV files of bits and of references.
+// Fuzzes the readers of CSV files with bits and with references.
 #include <unistd.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-"""What the tests of the identification tool share."""
+"""Helpers of the tests in Python."""
 import contextlib
 import functools
 import io
@@ -19,7 +19,7 @@ MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 
 
 def identify(*arguments):
-    """Runs the tool as a user does; what it writes as JSON fits its schema."""
+    """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)
     files = {("compare",): "compare.json", ("diagnose",): "diagnosis.json"}
     written = files.get(arguments[:1])
@@ -31,14 +31,14 @@ def identify(*arguments):
 
 @functools.lru_cache(maxsize=None)
 def schema(name):
-    """The validator of a JSON file by its schema in docs/schemas."""
+    """The validator for a schema in docs/schemas."""
     path = ROOT / "docs" / "schemas" / (name + ".schema.json")
     return jsonschema.Draft7Validator(json.loads(path.read_text()))
 
 
 def program(name, *arguments):
-    """Runs a program of the package with a user's arguments, but in this process: one of its own takes
-    a second to load its libraries. Gives a CompletedProcess."""
+    """Runs a program of the package with a user's arguments in this process, because a new process takes
+    a second to load its libraries. Returns a CompletedProcess."""
     from ground import cli
     from ground.verbs import track, tune
 
@@ -49,20 +49,20 @@ def program(name, *arguments):
         with mock.patch("sys.argv", [name] + argv):
             try:
                 status = cli.program(verb, argv) if verb else cli.main(argv)
-            except SystemExit as end:  # of argparse
+            except SystemExit as end:  # raised by argparse
                 status = end.code
     return subprocess.CompletedProcess([name] + argv, status, out.getvalue(), err.getvalue())
 
 
 @functools.lru_cache(maxsize=None)
 def located(name):
-    """What rosrun would run, which takes a second to find it."""
+    """Path of the program that rosrun would run; rosrun itself takes a second to find it."""
     find = ["catkin_find", "--first-only", "--libexec", "ground", name]
     return subprocess.check_output(find, universal_newlines=True).strip()
 
 
 def process(name, *arguments):
-    """The same as a process of its own, for claims about processes."""
+    """Runs a program in a new process, for tests of its process."""
     return subprocess.run(
         [located(name)] + [str(a) for a in arguments],
         stdout=subprocess.PIPE,
@@ -74,14 +74,14 @@ def process(name, *arguments):
 
 @pytest.fixture
 def recordings():
-    """The real recordings: stamps of the shared runs."""
+    """Stamps (names) of the real recordings; skips the test if they are missing."""
     if not SHARED.is_dir():
-        pytest.skip("the real recordings of 2019 are not beside the workspace")
+        pytest.skip("the real recordings of 2019 are missing beside the workspace")
     return sorted(p.stem[len("pose_") :] for p in SHARED.glob("pose_*.csv"))
 
 
 def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=(0, 0, 0)):
-    """Stamps, poses (x, y, psi) and commands of a PRBS run, by default of the Tiny Whoover."""
+    """Stamps, poses (x, y, psi) and commands of a simulated PRBS run."""
     from ground import _core
 
     model = _core.load_model(str(model))
@@ -98,7 +98,7 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
 
 
 def write_bag(path, start=1000.0, change=None, **options):
-    """A bag of a simulated run with the topics of the original system."""
+    """Writes a bag of a simulated run with the topics of the thesis's system; returns its path."""
     import genpy
     import rosbag
     from geometry_msgs.msg import PointStamped
@@ -111,7 +111,7 @@ def write_bag(path, start=1000.0, change=None, **options):
             ("pose", times, eta),
             ("controls", inputs[:, 0], inputs[:, 1:]),
         ):
-            received = genpy.Time.from_sec(start)  # a recorder's clock does not run back
+            received = genpy.Time.from_sec(start)  # a recorder's clock never jumps back
             for stamp, row in zip(stamps, rows):
                 message = PointStamped()
                 message.header.stamp = genpy.Time.from_sec(start + stamp)
@@ -128,7 +128,7 @@ def free_port(kind=socket.SOCK_STREAM):
 
 
 def wait_for(condition, timeout, what):
-    """The first true value of condition(); fails after `timeout` seconds."""
+    """Waits for the first true value of condition(); fails after `timeout` seconds."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         value = condition()

@@ -1,5 +1,5 @@
-"""print_recording.py BAG...: what ground reads from each bag, every bit of it, a line of JSON for a bag.
-Run with ROS and without, for test_wheel.py."""
+"""print_recording.py BAG...: prints all that ground reads from each bag, as a line of JSON per bag.
+test_wheel.py runs it with ROS and without."""
 
 import dataclasses
 import json
@@ -12,7 +12,7 @@ from ground.recordings.bag_reader import BagReader
 
 
 def plain(value):
-    """As JSON; numbers with all their digits."""
+    """The value as JSON can hold it; numbers keep all their digits."""
     if hasattr(value, "to_nsec"):
         return value.to_nsec()
     if dataclasses.is_dataclass(value):

@@ -1,4 +1,4 @@
-"""identify add as a user runs it: the error falls, and to where."""
+"""identify add as a user runs it."""
 import json
 
 import pytest
@@ -39,12 +39,12 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     for kind in ("fit", "heldout", "holdout"):
         error = report["error"][kind]
         assert error["before"]["error"] > 3 * error["after"]["error"], kind
-        # The floor is that of the runs fitted to; others move more or less.
+        # The noise floor is computed from the fitted runs; it differs for others.
         assert error["after"]["error"] == pytest.approx(
             floor, rel=0.4 if kind == "holdout" else 0.15
         ), kind
         assert sum(error["after"][c] for c in "uvr") == pytest.approx(error["after"]["error"])
-    # The model file says where it comes from, and is a model for all else.
+    # The model file names its data and can be loaded.
     from ground import _core
 
     model = _core.load_model(str(out))
@@ -61,7 +61,7 @@ def error_of(report, kind):
     return pytest.approx(report["error"][kind]["after"]["error"])
 
 
-def test_an_effect_that_is_not_there_brings_nothing(tmp_path, lagging):
+def test_an_absent_effect_does_not_lower_the_error(tmp_path, lagging):
     truth = with_effect(tmp_path / "lag.yaml", "{name: motor_lag, tau: 0.06}")
     out = tmp_path / "x.yaml"
     result = identify("add", "floor_tilt", *lagging, "--model", truth, "-o", out, "--json")

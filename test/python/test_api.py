@@ -19,12 +19,12 @@ GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 API = ROOT / "src" / "ground" / "python" / "ground" / "api"
 MODULES = sorted(path.stem for path in API.glob("[a-z]*.py"))
-HIDDEN = 2e-5  # yaw moment of the craft that flies [N m]
+HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """A bag of a craft that turns by itself."""
+    """A bag of a craft with a constant yaw moment."""
     bag = tmp_path_factory.mktemp("api") / "run.bag"
     truth = ground.Model.load(MODEL).with_effect("yaw_bias", n0=HIDDEN)
     ground.simulate(truth, "prbs", seed=5).save(bag)
@@ -82,7 +82,7 @@ def test_results_are_frozen_and_show_themselves(flown):
     assert ground.Model.load(MODEL).to_frame().loc["m", "unit"] == "kg"
 
 
-def test_a_verb_prints_what_the_function_gives(flown, tmp_path):
+def test_a_verb_prints_the_result_of_its_function(flown, tmp_path):
     result = identify("fit", flown, "--model", MODEL, "-o", tmp_path / "m.yaml", "--json")
     assert result.returncode == 0, result.stderr
     printed = json.loads(result.stdout)
@@ -147,7 +147,7 @@ def test_errors_name_arguments_as_python_has_them(flown):
         ground.fit(MODEL, flown, holdout=[flown])
 
 
-def test_what_is_odd_is_a_warning_at_the_callers_line(tmp_path):
+def test_a_warning_points_at_the_callers_line(tmp_path):
     bag = write_bag(tmp_path / "short.bag", duration=4)
     odd = tmp_path / "odd.yaml"
     odd.write_text(MODEL.read_text().replace("m: 0.0583", "m: 583"))
@@ -159,7 +159,7 @@ def test_what_is_odd_is_a_warning_at_the_callers_line(tmp_path):
     assert any("m" in str(w.message) for w in mine)
 
 
-def test_results_write_what_the_verbs_write(flown, tmp_path):
+def test_results_write_the_files_of_the_verbs(flown, tmp_path):
     craft = ground.Model.load(MODEL)
     compared = ground.compare([craft], flown)
     path = compared.save(tmp_path / "compared", pictures=False)
@@ -174,7 +174,7 @@ def test_results_write_what_the_verbs_write(flown, tmp_path):
     assert diagnosed.sentences and "yaw_bias" in diagnosed._repr_html_()
 
 
-def test_the_notebook_runs_and_tells_its_story(monkeypatch):
+def test_the_notebook_runs_and_finds_the_hidden_effect(monkeypatch):
     notebook = ROOT / "docs" / "notebooks" / "demo.ipynb"
     monkeypatch.chdir(notebook.parent)
     names = {}
@@ -191,7 +191,7 @@ def test_the_notebook_runs_and_tells_its_story(monkeypatch):
 
 
 def show(source, names):
-    """Runs a cell, and shows the value of its last line as a notebook does."""
+    """Runs a cell and renders the value of its last line as a notebook does."""
     *lines, last = ast.parse("".join(source)).body
     exec(compile(ast.Module(lines, []), "a cell", "exec"), names)
     value = names["_"] = eval(compile(ast.Expression(last.value), "its last line", "eval"), names)

@@ -1,4 +1,4 @@
-"""Bags that are cut or damaged are read as far as they can be, and it is said what is lost."""
+"""Cut or damaged bags are read as far as possible, with a warning that says what is lost."""
 
 import bz2
 import io
@@ -22,8 +22,8 @@ KINDS = {
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The same run in bags of every kind, messages in the order of receipt; the first three are of a
-    single chunk."""
+    """A folder with one run in bags of every kind, messages in the order of receipt. All kinds except
+    `small` have a single chunk."""
     folder = tmp_path_factory.mktemp("whole")
     source = write_bag(folder / "source.bag", duration=7, seed=2)
     with rosbag.Bag(str(source)) as bag:
@@ -36,7 +36,7 @@ def whole(tmp_path_factory):
 
 
 def read(path):
-    """Topic, contents and time of all messages, and the warnings."""
+    """Topic, serialized contents and time of all messages, and the warnings."""
     with bag_reader.BagReader(str(path)) as bag:
         topics = list(bag.get_type_and_topic_info().topics)
         return listed(bag.read_messages(topics)), bag.warnings
@@ -51,9 +51,9 @@ def listed(messages):
     return found
 
 
-def start_of(kind, data):
-    """Where the chunks begin and where they end."""
-    with rosbag.Bag(kind) as bag:
+def chunk_span(path):
+    """Offsets in the file at which the chunks begin and end."""
+    with rosbag.Bag(path) as bag:
         return min(bag._chunk_headers), bag._index_data_pos
 
 
@@ -71,13 +71,13 @@ def test_a_sound_bag_reads_as_with_rosbag(whole, kind):
 def test_a_bag_cut_anywhere_gives_what_is_before_the_cut(tmp_path, whole, kind, share):
     path = whole / (kind + ".bag")
     data = path.read_bytes()
-    begin, end = start_of(str(path), data)
+    begin, end = chunk_span(str(path))
     cut = tmp_path / "cut.bag"
     cut.write_bytes(data[: int(begin + share * (end - begin))])
     wanted = read(path)[0]
     found, warnings = read(cut)
     assert found == wanted[: len(found)]
-    # the index and the last chunk take their part of the file
+    # The cut loses at most the last chunk.
     assert (share - 0.2) * len(wanted) < len(found) <= len(wanted)
     assert "as far as it goes" in warnings[0] and "bytes" in warnings[0]
     recording.read_bag(str(cut))
@@ -87,7 +87,7 @@ def test_a_bag_cut_anywhere_gives_what_is_before_the_cut(tmp_path, whole, kind, 
 def test_a_bag_cut_inside_its_index_has_all_its_messages(tmp_path, whole, kind):
     path = whole / (kind + ".bag")
     data = path.read_bytes()
-    end = start_of(str(path), data)[1]
+    end = chunk_span(str(path))[1]
     cut = tmp_path / "cut.bag"
     for keep in (end, (end + len(data)) // 2, len(data) - 1):
         cut.write_bytes(data[:keep])
@@ -97,7 +97,7 @@ def test_a_bag_cut_inside_its_index_has_all_its_messages(tmp_path, whole, kind):
 
 
 def test_a_bag_whose_recorder_was_killed_is_read(tmp_path, whole):
-    """Its last chunk says no length, and its header knows of no index."""
+    """Its last chunk has no length, and its header has no offset of the index."""
     path, active = whole / "plain.bag", tmp_path / "run.bag.active"
     bag = rosbag.Bag(str(active), "w", chunk_threshold=20000)
     with rosbag.Bag(str(path)) as source:
@@ -109,12 +109,12 @@ def test_a_bag_whose_recorder_was_killed_is_read(tmp_path, whole):
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_a_damaged_bag_is_read_but_for_the_damage_which_is_said(tmp_path, whole, kind):
+def test_a_damaged_bag_is_read_except_for_the_damaged_part(tmp_path, whole, kind):
     path = whole / (kind + ".bag")
     data = bytearray(path.read_bytes())
     wanted = set(read(path)[0])
     random = np.random.default_rng(5)
-    begin, end = start_of(str(path), data)
+    begin, end = chunk_span(str(path))
     damaged = tmp_path / "damaged.bag"
     for _ in range(6):
         at = int(random.integers(begin, end))
@@ -130,8 +130,8 @@ def test_a_damaged_bag_is_read_but_for_the_damage_which_is_said(tmp_path, whole,
         assert warnings or set(found) == wanted or kind == "plain"
 
 
-def test_what_a_header_says_wrong_is_noticed(tmp_path, whole):
-    """Every bit of the first message's header in turn: what is found is right, or there is a warning."""
+def test_a_flipped_bit_in_a_header_is_noticed(tmp_path, whole):
+    """Flips every seventh bit of the first message's header in turn."""
     path = whole / "plain.bag"
     data = path.read_bytes()
     wanted = read(path)[0]
@@ -155,8 +155,8 @@ def test_two_types_on_one_topic_are_named(tmp_path, whole, capsys):
         bag.write("contro1s", Float64(1.0), time)
     path.write_bytes(path.read_bytes().replace(b"contro1s", b"controls"))
     assert cli.main(["info", str(path)]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "geometry_msgs/PointStamped and std_msgs/Float64" in said
+    stderr = capsys.readouterr().err
+    assert stderr.count("\n") == 1 and "geometry_msgs/PointStamped and std_msgs/Float64" in stderr
 
 
 def test_simulate_writes_small_chunks_of_which_a_cut_takes_little(tmp_path):
@@ -172,7 +172,7 @@ def test_simulate_writes_small_chunks_of_which_a_cut_takes_little(tmp_path):
 
 def test_a_block_of_lz4_is_unpacked_as_far_as_it_goes():
     unpacked = bytearray()
-    # 4 letters, then 8 bytes from 4 back, then 3 letters
+    # 4 literal bytes, then 8 bytes copied from 4 bytes back, then 3 literal bytes
     block = bytes([0x44]) + b"abcd" + bytes([4, 0, 0x30]) + b"xyz"
     assert bag_reader._unpack_block(block, unpacked) and unpacked == b"abcdabcdabcdxyz"
     for size in range(len(block)):
@@ -204,7 +204,7 @@ def test_a_definition_in_a_bag_runs_no_code(monkeypatch, line):
 def test_a_type_that_is_not_installed_is_read_by_its_definition(tmp_path):
     import genpy.dynamic
 
-    definition = "# a kind of former days\nint32 MOST = 5 # of them\nstring NAME=a'b\n"
+    definition = "# an old type\nint32 MOST = 5 # a constant\nstring NAME=a'b\n"
     definition += "float64 x\nuint8[] rest\nstd_msgs/Header header\n" + 80 * "=" + "\n"
     definition += "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
     kind = genpy.dynamic.generate_dynamic("former_msgs/Pose", definition)["former_msgs/Pose"]
@@ -217,7 +217,7 @@ def test_a_type_that_is_not_installed_is_read_by_its_definition(tmp_path):
 
 
 def test_lz4_without_a_checksum_is_read_as_far_as_it_goes():
-    """Frames of rosbags say the size of their contents, which ROS does not know, and have no checksum."""
+    """Frames of rosbags contain the size of their contents, unknown to ROS, and have no checksum."""
     contents = bytes(range(200))
     header = b"\x04\x22\x4d\x18\x68\x40" + len(contents).to_bytes(8, "little") + b"\x00"
     block = (len(contents) | 1 << 31).to_bytes(4, "little") + contents  # not compressed

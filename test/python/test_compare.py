@@ -1,4 +1,4 @@
-"""identify compare as its users run it: does it point at what is hidden in a run?"""
+"""identify compare as a user runs it: does it point at the hidden effect of a run?"""
 import json
 
 import numpy as np
@@ -9,14 +9,14 @@ FULL = 2 * 0.062  # thrust of the Tiny Whoover at full input [N]
 
 
 def model_with(path, effects):
-    """The Tiny Whoover's file with effects, a line of YAML each."""
+    """Writes the Tiny Whoover's model with effects, given as a line of YAML each."""
     lines = "".join("  - %s\n" % e for e in effects)
     path.write_text(MODEL.read_text().replace("effects: []", "effects:\n" + lines))
     return path
 
 
 def hidden(tmp_path, *effects, noise=1.0, seed=7):
-    """A change for write_bag: the craft has effects that the nominal model does not know."""
+    """A change for write_bag: the craft has effects that the nominal model does not have."""
     from ground import _core
 
     truth = _core.load_model(str(model_with(tmp_path / "truth.yaml", effects)))
@@ -32,14 +32,14 @@ def hidden(tmp_path, *effects, noise=1.0, seed=7):
 
 
 def compare(folder, bags, *models, options=("--numbers",)):
-    """What compare writes; its words are under "words"."""
+    """Runs compare and returns its JSON, with its printed text under "words"."""
     arguments = [a for m in models for a in ("--model", m)]
     result = identify("compare", *bags, *arguments, "-o", folder, *options)
     assert result.returncode == 0, result.stderr
     assert "Traceback" not in result.stderr
 
     def refuse(word):
-        raise AssertionError("%s is no JSON" % word)
+        raise AssertionError("%s is not valid in JSON" % word)
 
     report = json.loads((folder / "compare.json").read_text(), parse_constant=refuse)
     report["words"] = result.stdout
@@ -47,7 +47,7 @@ def compare(folder, bags, *models, options=("--numbers",)):
 
 
 def study(tmp_path, *effects, duration=15, **options):
-    """The nominal model against one run of a craft with hidden effects."""
+    """Numbers of the nominal model on one run of a craft with hidden effects."""
     change = hidden(tmp_path, *effects, **options)
     bag = write_bag(tmp_path / "run.bag", duration=duration, change=change)
     report = compare(tmp_path / "out", [bag], MODEL)
@@ -57,12 +57,13 @@ def study(tmp_path, *effects, duration=15, **options):
 
 
 def best(one, channel):
+    """The variable that explains most of the missing wrench in a channel."""
     against = one["wrench"]["channels"][channel]["against"]
     return max(against, key=lambda name: against[name]["share"]["share"])
 
 
 def slope(one, channel, variable):
-    """Of the missing wrench against a variable, from the means in its bins."""
+    """Slope of the missing wrench over a variable, fitted to the means in its bins."""
     entry = one["wrench"]["channels"][channel]["against"][variable]
     weights = 1 / np.maximum(np.array(entry["standard_error"]), 1e-9)
     return np.polyfit(entry["centres"], entry["mean"], 1, w=weights)[0]
@@ -91,7 +92,7 @@ def test_a_true_model_leaves_nothing(tmp_path):
         assert one["wrench"]["disturbances"] == []
         assert 0.9 < one["wrench"]["noise"]["position"]["value"] / 3e-4 < 1.3
         assert one["fit_percent"]["u"] > 90
-    assert outside / lags < 0.03, "99%% bands: %d of %d outside" % (outside, lags)
+    assert outside / lags < 0.03, "%d of %d outside the 99%% bands" % (outside, lags)
     assert "no wrench is missing" in report["words"]
     assert "body axes" not in report["words"]
 
@@ -111,7 +112,7 @@ def test_numbers_of_a_wrong_model(tmp_path):
 
 
 def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
-    """A missing yaw moment turns the craft as the closed form says."""
+    """The heading error by a missing yaw moment equals the closed form."""
     one = study(tmp_path, "{name: yaw_bias, n0: 1.0e-4}")
     inertia, damping = 8.8e-5, 4.62e-5
     for horizon in one["horizons"][3:5]:
@@ -129,7 +130,7 @@ def test_a_constant_side_force(tmp_path):
     assert "missing most is side force Y" in one["words"]
 
 
-def test_thrust_across_the_body_axis_is_seen_at_once(tmp_path):
+def test_thrust_across_the_body_axis_is_reported(tmp_path):
     one = study(tmp_path, "{name: heading_offset, psi0: 1.5707963}")
     thrust = one["wrench"]["thrust"]
     assert thrust["body_axes_differ"]
@@ -140,14 +141,14 @@ def test_thrust_across_the_body_axis_is_seen_at_once(tmp_path):
     assert "body axes differ: measured thrust acts at -" in one["words"]
     assert "from the model's body x axis" in one["words"]
     offset = float(one["words"].split("heading_offset of ")[1].split()[0])
-    assert offset == pytest.approx(np.pi / 2, abs=0.15), "as it was made"
+    assert offset == pytest.approx(np.pi / 2, abs=0.15), "the true offset"
 
 
 def test_turned_thrust_follows_the_total_thrust(tmp_path):
     one = study(tmp_path, "{name: thrust_misalignment, angle: 0.35}")
     thrust = one["wrench"]["thrust"]
     assert thrust["off_deg"] == pytest.approx(np.degrees(0.35), abs=3)
-    assert not thrust["body_axes_differ"], "20 degrees are a matter of the model, not of axes"
+    assert not thrust["body_axes_differ"], "a difference of 20 degrees is a model error"
     assert best(one, "Y") == "u_L+u_R"
     assert share(one, "Y", "u_L+u_R") > 0.8
     assert slope(one, "Y", "u_L+u_R") == pytest.approx(0.062 * np.sin(0.35), rel=0.1)
@@ -186,12 +187,12 @@ def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
     assert not heading["autocorrelation"]["accepted"]
     assert not heading["input_difference"]["accepted"]
     measured = one["wrench"]["thrust"]["measured"]
-    assert measured["force_per_unit_input"] == pytest.approx(0.062, rel=0.1), "late, but not less"
+    assert measured["force_per_unit_input"] == pytest.approx(0.062, rel=0.1), "lag does not reduce it"
     assert "residuals" in one["words"] and "still follow u_L" in one["words"]
 
 
-def test_error_is_put_where_it_is(tmp_path):
-    """A floor that is rough on one side of the room only."""
+def test_error_is_located_in_the_room(tmp_path):
+    """The floor is rough on one side of the room only."""
     one = study(
         tmp_path,
         "{name: rough, expression: {X: '-c*(x>0.3 ? 1 : 0)*u', Y: '-c*(x>0.3 ? 1 : 0)*v'},"
@@ -205,7 +206,7 @@ def test_error_is_put_where_it_is(tmp_path):
     assert max(shares[n] for n in ("x", "y", "position")) > shares["heading"]
 
 
-def test_a_push_is_left_out_and_said(tmp_path):
+def test_a_push_is_left_out_and_reported(tmp_path):
     change = hidden(tmp_path, "{name: differential_side_force, c: 0.5}")
 
     def pushed(times, eta, inputs):
@@ -222,7 +223,7 @@ def test_a_push_is_left_out_and_said(tmp_path):
     assert "no input explains" in report["words"]
 
 
-def test_gaps_are_no_residuals(tmp_path):
+def test_gaps_do_not_raise_the_residuals(tmp_path):
     def change(times, eta, inputs):
         seen = (times < 4) | (times > 4.3)
         seen &= (times < 9) | (times > 10.6)
@@ -236,7 +237,7 @@ def test_gaps_are_no_residuals(tmp_path):
     assert all(h["position_mm"]["rms"] < 200 for h in one["horizons"][:5])
 
 
-def test_fit_and_held_out_runs_are_kept_apart(tmp_path):
+def test_fitted_and_held_out_runs_are_pooled_separately(tmp_path):
     change = hidden(tmp_path, "{name: quadratic_drag, cx: 0.03, cy: 0.03, cr: 0.0}")
     bags = [
         write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=10, change=change) for s in (1, 2, 3)
@@ -315,8 +316,8 @@ def test_bad_input_is_refused_with_one_sentence(tmp_path):
     ):
         result = identify("compare", *arguments)
         assert result.returncode == 1, (arguments, result.stdout)
-        said = [line for line in result.stderr.splitlines() if not line.startswith("warning:")]
-        assert len(said) == 1, result.stderr
+        errors = [line for line in result.stderr.splitlines() if not line.startswith("warning:")]
+        assert len(errors) == 1, result.stderr
         for word in words:
             assert word in result.stderr, result.stderr
         assert not list(out.glob("*"))
@@ -352,8 +353,8 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
 
 
-def test_shares_are_not_given_to_chance():
-    """Two series that drift, each by itself, explain nothing of each other; a cause does."""
+def test_random_correlation_explains_nothing():
+    """Two independent drifting series do not explain each other; a true cause does."""
     from ground.analysis import failure
 
     named = 0

@@ -1,4 +1,4 @@
-"""identify diagnose as a user runs it: it names what is missing, and its model is ready for use."""
+"""identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
 import json
 import os
 import re
@@ -39,14 +39,14 @@ THREE = ["--model", MODEL, "--only", "motor_lag", "input_delay", "floor_tilt"]
 
 @pytest.fixture(scope="module")
 def lagging(tmp_path_factory):
-    """Bags of a craft with a lag, beside its model truth.yaml."""
+    """Bags of a craft with a motor lag; its model truth.yaml is in the same folder."""
     folder = tmp_path_factory.mktemp("lagging")
     return bags_of(folder, with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}"))
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, lagging):
-    """Folder and printed result of a diagnosis with THREE that nothing interrupted."""
+    """Folder and printed result of an uninterrupted diagnosis with the options THREE."""
     out = tmp_path_factory.mktemp("whole") / "out"
     result = diagnose(*lagging, *THREE, "-o", out)
     assert result.returncode == 0, result.stderr
@@ -54,13 +54,13 @@ def whole(tmp_path_factory, lagging):
 
 
 def tried_by_default():
-    """Names of the library's effects that a diagnosis tries unless told otherwise."""
+    """Names of the library's effects that a diagnosis tries by default."""
     from ground import _core
 
     return {name for name, effect in _core.effects().items() if not effect["opt_in"]}
 
 
-def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
+def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     out = tmp_path / "out"
     result = diagnose(*lagging, "--model", MODEL, "-o", out)
     assert result.returncode == 0, result.stderr
@@ -85,7 +85,7 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
     assert "90% prediction bands of the improved model hold" in page
-    # simulator and controllers take the model as it is
+    # The simulator accepts the model.
     simulated = identify(
         "simulate",
         "--model",
@@ -98,7 +98,7 @@ def test_a_lag_is_found_and_the_model_with_it_is_ready(tmp_path, lagging):
         tmp_path / "again.bag",
     )
     assert simulated.returncode == 0, simulated.stderr
-    # and nothing is lost of what is there
+    # Existing results are not overwritten.
     again = diagnose(*lagging, "--model", MODEL, "-o", out)
     assert again.returncode == 1 and "--force" in again.stderr
 
@@ -111,12 +111,12 @@ def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
     assert names == {"motor_lag", "input_delay", "floor_tilt"}
 
 
-def test_without_the_right_one_something_is_left(tmp_path, lagging):
+def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging):
     options = ["--exclude", "motor_lag", "--budget", "3"]
     result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
-    assert report["verdict"] == "memory"  # a lag is what the past of the commands does
+    assert report["verdict"] == "memory"  # a lag is a memory of the commands
     assert len(report["candidates"]) == 3
     proposal = report["unexplained"]["proposal"]
     assert proposal["name"] == report["memory"]["kind"]["name"]
@@ -124,7 +124,7 @@ def test_without_the_right_one_something_is_left(tmp_path, lagging):
     assert (tmp_path / "out" / "proposal.yaml").exists()
 
 
-def test_a_complete_model_is_left_alone(tmp_path):
+def test_a_complete_model_is_not_changed(tmp_path):
     bag = write_bag(tmp_path / "run.bag", seed=3, duration=12.0)
     result = identify("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out")
     assert result.returncode == 0, result.stderr
@@ -134,7 +134,7 @@ def test_a_complete_model_is_left_alone(tmp_path):
     assert report["improved"]["effects"] == [] and report["unexplained"]["proposal"] is None
 
 
-def test_what_is_too_small_to_matter_is_said_but_not_called_missing(tmp_path):
+def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_path):
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: 0.0005}")
     bags = bags_of(tmp_path, truth)
     result = identify("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out")
@@ -149,11 +149,11 @@ def test_what_is_too_small_to_matter_is_said_but_not_called_missing(tmp_path):
         assert slight["effect"] + " (" in text and "is visible and does not matter" in text
 
 
-def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
+def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path):
     washboard = yaml.safe_load(WASHBOARD)
     truth = with_effect(tmp_path / "truth.yaml", json.dumps(washboard))
     bags = bags_of(tmp_path, truth, seeds=(1, 40, 90))
-    # test_hidden.py has a case with the whole library
+    # test_hidden.py has such a case with the whole library.
     known = ["--model", MODEL, "--only", "floor_tilt", "momentum_drag", "motor_lag", "wind"]
     result = diagnose(*bags, *known, "-o", tmp_path / "out")
     assert result.returncode == 0, result.stderr
@@ -174,7 +174,7 @@ def test_what_no_effect_explains_is_described_and_ones_own_found(tmp_path):
         tmp_path / "added.yaml",
     )
     assert added.returncode == 0, added.stderr
-    # A user who knows more writes the effect and has it tried with the others.
+    # A user writes the effect and has it tried with the others.
     washboard["parameters"]["a"]["value"] = 0.001
     (tmp_path / "washboard.yaml").write_text(yaml.safe_dump(washboard))
     options = ["--effects", tmp_path / "washboard.yaml"]
@@ -217,7 +217,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     assert tried("--only", "gust") == {"gust"}
     assert tried("--only", "gust", "motor_lag") == {"gust", "motor_lag"}
     assert tried("--only", "gust", "floor_friction_map") == {"gust", "floor_friction_map"}
-    assert tried("floor_friction_map") == tried() | {"floor_friction_map"}  # one more of --effects
+    assert tried("floor_friction_map") == tried() | {"floor_friction_map"}  # a value of --effects
     assert "swirl" not in tried("--exclude", "swirl")
     with pytest.raises(GroundError, match="there is no effect guts"):
         tried("--only", "guts")
@@ -277,7 +277,7 @@ def test_bad_options_are_named(tmp_path, options, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_interval_without_an_end_is_said():
+def test_an_unbounded_interval_is_printed():
     from ground.reports import words
 
     entry = {"value": 8728.0, "unit": "s", "ci95": [1852.4, None], "identified": True}
@@ -301,7 +301,7 @@ def test_real_runs_of_one_day(tmp_path, recordings):
     assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]
 
 
-def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging, whole):
+def test_an_interrupted_diagnosis_resumes(tmp_path, lagging, whole):
     assert not (whole[0] / ".unfinished").exists()
 
     out, options = tmp_path / "out", [*lagging, *THREE]
@@ -321,7 +321,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path, lagging, whole)
         process.wait()
     assert not (out / "diagnosis.json").exists()
     assert finished() >= 2
-    # what cannot be read is done again
+    # A result that cannot be read is computed again.
     next(out.glob(".unfinished/*")).write_bytes(b"half a resu")
 
     again = diagnose(*options, "-o", out, "--progress")

@@ -1,4 +1,4 @@
-"""README and docs: links lead somewhere, and what is printed to be typed is understood."""
+"""README and docs: links have targets, and the programs accept the printed commands."""
 
 import argparse
 import ast
@@ -31,7 +31,7 @@ def prose(text):
 
 
 def anchors(text):
-    """Of the headings of a page, as GitHub and MyST make them."""
+    """Anchors of the headings of a page, as GitHub and MyST make them."""
     for heading in re.findall(r"^#+ +(.*)$", prose(text), re.M):
         yield re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
@@ -50,31 +50,31 @@ def broken_links(page):
             yield target
         elif anchor and file.suffix == ".md":
             text = file.read_text()
-            if not generated(text) and anchor not in anchors(text):  # sphinx knows the others
+            if not generated(text) and anchor not in anchors(text):  # sphinx checks generated pages
                 yield target
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     assert list(broken_links(page)) == []
 
 
 def command_lines(text, start):
-    """Every command line of a page that begins so, as words after that: in fences and in `code`,
-    without comments, and without those that stand for several (VERB, ...)."""
+    """Words after `start` of every command line of a page that begins with it, in fences and in `code`.
+    Skips comments, and lines with placeholders (VERB, ...)."""
     fences = [body for language, body in FENCE.findall(text) if language == "sh"]
     lines = "\n".join(fences).replace("\\\n", " ").splitlines()
     lines += [code.replace("\n", " ") for code in re.findall(r"`([^`]+)`", prose(text))]
     for line in lines:
         command = line.partition(start + " ")[2]
-        command = re.sub(r"\$\([^)]*\)|\$\w+", "1", command)  # what a shell puts in
+        command = re.sub(r"\$\([^)]*\)|\$\w+", "1", command)  # the shell substitutes these
         words = shlex.split(re.split(r" [|&;]|[;|]", command)[0], comments=True)
         if len(words) > 1 and not re.search(r"\b(VERB|NAME)\b|\.\.\.", command):
             yield words
 
 
 class Parsed(BaseException):
-    """Thrown in place of what would be done."""
+    """Raised by the patched parsers instead of running the command."""
 
 
 def run_as(program, words):
@@ -92,7 +92,7 @@ def run_as(program, words):
 
 
 def complaint(program, words):
-    """What a program's own parser says against the words; empty when it understands them. Nothing is
+    """The error of the program's parser about the words, empty if it accepts them. The command is not
     run."""
     from ground import cli
 
@@ -112,7 +112,7 @@ def complaint(program, words):
             run_as(program, words)
         except Parsed:
             return ""
-        except SystemExit as end:  # 0: --help
+        except SystemExit as end:  # status 0 after --help
             return "" if end.code == 0 and out.getvalue() else err.getvalue() or str(end.code)
     return "has no parser"
 
@@ -132,7 +132,7 @@ def complaints(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_printed_commands_are_understood(page):
+def test_printed_commands_are_accepted(page):
     assert list(complaints(page)) == []
 
 
@@ -178,15 +178,15 @@ def test_every_effect_has_its_equation():
 
 
 def test_every_program_is_in_the_reference():
-    source = (ROOT / "docs" / "from_code.py").read_text()  # sphinx, which it imports, may be absent
+    source = (ROOT / "docs" / "from_code.py").read_text()  # parsed, not imported: sphinx may be missing
     listed = ast.literal_eval(re.search(r"^PROGRAMS = (\[.*\])", source, re.M).group(1))
     listed += ["identify", "track", "tune"]
     names = {path.name for path in SCRIPTS.iterdir()}
     assert set(listed) <= names
     launched = "".join(p.read_text() for p in (ROOT / "launch").rglob("*") if p.is_file())
-    # The others are no programs of their own: launch files start them.
-    others = [name for name in names - set(listed) if not re.search(r"\b%s\b" % name, launched)]
-    assert others == []
+    # All other programs are started by launch files.
+    unknown = [name for name in names - set(listed) if not re.search(r"\b%s\b" % name, launched)]
+    assert unknown == []
 
 
 def test_the_effect_of_the_how_to_compiles(tmp_path):

@@ -1,4 +1,4 @@
-"""What other packages build on: test/downstream/ground_example, built as somebody else would."""
+"""The package as others use it: builds and runs test/downstream/ground_example."""
 import functools
 import os
 import pathlib
@@ -28,11 +28,11 @@ int main() { return ground::effectNames().empty(); }
 
 
 def devel_space():
-    """Where ground was built, among the workspaces of the environment."""
+    """The devel space of ground among the sourced workspaces."""
     for prefix in os.environ["CMAKE_PREFIX_PATH"].split(":"):
         if pathlib.Path(prefix, "share", "ground", "cmake").is_dir():
             return pathlib.Path(prefix)
-    raise AssertionError("source devel/setup.bash first")
+    raise AssertionError("ground is not in CMAKE_PREFIX_PATH: source devel/setup.bash first")
 
 
 @functools.lru_cache(maxsize=None)
@@ -44,13 +44,13 @@ def install_space():
     prefix = pathlib.Path(
         re.search("^CMAKE_INSTALL_PREFIX:.*=(.*)$", cache.read_text(), re.M).group(1)
     )
-    assert build in prefix.parents, "installs elsewhere: remove %s and configure anew" % cache
+    assert build in prefix.parents, "installs outside the build folder: remove %s" % cache
     check("nice", "cmake", "--install", build)
     return prefix
 
 
 def run(*command, space=None, **variables):
-    """A command, by default as it is, else in a shell that knows this space and nothing else."""
+    """Runs a command; with `space`, in a clean shell that sources only this space."""
     if space:
         shell = ["env", "-i", "HOME=" + os.environ["HOME"], "PATH=/usr/bin:/bin"]
         shell += ["%s=%s" % item for item in variables.items()]
@@ -81,7 +81,7 @@ in_both_spaces = pytest.mark.parametrize("space", [devel_space, install_space])
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
-    """Gives the devel space of the example, on top of the workspace's devel or install space."""
+    """Builds the example on top of ground's devel or install space; returns its devel space."""
 
     @functools.lru_cache(maxsize=None)
     def built(space):
@@ -110,8 +110,8 @@ def simulate(model, space, **variables):
 def test_controller_drives_a_simulated_craft_with_the_effect(example, model):
     arguments = ["truth:=%s" % model, "port:=%d" % free_port()]
     test = EXAMPLE / "test" / "go_to.test"
-    said = check("rostest", test, *arguments, space=example(install_space))
-    assert "SUCCESS" in said, said
+    output = check("rostest", test, *arguments, space=example(install_space))
+    assert "SUCCESS" in output, output
 
 
 @in_both_spaces
@@ -129,7 +129,7 @@ def test_catkin_variables_suffice(space, tmp_path):
 
 
 def test_effect_libraries_that_cannot_be_used(example, model):
-    """One line each: the effect's library is not listed, is missing, and is listed as another one."""
+    """The effect's library is not listed, is missing, or is listed twice: one line each."""
     known = simulate(model, devel_space())
     assert "unknown effect 'thrust_yaw_loss'" in known.stdout
     assert "GROUND_EFFECT_LIBRARIES" in known.stdout

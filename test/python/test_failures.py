@@ -1,4 +1,4 @@
-"""Whatever fails in reading and writing ends in one line and status 1; only --debug shows a traceback."""
+"""A failure to read or write ends with one line and status 1; only --debug shows a traceback."""
 
 import contextlib
 import os
@@ -22,7 +22,8 @@ SCRIPTS = ROOT / "src" / "ground" / "scripts"
 
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory):
-    """A folder with a run of 3 s, as a plain bag, as the recorder writes it, and as CSV; and a model."""
+    """A folder with a run of 3 s as plain bag, as the recorder's bag and as CSV, one of 7 s, and a
+    model."""
     folder = tmp_path_factory.mktemp("sample")
     write_bag(folder / "plain.bag", duration=3, seed=2)
     options = dict(compression="lz4", chunk_threshold=topics.CHUNK)
@@ -40,7 +41,7 @@ def sample(tmp_path_factory):
 
 @pytest.fixture
 def here(sample, tmp_path, monkeypatch):
-    """An empty working folder with links to the sample."""
+    """A working folder that has only links to the files of the sample."""
     for path in sample.iterdir():
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
@@ -48,17 +49,18 @@ def here(sample, tmp_path, monkeypatch):
 
 
 def fails(capsys, arguments, *words, run=cli.main):
+    """Checks that the command fails with one line that contains the words; returns the line."""
     capsys.readouterr()
     try:
         status = run([str(a) for a in arguments])
-    except SystemExit as end:  # of argparse
+    except SystemExit as end:  # raised by argparse
         status = end.code
     assert status == 1
-    said = capsys.readouterr().err
-    assert "Traceback" not in said and "unexpected" not in said and said.count("\n") == 1, said
+    stderr = capsys.readouterr().err
+    assert "Traceback" not in stderr and "unexpected" not in stderr and stderr.count("\n") == 1, stderr
     for word in words:
-        assert word in said, said
-    return said
+        assert word in stderr, stderr
+    return stderr
 
 
 WRITING = {
@@ -72,7 +74,7 @@ WRITING = {
 
 
 def left(folder):
-    """Regular files in a folder and those below it, also hidden ones."""
+    """Names of the regular files in a folder and below it, hidden ones included."""
     return [p.name for p in folder.rglob("*") if p.is_file() and not p.is_symlink()]
 
 
@@ -88,43 +90,43 @@ def test_a_damaged_bag_gives_no_traceback(here, capsys, damage, count):
         (here / "damaged.bag").write_bytes(data)
         capsys.readouterr()
         status = cli.main(["info", "damaged.bag"])
-        said = capsys.readouterr().err
+        stderr = capsys.readouterr().err
         assert status in (0, 1), number
-        assert "Traceback" not in said and "unexpected" not in said, (number, said)
-        failures = [line for line in said.splitlines() if line.startswith("identify info:")]
-        assert len(failures) == status, (number, said)
+        assert "Traceback" not in stderr and "unexpected" not in stderr, (number, stderr)
+        failures = [line for line in stderr.splitlines() if line.startswith("identify info:")]
+        assert len(failures) == status, (number, stderr)
         if damage == "cut":
-            assert said, number
+            assert stderr, number
 
 
 @pytest.mark.parametrize("verb", list(WRITING))
-def test_a_full_disk_is_one_line_and_leaves_nothing_half_there(here, capsys, verb):
+def test_a_full_disk_is_one_line_and_leaves_no_partial_file(here, capsys, verb):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    # no file may grow beyond that, as if there were no more room
+    # A limit on the size of files acts like a full disk.
     resource.setrlimit(resource.RLIMIT_FSIZE, (200, before[1]))
     try:
         status = cli.main(WRITING[verb])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    said = capsys.readouterr().err
-    assert status == 1 and said.count("\n") == 1 and "Traceback" not in said, said
-    assert "cannot be written" in said and "out" in said
+    stderr = capsys.readouterr().err
+    assert status == 1 and stderr.count("\n") == 1 and "Traceback" not in stderr, stderr
+    assert "cannot be written" in stderr and "out" in stderr
     assert left(here) == []
 
 
-def test_output_that_nobody_takes_is_one_line(here, capsys):
+def test_output_to_a_full_device_is_one_line(here, capsys):
     with open("/dev/full", "w") as full:
         with contextlib.redirect_stdout(full):
             assert cli.main(["info", "run.bag"]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "No space left" in said
+    stderr = capsys.readouterr().err
+    assert stderr.count("\n") == 1 and "No space left" in stderr
 
 
 @pytest.mark.parametrize("verb", list(WRITING))
-def test_a_folder_that_is_read_only_is_one_line(here, capsys, monkeypatch, verb):
+def test_a_read_only_folder_is_one_line(here, capsys, monkeypatch, verb):
     if verb == "compare":
         (here / "out").mkdir()
-    # root may write everywhere: what the system would say to others
+    # The test may run as root, who can write everywhere: imitate the system's answer to others.
     monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)
     fails(capsys, WRITING[verb], "cannot be written to")
 
@@ -137,7 +139,7 @@ def test_a_folder_that_is_read_only_is_one_line(here, capsys, monkeypatch, verb)
     assert left(here) == []
 
 
-def test_what_is_no_file_is_one_line(here, capsys):
+def test_an_unusable_path_is_one_line(here, capsys):
     fit = ["fit", "run.bag", "--model", "model.yaml", "-o"]
     fails(capsys, fit + ["x" * 300 + ".yaml"], "name", "shorter")
     fails(capsys, fit + ["/proc/out.yaml"], "/proc/out.yaml")
@@ -196,10 +198,10 @@ def test_only_debug_shows_a_traceback(capsys, monkeypatch, error, words):
     monkeypatch.setattr(info, "run", fail)
     for arguments in (["info", "a"], ["info", "a", "--debug"]):
         assert cli.main(arguments) == 1
-        said = capsys.readouterr().err
-        assert words in said.splitlines()[-1]
-        assert ("Traceback" in said) == ("--debug" in arguments)
-        assert "--debug" in arguments or said.count("\n") == 1
+        stderr = capsys.readouterr().err
+        assert words in stderr.splitlines()[-1]
+        assert ("Traceback" in stderr) == ("--debug" in arguments)
+        assert "--debug" in arguments or stderr.count("\n") == 1
     monkeypatch.setenv("GROUND_DEBUG", "1")
     assert cli.main(["info", "a"]) == 1 and "Traceback" in capsys.readouterr().err
 
@@ -235,8 +237,8 @@ def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
     ):
         capsys.readouterr()
         assert script(monkeypatch, *arguments) == 1, arguments
-        said = capsys.readouterr().err
-        assert said.startswith(arguments[0]) and said.count("\n") == 1, said
+        stderr = capsys.readouterr().err
+        assert stderr.startswith(arguments[0]) and stderr.count("\n") == 1, stderr
 
 
 def test_ctrl_c_while_a_program_loads_is_no_traceback(monkeypatch, capsys):

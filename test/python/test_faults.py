@@ -1,4 +1,4 @@
-"""Processes that die or run out of disk while a craft tracks: seen on the wire."""
+"""Faults of processes and disk while a craft tracks, observed by the packets to the craft."""
 import contextlib
 import os
 import signal
@@ -13,11 +13,11 @@ from conftest import ROOT, free_port, wait_for
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
 from wire_proxy import WireProxy
 
-LIMIT = 0.3  # of thrust after what it is given for has ended [s]
+LIMIT = 0.3  # longest thrust after the fault [s]
 
 
 class Stack:
-    """Master and nodes, each a process, and the wire between sender and craft."""
+    """Master and nodes, each in its own process, and the link between sender and craft."""
 
     def __init__(self, log):
         self._log = open(str(log), "w")
@@ -42,7 +42,7 @@ class Stack:
         return process
 
     def pid(self, node):
-        """Of the node, or the master, in this stack."""
+        """Process id of a node, or of the master, of this stack."""
         pattern = "rosmaster --core" if node == "master" else "__name:=%s " % node
         found = subprocess.run(["pgrep", "-f", pattern], stdout=subprocess.PIPE, check=True)
         ours = []
@@ -54,13 +54,13 @@ class Stack:
         return ours[0]
 
     def kill(self, node, number=signal.SIGKILL):
-        """When it was sent [s, time.time()]."""
+        """Sends a signal to a node; returns the time [s, time.time()]."""
         pid = self.pid(node)
         os.kill(pid, number)
         return time.time()
 
     def drives(self, seconds):
-        """Whether packets came all through the last so many seconds, many of them with thrust."""
+        """Whether packets came during the last `seconds`, many of them with thrust."""
         now = time.time()
         packets = [p for p in list(self.wire.packets) if p.time > now - seconds]
         return len(packets) > 30 * seconds and sum(
@@ -68,10 +68,10 @@ class Stack:
         ) > 0.2 * len(packets)
 
     def wait_until_it_drives(self):
-        wait_for(lambda: self.drives(2), 40, "a craft that is driven")
+        wait_for(lambda: self.drives(2), 40, "the craft to be driven")
 
     def thrust_after(self, start, seconds=1.5):
-        """How long after `start` thrust was sent [s]; 0: never."""
+        """Time from `start` to the last packet with thrust [s]; 0 if there was none."""
         time.sleep(seconds)
         return max([t - start for t in self.wire.thrust_between(start, time.time())], default=0.0)
 
@@ -99,7 +99,7 @@ def stack(tmp_path):
         stack.close()
 
 
-def say(name, ending, what):
+def report(name, ending, what):
     print("fault: %-38s %-12s %s" % (name, ending, what))
 
 
@@ -114,7 +114,7 @@ def say(name, ending, what):
 )
 def test_a_killed_process_leaves_no_thrust(stack, node, name):
     late = stack.thrust_after(stack.kill(node))
-    say(name, "stops", "thrust until %3.0f ms after it" % (1e3 * late))
+    report(name, "stops", "thrust until %3.0f ms after it" % (1e3 * late))
     assert late < LIMIT
 
 
@@ -125,7 +125,7 @@ def test_without_a_master_it_drives_on_and_ends_with_zeros(stack):
     end = stack.kill("sender", signal.SIGINT)
     late = stack.thrust_after(end)
     last = stack.wire.packets[-1]
-    say("roscore gone", "goes on", "ended by Ctrl-C: thrust until %3.0f ms after" % (1e3 * late))
+    report("roscore gone", "goes on", "ended by Ctrl-C: thrust until %3.0f ms after" % (1e3 * late))
     assert late < LIMIT
     assert (last.left, last.right, last.lift) == (0, 0, 0)
 
@@ -134,12 +134,12 @@ def test_a_clock_that_jumps_back_stops_it(stack):
     stack.run("rostopic", "pub", "-r", "200", "/clock", "rosgraph_msgs/Clock", "{clock: {secs: 1}}")
     wait_for(lambda: not stack.drives(1), 20, "a stop")
     late = stack.thrust_after(time.time(), 2)
-    say("clock jumps back", "stops", "no thrust in the 2 s that follow")
+    report("clock jumps back", "stops", "no thrust in the 2 s that follow")
     assert late == 0
 
 
 def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
-    """What had been recorded before can be read; where there is no room it does not begin."""
+    """The bag is readable up to the fault, and a new recording is refused."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted = subprocess.run(
@@ -147,7 +147,7 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
     )
     if mounted.returncode != 0:
         pytest.skip(
-            "a disk that is full takes the right to mount one: %s" % mounted.stderr.decode()
+            "this test needs the right to mount a file system: %s" % mounted.stderr.decode()
         )
     record = ["roslaunch", "ground", "record.launch", "bag_dir:=%s" % folder]
     try:
@@ -174,5 +174,5 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         ["rosbag", "info", "-y", "-k", "duration", str(copy)], check=True, stdout=subprocess.PIPE
     )
     seconds = float(shown.stdout)
-    say("disk full while recording", "goes on", "%.1f s recorded before can be read" % seconds)
+    report("disk full while recording", "goes on", "%.1f s recorded before can be read" % seconds)
     assert seconds > 1

@@ -1,4 +1,4 @@
-"""Outputs that are inputs, file systems without hard links, full disks, folders that are read-only."""
+"""Writing files: outputs that are inputs, other kinds of files, file systems without hard links."""
 import errno
 import os
 import shutil
@@ -29,14 +29,14 @@ def here(sample, tmp_path, monkeypatch):
 
 
 def fails(capsys, arguments, *words, run=cli.main):
-    """Runs the tool, which has to end with status 1 and one line."""
+    """Checks that the tool ends with status 1 and one line that contains the words; returns the line."""
     capsys.readouterr()
     assert run([str(a) for a in arguments]) == 1
-    said = capsys.readouterr().err
-    assert "Traceback" not in said and said.count("\n") == 1, said
+    stderr = capsys.readouterr().err
+    assert "Traceback" not in stderr and stderr.count("\n") == 1, stderr
     for word in words:
-        assert word in said, said
-    return said
+        assert word in stderr, stderr
+    return stderr
 
 
 def contents(folder):
@@ -86,7 +86,7 @@ def test_an_input_is_never_overwritten_even_with_force(here, capsys, arguments):
     assert before == (contents(here), contents(here / "out"))
 
 
-def test_programs_refuse_to_overwrite_what_they_read(here, capsys):
+def test_programs_refuse_to_overwrite_their_inputs(here, capsys):
     (here / "way.csv").write_text("time,x,y\n0,0,0\n5,1,0\n10,1,1\n")
     before = contents(here)
     options = ["--model", "model.yaml", "--force"]
@@ -118,7 +118,7 @@ def test_files_are_written_where_there_are_no_hard_links(tmp_path, monkeypatch, 
     assert path.read_text().split() == ["{", '"a":', "1", "}"]
     with pytest.raises(errors.GroundError, match="exists"):
         files.write_json(str(path), {})
-    with pytest.raises(errors.GroundError, match="come to exist meanwhile"):
+    with pytest.raises(errors.GroundError, match="created by another program meanwhile"):
         with files.new_file(str(tmp_path / "late.json")) as temporary:
             (tmp_path / "late.json").write_text("somebody else's")
             open(temporary, "w").close()

@@ -1,11 +1,11 @@
-"""identify fit from inside: what its work grows with, and what it does with what is not identifiable."""
+"""identify fit in this process: how its work grows, and parameters that are not identifiable."""
 import numpy as np
 import pytest
 from conftest import MODEL, write_bag
 
 
 def run_verb(*arguments):
-    """What a verb of identify returns, run in this process."""
+    """Runs a verb of identify in this process; returns its report."""
     from ground import cli, errors
 
     parsed = cli._parser().parse_args([str(a) for a in arguments] + ["--json"])
@@ -52,10 +52,10 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
 
     def fit(cut, initial):
         near = {"near": True, "initial": initial} if initial else {}
-        return windows.problem(runs, cut).fit(model, list(study.FIVE), **near)
+        return windows.problem(runs, cut).fit(model, list(study.NOMINAL), **near)
 
     def whole(cut, initial):
-        return windows.problem(runs, cut).fit(model, list(study.FIVE))
+        return windows.problem(runs, cut).fit(model, list(study.NOMINAL))
 
     parts = validation.leave_blocks_out(runs, [model], fit, block=3)
     single = validation.leave_blocks_out(runs, [model], whole, block=3, most=1000)
@@ -64,7 +64,7 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
 
 
 def constant(level, nu=(0, 0, 0), seed=1):
-    """A change of write_bag: both commands at one level from first to last."""
+    """A change of write_bag: both commands constant at one level."""
     import numpy as np
     from ground import _core
 
@@ -81,7 +81,7 @@ def constant(level, nu=(0, 0, 0), seed=1):
     return change
 
 
-def test_what_commands_that_never_change_do_not_tell_keeps_its_start_and_is_marked(tmp_path):
+def test_parameters_not_identifiable_with_constant_commands_keep_their_start(tmp_path):
     from ground import _core
 
     start = _core.load_model(str(MODEL))
@@ -98,7 +98,7 @@ def test_what_commands_that_never_change_do_not_tell_keeps_its_start_and_is_mark
     assert "not_identified: [I_z, N_r]  # kept at their start values" in out.read_text()
 
 
-def test_of_a_known_ratio_one_part_keeps_its_start_and_the_ratio_is_fitted(tmp_path):
+def test_if_only_a_ratio_is_identifiable_one_parameter_keeps_its_start(tmp_path):
     from ground import _core
 
     other = tmp_path / "other.yaml"
@@ -119,7 +119,7 @@ def swapped(times, eta, inputs):
     return times[late], eta[late], inputs
 
 
-def test_fit_warns_of_reversed_stamps_as_loudly_as_info(tmp_path, capsys):
+def test_fit_and_add_warn_of_reversed_stamps(tmp_path, capsys):
     bag = write_bag(tmp_path / "run.bag", change=swapped)
     run_verb("fit", bag, "--model", MODEL, "-o", tmp_path / "f.yaml")
     assert "warning: run: stamps out of order, sorted: 1" in capsys.readouterr().err

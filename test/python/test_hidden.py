@@ -1,4 +1,4 @@
-"""The hidden-effect bench: its own craft, cases and scores, and a part of what it measures."""
+"""The hidden-effect bench: its craft, cases and scores, and a part of its measurements."""
 import concurrent.futures
 import json
 import pathlib
@@ -25,11 +25,11 @@ import hidden_white  # noqa: E402
 BODY = {
     name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL
 }
-BEGAN, END = 0.5, 3.5  # of the test drives [s]
+BEGAN, END = 0.5, 3.5  # begin and end of the test drives [s]
 
 
 def commands(lift=0.8):
-    """Rows of time, left, right, lift of a lively drive that begins with its lift."""
+    """Rows time, left, right, lift of a random drive that begins with its lift."""
     edges = np.arange(BEGAN, END, 0.13)
     levels = np.random.default_rng(1).uniform(0, 1, (len(edges), 2))
     return np.column_stack([edges, levels, np.full(len(edges), lift)])
@@ -46,15 +46,15 @@ def large(effects):
     }
 
 
-def moved(effects, wrench=None, until=hidden_craft.COARSE):
-    """The Motion of the bench's craft."""
+def moved(effects, wrench=None, max_step=hidden_craft.COARSE):
+    """The Motion of the bench's craft in the test drive."""
     reach = hidden_craft.acting(effects, commands())
     craft, start = hidden_craft.Craft(BODY, effects), (0.1, 0.2, 0.7)
-    return hidden_craft.simulate(craft, reach, END, start, BEGAN, wrench=wrench, until=until)
+    return hidden_craft.simulate(craft, reach, END, start, BEGAN, wrench=wrench, max_step=max_step)
 
 
 def by_core(effects, times):
-    """Measured poses at instants by the project's core, of the same drive."""
+    """Measured poses of the same drive at given times, by the project's core."""
     model = _core.load_model(hidden_white.MODEL)
     for effect, parameters in effects.items():
         model.add_effect(effect)
@@ -64,7 +64,7 @@ def by_core(effects, times):
     return _core.simulate(model, commands(), times, start, np.zeros(3), [BEGAN])["eta"]
 
 
-def apart(effects):
+def pose_difference(effects):
     """Largest difference of poses between the bench's craft and the core [m], [rad]."""
     motion = moved(effects)
     return np.abs(hidden_craft.seen(effects, motion.eta) - by_core(effects, motion.times)).max()
@@ -73,27 +73,27 @@ def apart(effects):
 @pytest.mark.parametrize("effect", sorted(hidden_white.strengths()))
 def test_the_craft_and_the_core_agree_on_each_effect(effect):
     effects = large([effect])
-    assert apart(effects) < 1e-4
+    assert pose_difference(effects) < 1e-4
     seen = hidden_craft.seen(effects, moved(effects).eta)
-    assert np.abs(seen[-1] - moved({}).eta[-1]).max() > 3e-3  # the effect is there
+    assert np.abs(seen[-1] - moved({}).eta[-1]).max() > 3e-3  # the effect changes the motion
 
 
 def test_the_craft_and_the_core_agree_on_all_effects_together():
-    assert apart(large(hidden_white.strengths())) < 1e-4
+    assert pose_difference(large(hidden_white.strengths())) < 1e-4
 
 
-def test_the_bench_has_every_effect_that_is_tried_by_itself():
+def test_the_bench_has_every_effect_that_is_tried_by_default():
     assert set(_core.effects()) - set(hidden_white.STRENGTHS) <= {"floor_friction_map"}
 
 
-def test_poses_between_steps_are_those_of_shorter_steps():
+def test_interpolated_poses_equal_those_of_shorter_steps():
     times = np.linspace(BEGAN, END, 77)
-    coarse, fine = moved({}).poses(times), moved({}, until=5e-4).poses(times)
+    coarse, fine = moved({}).poses(times), moved({}, max_step=5e-4).poses(times)
     assert np.abs(coarse - fine).max() < 1e-7
 
 
 @pytest.mark.parametrize(
-    "beyond, library",
+    "outside, library",
     [
         ({"spin_up": {"rise": 0.03, "fall": 0.03}}, {"motor_lag": {"tau": 0.03}}),
         ({"unequal_delays": {"left": 0.02, "right": 0.02}}, {"input_delay": {"delay": 0.02}}),
@@ -105,14 +105,14 @@ def test_poses_between_steps_are_those_of_shorter_steps():
         ({"thrust_scale": {"a": 0.0}}, {}),
     ],
 )
-def test_effects_beyond_the_library_have_their_limits(beyond, library):
-    ends = [moved(effects).eta[-1] for effects in (beyond, library)]
-    # Dead time acts on the lift as well, which does nothing here.
+def test_effects_outside_the_library_have_the_expected_limits(outside, library):
+    ends = [moved(effects).eta[-1] for effects in (outside, library)]
+    # The library's delay also delays the lift, which has no influence here.
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
 
 
-@pytest.mark.parametrize("effect", hidden_craft.BEYOND)
-def test_effects_beyond_the_library_change_the_motion(effect):
+@pytest.mark.parametrize("effect", hidden_craft.OUTSIDE_LIBRARY)
+def test_effects_outside_the_library_change_the_motion(effect):
     sizes = dict(hidden_cases.HISTORY, thrust_scale={"a": 0.05})
     sizes["unequal_delays"] = {"left": 0.02, "right": 0.0}
     sizes["floor_field"] = {"force": 0.005, "length": 1.0, "phase": 0.3}
@@ -136,7 +136,7 @@ def test_a_disturbance_has_its_level_and_correlation_time():
 
 
 @pytest.mark.parametrize("kind", ["white", "coloured", "heavy", "spikes", "quantised"])
-def test_measurement_noise_is_of_its_kind(kind):
+def test_measurement_noise_has_the_properties_of_its_kind(kind):
     mocap = {"kind": kind, "level": 1.0, "time": 0.06, "jitter": 0.0}
     eta = hidden_noise.measured(np.random.default_rng(2), np.zeros((60000, 3)), mocap)
     unit = eta / hidden_noise.NOISE
@@ -146,20 +146,20 @@ def test_measurement_noise_is_of_its_kind(kind):
         assert np.std(unit) == pytest.approx(1, rel=0.12)
     colour = np.mean(unit[1:] * unit[:-1]) / np.var(unit)
     assert colour == pytest.approx(0.87 if kind == "coloured" else 0, abs=0.03)
-    of_steps = eta / hidden_noise.STEP
-    assert np.allclose(of_steps, np.round(of_steps)) == (kind == "quantised")
+    steps = eta / hidden_noise.STEP
+    assert np.allclose(steps, np.round(steps)) == (kind == "quantised")
 
 
 @pytest.mark.parametrize("kind", sorted(hidden_cases.KINDS))
-def test_a_case_follows_from_kind_and_seed(kind):
+def test_kind_and_seed_determine_a_case(kind):
     case, again, other = (hidden_cases.make(kind, seed).describe() for seed in (3, 3, 4))
     assert case == again
     assert case["body"] != other["body"] and case["runs"] != other["runs"]
-    assert json.loads(json.dumps(case)) == case  # as the file of results has it
+    assert json.loads(json.dumps(case)) == case  # the file of results holds JSON
     assert set(case["hidden"]) <= set(case["effects"])
 
 
-def test_a_run_follows_from_its_case():
+def test_a_case_determines_its_runs():
     case = hidden_cases.make("jittered_link", 2)
     case.runs = case.runs[:2]
     first, again = hidden_cases.record(case)[0], hidden_cases.record(case)[0]
@@ -175,7 +175,7 @@ def test_every_effect_is_hidden_at_every_level():
     assert len({(case.hidden[0], case.level) for case in cases}) == 3 * count
 
 
-def test_visibility_is_none_without_an_effect_and_grows_with_its_square():
+def test_visibility_is_zero_without_an_effect_and_grows_with_its_square():
     case = hidden_cases.make("weak_single", hidden_cases.FITTED)
     case.effects["quadratic_drag"] = {"cx": 0.0, "cy": 0.0, "cr": 0.0}
     case.effects["yaw_bias"] = {"n0": 1e-6}
@@ -186,15 +186,15 @@ def test_visibility_is_none_without_an_effect_and_grows_with_its_square():
     assert ratio == pytest.approx(9, rel=0.3)
 
 
-def test_what_other_parameters_take_over_is_not_visible():
+def test_what_other_parameters_explain_is_not_visible():
     case = hidden_cases.push(hidden_cases.plain("a test", 1, "thesis"), 0.01, 0.01)
     case.effects = {"momentum_drag": {"q": 0.02}, "quadratic_drag": {"cx": 0.01, "cy": 0, "cr": 0}}
-    seen = hidden_visibility.visibility(case)  # at one lift
+    seen = hidden_visibility.visibility(case)  # the lift is constant
     assert seen["momentum_drag"] < 1e-6 and seen["quadratic_drag"] > 30
 
 
 def result(hidden=(), chosen=(), groups=None, **more):
-    """A result as the bench writes them."""
+    """A result as the bench writes it."""
     found = {"chosen": list(chosen), "groups": groups or {}, "verdict": "missing", "first": []}
     found.update(parameters=[], p_values={}, varies=None, memory=None, seconds=1.0)
     found["errors"] = {"fit": [1.0, 0.5], "steps": [1.0, 0.5]}
@@ -219,23 +219,23 @@ def test_scores_of_sets_and_groups():
     assert not hidden_score.is_right(result([], ["c"]))
 
 
-def test_scores_of_what_else_is_said():
+def test_scores_of_reports_intervals_and_p_values():
     assert hidden_score.says_varies(result(varies=["yaw_bias"]))
     assert not hidden_score.says_varies(result())
     assert hidden_score.says_memory(result(verdict="memory"))
     assert hidden_score.false_memory(result(memory=True))
     assert hidden_score.false_memory(result(memory=True, kind="history")) is None
     assert hidden_score.made_worse(result([], ["a"])) is False
-    together = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}  # two that help only together
+    together = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}  # two effects that lower it only together
     assert hidden_score.made_worse(result([], ["a"], errors=together)) is False
     too_many = {"fit": [1.0, 0.5], "steps": [1.0, 0.4, 0.5]}
     assert hidden_score.made_worse(result([], ["a"], errors=too_many))
     assert hidden_score.made_worse(result(errors=too_many)) is None
     held = {"name": "a.x", "ci95": [0, 2], "identified": True, "true": 1.0}
     parameters = [held, dict(held, true=3.0), dict(held, identified=False), dict(held, name="k")]
-    told = result(["a"], parameters=parameters)
-    assert hidden_score.intervals(told) == [True, False]
-    assert hidden_score.intervals(told, effects=False) == [True]
+    found = result(["a"], parameters=parameters)
+    assert hidden_score.intervals(found) == [True, False]
+    assert hidden_score.intervals(found, effects=False) == [True]
     assert hidden_score.intervals(result(["b"], parameters=parameters)) == []
     free = {"yaw_bias": 0.3, "input_delay": 1.0}
     assert hidden_score.p_values(result(p_values=free)) == [0.3]
@@ -260,12 +260,12 @@ def test_the_table_gives_rates_with_intervals_beside_their_bounds():
 
 
 def test_verdicts_are_counted_by_kind():
-    told = [result(kind=kind, verdict=verdict) for kind, verdict in ("ax", "bx", "ay", "ax")]
-    counted = hidden_table.verdicts(told)
+    results = [result(kind=kind, verdict=verdict) for kind, verdict in ("ax", "bx", "ay", "ax")]
+    counted = hidden_table.verdicts(results)
     assert counted == [["verdicts", "x", "y"], ["a", "2", "1"], ["b", "1", "0"]]
 
 
-def test_the_table_splits_off_what_is_visible():
+def test_the_table_gives_the_rate_among_visible_effects():
     one = {"kind": "disturbed_single", "level": 0.02}
     seen = result(["a"], ["a"], visibility={"a": 100.0}, **one)
     unseen = result(["a"], [], visibility={"a": 3.0}, **one)
@@ -274,7 +274,7 @@ def test_the_table_splits_off_what_is_visible():
     assert found[0] == "50.0%" and found[-1] == "100.0% of 1"
 
 
-def test_the_bench_goes_on_where_it_stopped(tmp_path):
+def test_an_interrupted_bench_resumes(tmp_path):
     path = tmp_path / "results.jsonl"
 
     def bench(*more):
@@ -284,7 +284,7 @@ def test_the_bench_goes_on_where_it_stopped(tmp_path):
 
     assert "1 cases, 1 of them to do" in bench("--hours", "0")
     assert path.read_text() == ""
-    path.write_text('{"kind": "noise_nu')  # cut when it was killed
+    path.write_text('{"kind": "noise_nu')  # a line cut when the bench was killed
     assert "noise_null: a false effect" in bench("--markdown", str(tmp_path / "table.md"))
     found = hidden.read(str(path))
     assert [(r["kind"], r["seed"]) for r in found] == [("noise_null", 2)]
@@ -297,8 +297,8 @@ def test_the_bench_goes_on_where_it_stopped(tmp_path):
 
 @pytest.fixture(scope="module")
 def results():
-    """What the bench finds in white noise for every other effect and a case or more of each other kind;
-    `make bench-hidden` tries all of them, 20 times."""
+    """Results of some white cases: every second single effect, and a few of the other kinds; `make
+    bench-hidden` runs all cases."""
     seeds = {"white_single": range(1, 1 + len(hidden_white.strengths()), 2)}
     seeds["white_null"] = range(1, 4)
     seeds["white_outside"] = range(1, 1 + len(hidden_white.OUTSIDE))
@@ -321,7 +321,7 @@ def test_an_effect_is_found_first(results):
     assert len(missed) <= 1, missed
 
 
-def test_with_the_effect_the_error_is_that_of_the_truth(results):
+def test_with_the_effect_the_error_equals_that_of_the_truth(results):
     for r in of(results, "white_single"):
         assert hidden_score.as_good_as_the_truth(r), r["hidden"]
 
@@ -332,32 +332,32 @@ def test_intervals_hold_the_truth(results):
     assert sum(inside) >= 0.85 * len(inside)
 
 
-def test_nothing_is_found_where_nothing_is_hidden(results):
+def test_nothing_is_found_if_nothing_is_hidden(results):
     assert [r["found"]["verdict"] for r in of(results, "white_null")] == ["complete"] * 3
 
 
-def test_what_runs_cannot_tell_apart_an_experiment_can(results):
+def test_the_proposed_experiment_distinguishes_ambiguous_effects(results):
     ambiguous = of(results, "white_ambiguous")
     drag = [r for r in ambiguous if r["ambiguous"].startswith("linear or momentum")]
     assert drag and all(len(r["before"]["group"]) > 1 for r in drag)
-    # What one run alone shows does not always make the others likelier (folds are by run).
+    # If only one run shows an effect, it may raise the held-out error, because folds are whole runs.
     assert all(set(r["after"]["chosen"]) <= set(r["hidden"]) for r in drag)
     assert 2 * sum(r["after"]["chosen"] == r["hidden"] for r in drag) >= len(drag)
-    # Two runs do not show that a force is the same in all: to choose no effect is no false answer.
+    # Two runs may not show that a force is the same in all runs: choosing no effect is right, too.
     for r in ambiguous:
         rivals = set(hidden_white.AMBIGUOUS[r["ambiguous"]][1]) - set(r["hidden"])
         assert r["before"]["chosen"] == [] or not rivals & set(r["before"]["chosen"]), r
 
 
-def test_what_is_not_in_the_library_stays_unexplained(results):
+def test_an_effect_outside_the_library_stays_unexplained(results):
     outside = of(results, "white_outside")
     left = [r for r in outside if r["found"]["verdict"] == "unexplained"]
-    # Nothing in the library does what these two do.
+    # No effect of the library resembles these two.
     assert {"washboard floor", "spin-surge side force"} <= {r["hidden"][0] for r in left}
     for r in left:
         depends = hidden_white.OUTSIDE[r["hidden"][0]][2]
         assert depends & set(r["found"]["where"][:2]), r
-    # What others stand in for leaves next to nothing that could be seen.
+    # Effects of the library approximate the others so well that hardly any error is left.
     for r in outside:
         if r not in left:
             assert r["found"]["errors"]["steps"][-1] < 1.3 * r["found"]["floor"], r

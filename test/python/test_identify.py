@@ -1,4 +1,4 @@
-"""The identification tool as its users run it: command line, real files, bad input."""
+"""The identification tool as users run it: command line, real files, bad input."""
 import json
 import re
 import subprocess
@@ -38,12 +38,12 @@ def write_csv(path, stamps, rows):
 
 
 def fails(result, *words, status=1):
-    """One clear sentence on stderr, beside warnings, no traceback."""
+    """Checks for one line on stderr (besides warnings) with the words, and no traceback."""
     assert result.returncode == status, result.stderr
     assert "Traceback" not in result.stderr
     if status == 1:
-        said = [s for s in result.stderr.strip().splitlines() if not s.startswith("warning: ")]
-        assert len(said) == 1, result.stderr
+        errors = [s for s in result.stderr.strip().splitlines() if not s.startswith("warning: ")]
+        assert len(errors) == 1, result.stderr
     for word in words:
         assert word in result.stderr, result.stderr
 
@@ -81,7 +81,7 @@ def test_fit_finds_the_parameters(tmp_path, bag, guess):
     assert fit["error"]["after"] < 0.1 * fit["error"]["before"]
     text = out.read_text()
     assert "run.bag" in text and "confidence_95" in text
-    # the written model is a model: it can be compared at once, and is not overwritten
+    # The written model can be compared at once and is not overwritten.
     fails(identify("fit", bag, "--model", guess, "-o", out), "exists")
     assert out.read_text() == text
     folder = tmp_path / "compare"
@@ -106,9 +106,9 @@ def test_fit_with_the_thesis_objective_over_its_span(tmp_path, bag, guess):
     assert _core.load_model(str(out)).value("k") == pytest.approx(TRUTH["k"], rel=0.03)
 
 
-def test_fit_says_how_runs_agree_and_what_is_held_out(tmp_path, guess):
+def test_fit_reports_agreement_of_runs_and_held_out_errors(tmp_path, guess):
     bags = [write_bag(tmp_path / ("run%d.bag" % s), seed=s) for s in (1, 20, 300)]
-    # another craft among them: its heavier twin
+    # One run is of another craft with a larger inertia.
     heavy = tmp_path / "heavy.yaml"
     heavy.write_text(MODEL.read_text().replace("I_z: 8.8e-5", "I_z: 1.3e-4"))
     other = write_bag(tmp_path / "other.bag", seed=41, model=heavy)
@@ -136,7 +136,7 @@ def test_fit_says_how_runs_agree_and_what_is_held_out(tmp_path, guess):
     assert "other disagrees with the others in" in text and "spread" in text
 
 
-def test_fit_to_poses_is_sharper_where_the_model_is_right(tmp_path, bag, guess):
+def test_fit_to_poses_is_more_accurate_with_a_true_model(tmp_path, bag, guess):
     off = {}
     for target in ("velocities", "poses"):
         out = tmp_path / (target + ".yaml")
@@ -150,8 +150,8 @@ def test_fit_to_poses_is_sharper_where_the_model_is_right(tmp_path, bag, guess):
     assert off["poses"] < 0.5 * off["velocities"]
 
 
-def test_fit_says_which_combination_the_data_know(tmp_path):
-    # A spin that hardly any thrust slows or speeds tells how fast it decays, N_r / I_z.
+def test_fit_reports_identifiable_combinations(tmp_path):
+    # A spin with hardly any thrust identifies its decay rate N_r / I_z only.
     spin = write_bag(tmp_path / "spin.bag", strength=0.02, nu=(0.3, 0, 15))
     arguments = ["fit", spin, "--model", MODEL, "--free", "I_z", "N_r"]
     result = identify(*arguments, "-o", tmp_path / "f.yaml", "--json")
@@ -164,8 +164,8 @@ def test_fit_says_which_combination_the_data_know(tmp_path):
     assert "I_z and N_r are only known as I_z/N_r" in text
 
 
-def test_fit_says_which_parameters_cannot_be_told_apart(tmp_path, bag):
-    # With the lift always on, the air that its fan takes in is damping in surge and sway.
+def test_fit_reports_parameters_that_cannot_be_distinguished(tmp_path, bag):
+    # With constant lift, momentum drag is the same as damping in surge and sway.
     model = tmp_path / "drags.yaml"
     model.write_text(
         MODEL.read_text().replace("effects: []", "effects:\n  - {name: momentum_drag, q: 0.01}")
@@ -194,23 +194,23 @@ def no_thrust(times, eta, inputs):
     return times, eta, inputs * [1, 0, 0, 1]
 
 
-def test_fit_says_what_the_data_do_not_tell(tmp_path, guess):
+def test_fit_reports_a_parameter_that_is_not_identifiable(tmp_path, guess):
     path = write_bag(tmp_path / "drift.bag", change=no_thrust)
     out = tmp_path / "fitted.yaml"
     result = identify("fit", path, "--model", guess, "-o", out, "--json")
     assert result.returncode == 0, result.stderr
 
     def refuse(word):
-        raise AssertionError("%s is no JSON" % word)
+        raise AssertionError("%s is not valid in JSON" % word)
 
     k = json.loads(result.stdout, parse_constant=refuse)["parameters"]["k"]
     assert not k["identified"]
-    assert k["value"] == 0.1, "nothing can have moved it"
+    assert k["value"] == 0.1, "it keeps its start value"
     assert k["ci95"][1] is None
     text = identify("fit", path, "--model", guess, "-o", tmp_path / "again.yaml").stdout
     line = next(line for line in text.splitlines() if line.startswith("k "))
     assert "not identifiable" in line
-    # the file with its unlimited interval is a model like any other
+    # A model file with an unbounded interval can be loaded.
     assert identify("fit", path, "--model", out, "-o", tmp_path / "third.yaml").returncode == 0
 
 
@@ -238,7 +238,7 @@ def test_reads_our_own_topics(tmp_path, guess):
     assert json.loads(result.stdout)["parameters"]["k"]["value"] == pytest.approx(0.062, rel=0.03)
 
 
-def test_reads_the_topics_of_the_original_system(tmp_path, bag, guess):
+def test_reads_the_topics_of_the_thesis_system(tmp_path, bag, guess):
     import rosbag
 
     path = tmp_path / "original.bag"
@@ -246,17 +246,17 @@ def test_reads_the_topics_of_the_original_system(tmp_path, bag, guess):
         for topic, message, stamp in source.read_messages():
             file.write({"pose": "eta"}.get(topic, topic), message, stamp)
             if topic == "pose":
-                file.write("nu", message, stamp)  # differentiated there; not needed
+                file.write("nu", message, stamp)  # velocities computed by that system; not used
     values = []
     for number, source in enumerate((bag, path)):
         out = tmp_path / ("%d.yaml" % number)
         result = identify("fit", source, "--model", guess, "-o", out, "--json")
         values.append(json.loads(result.stdout)["parameters"]["k"]["value"])
-    # Threads add up costs in the order in which they come.
+    # Threads sum costs in any order.
     assert values[0] == pytest.approx(values[1], rel=1e-12)
 
 
-def test_a_reader_that_leaves_is_no_error_message(bag):
+def test_a_closed_pipe_is_no_error(bag):
     command = "rosrun ground identify info %s | head -n 1" % bag
     result = subprocess.run(
         command,
@@ -320,7 +320,7 @@ def too_short(times, eta, inputs):
     return times[:40], eta[:40], inputs
 
 
-def apart(times, eta, inputs):
+def no_overlap(times, eta, inputs):
     inputs = inputs.copy()
     inputs[:, 0] += 100
     return times, eta, inputs
@@ -336,7 +336,7 @@ def apart(times, eta, inputs):
         (no_stamps, ["all poses have the same stamp"]),
         (microseconds, ["normalised to 0..1"]),
         (too_short, ["too short"]),
-        (apart, ["do not overlap"]),
+        (no_overlap, ["do not overlap"]),
     ],
 )
 def test_bad_recordings_are_refused_with_a_reason(tmp_path, guess, change, words):
@@ -389,10 +389,10 @@ def test_unknown_options_show_the_usage_of_their_verb(capsys):
 
     with pytest.raises(SystemExit) as status:
         cli.main(["fit", "a.bag", "--model", "m.yaml", "-o", "o.yaml", "--nonsense", "3"])
-    said = capsys.readouterr().err
+    stderr = capsys.readouterr().err
     assert status.value.code == 2
-    assert said.startswith("usage: identify fit ")
-    assert "unrecognized arguments: --nonsense 3" in said
+    assert stderr.startswith("usage: identify fit ")
+    assert "unrecognized arguments: --nonsense 3" in stderr
 
 
 def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
@@ -425,7 +425,7 @@ def test_a_model_in_grams_is_warned_about(tmp_path):
     options = ["--input", "prbs", "--duration", 1, "-o", out]
     result = identify("simulate", "--model", grams, *options)
     assert result.returncode == 0, result.stderr
-    assert "warning: %s, line 5: m: 58.3 kg is hardly meant" % grams in result.stderr
+    assert "warning: %s, line 5: m: 58.3 kg is implausible" % grams in result.stderr
     assert "write 0.0583 kg if it is in g" in result.stderr
     grams.write_text(MODEL.read_text().replace("input_max: 1.0", "input_max: 1e-300"))
     failed = identify("simulate", "--model", grams, *options, "--force")
@@ -499,7 +499,7 @@ def test_real_recordings_import_and_fit(tmp_path, recordings):
         assert result.returncode == 0, result.stderr
     infos = json.loads(identify("info", *bags.values(), "--json").stdout)
     for info in infos:
-        clock = info["poses"]["frame_clock"]  # a poll at 100 Hz of frames at 120 Hz
+        clock = info["poses"]["frame_clock"]  # frames at 120 Hz are polled at 100 Hz
         assert clock["rate"] == pytest.approx(120, abs=0.05)
         assert clock["roughness"] < 0.6
         assert 0.2 < info["poses"]["bursts"] / info["poses"]["count"] < 0.36
@@ -511,12 +511,12 @@ def test_real_recordings_import_and_fit(tmp_path, recordings):
         fit = json.loads(result.stdout)
         assert fit["error"]["after"] < 0.9 * fit["error"]["before"]
         if stamp.startswith("2019-04-16"):
-            # thrust and inertia as in the thesis's table 3.2, of the same craft
+            # Thrust and inertia agree with table 3.2 of the thesis for the same craft.
             assert 0.04 < fit["parameters"]["k"]["value"] < 0.1
             assert 4e-5 < fit["parameters"]["I_z"]["value"] < 1.6e-4
             assert fit["error"]["after"] < 0.65
             assert all(p["identified"] for p in fit["parameters"].values())
-            # the end does not depend on the start, also where a damping is at its bound
+            # The result does not depend on the start, even with a damping at its bound.
             far = identify(
                 "fit", bag, "--model", MODEL, "-o", out, "--force", "--starts", 3, "--json"
             )
@@ -533,7 +533,7 @@ def test_real_recordings_of_a_day_pooled(tmp_path, recordings):
     assert result.returncode == 0, result.stderr
     fit = json.loads(result.stdout)
     assert len(fit["runs"]) == 3 and len(fit["same_inputs"]) == 3
-    # With the stamps as they are, 0.60 to 0.74: the frame clock has to be rebuilt.
+    # These bounds need the rebuilt frame clock: with the recorded stamps errors are 0.60 to 0.74.
     assert fit["error"]["blocks"]["heldout"] < 0.52
     assert fit["error"]["heldout_runs"] < 0.56
     assert all(run["disagrees_in"] == [] for run in fit["runs"])

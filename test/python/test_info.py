@@ -1,4 +1,4 @@
-"""What info finds in a recording and repairs: each quirk put into a simulated run whose truth is known."""
+"""Defects of recordings that info finds and repairs, each put into a simulated run with known truth."""
 import json
 
 import numpy as np
@@ -26,7 +26,7 @@ def heading_error(found, truth):
 
 
 def frames(rate=120.0, duration=8.0, seed=1):
-    """Poses at the frames of a camera, with the truth's velocities."""
+    """Times of camera frames, noisy poses, true velocities, and inputs."""
     model = _core.load_model(str(MODEL))
     _, _, inputs = simulate_run(duration, seed)
     times = 0.003 + np.arange(0, duration - 0.1, 1 / rate)
@@ -36,7 +36,7 @@ def frames(rate=120.0, duration=8.0, seed=1):
 
 
 def polled(times, random, poll=0.01):
-    """Stamps of a poll: some polls come late, and what waits then comes at once."""
+    """Stamps of frames that a client polls; frames that wait for a late poll arrive together."""
     ticks = np.arange(0, times[-1] + 1, poll) + random.uniform(0, 4e-4)
     ticks = ticks[random.random(len(ticks)) > 0.08]
     stalls = random.choice(ticks, 3)
@@ -45,7 +45,7 @@ def polled(times, random, poll=0.01):
     return stamps + 1e-5 * np.arange(len(times)) / len(times)
 
 
-def test_the_quirks_are_found(tmp_path):
+def test_defects_are_found(tmp_path):
     def spoil(times, eta, inputs):
         eta = eta.copy()
         eta[300, 2] *= -1  # one flipped heading
@@ -56,7 +56,7 @@ def test_the_quirks_are_found(tmp_path):
         times = np.insert(times, 100, times[99])  # a true duplicate
         eta = np.insert(eta, 100, eta[99], axis=0)
         late = np.arange(len(times))
-        late[[700, 701]] = 701, 700  # one pose overtakes another
+        late[[700, 701]] = 701, 700  # two poses in wrong order
         times, eta = times[late], eta[late]
         return times, eta, inputs[2:]
 
@@ -81,15 +81,15 @@ def test_the_quirks_are_found(tmp_path):
 def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     random = np.random.default_rng(seed)
     times, eta, nu, inputs = frames(rate, seed=seed)
-    there = random.random(len(times)) > 0.05  # some frames are lost
-    times, eta, nu = times[there], eta[there], nu[there]
+    kept = random.random(len(times)) > 0.05  # some frames are lost
+    times, eta, nu = times[kept], eta[kept], nu[kept]
     motion = repair(recorded(polled(times, random), eta, inputs))
     assert len(motion.times) == len(times), "no distinct frame may be dropped"
     assert motion.clock.rate == pytest.approx(rate, rel=3e-4)
     off = motion.times - 1000 - times
-    # How long a frame needs at least to the poll cannot be known: it is the same for all.
+    # The smallest delay from frame to poll cannot be known; it is the same for all frames.
     assert 0 <= np.median(off) < 3e-3
-    # At a slow moment, or next to a gap, one frame more or less looks the same.
+    # During slow motion or beside a gap a shift by one frame is not detectable.
     assert np.mean(np.abs(off - np.median(off)) < 1e-3) > 0.98
     error = np.sqrt(np.mean((motion.nu - nu) ** 2, axis=0))
     plain = _core.EstimatorParams()
@@ -122,7 +122,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
     assert np.sqrt(np.mean((motion.nu - nu)[5:-5] ** 2, axis=0)).max() < 0.2
 
 
-def test_regular_stamps_are_left_alone():
+def test_regular_stamps_are_not_changed():
     times, eta, nu, inputs = frames()
     jitter = np.random.default_rng(1).normal(0, 3e-4, len(times))
     motion = repair(recorded(times + jitter, eta, inputs))
@@ -143,9 +143,9 @@ def test_mirrored_headings_are_undone(centre):
     eta[mirrored, 2] = centre - eta[mirrored, 2]
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
     motion = repair(recorded(times, eta, inputs))
-    # What is off by less than the noise cannot be told from what is right.
+    # A mirrored heading that is wrong by less than the noise cannot be detected.
     assert heading_error(motion.measured[:, 2], truth) < 0.15
-    # what a plain unwrap would have made of them
+    # A plain unwrap would leave jumps.
     assert np.abs(np.diff(motion.measured[:, 2])).max() < 0.5
     assert np.sqrt(np.mean((motion.nu[:, 2] - nu[:, 2]) ** 2)) < 0.3
 
@@ -160,21 +160,21 @@ def test_frozen_poses_are_a_gap():
     assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
 
 
-def test_clocks_that_differ_are_told_by_the_recorder():
+def test_a_clock_offset_is_taken_from_the_recorder():
     times, eta, nu, inputs = frames()
     run = Run(recorded(times - 3.2, eta, inputs, offset=3.2))
     assert run.motion.times[0] - 1000 == pytest.approx(times[0], abs=1e-6)
     assert run.usable() > 7
 
 
-def test_clocks_that_differ_are_told_by_the_motion():
+def test_a_clock_offset_is_estimated_from_the_motion():
     times, eta, nu, inputs = frames()
     assert -0.02 <= Run(recorded(times, eta, inputs)).reply["lag"] <= 0.03
     assert Run(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
     assert Run(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
 
 
-def test_a_wall_is_left_out():
+def test_contact_with_a_wall_is_left_out():
     times, eta, nu, inputs = frames()
     model = _core.load_model(str(MODEL))
     at = 480
@@ -193,7 +193,7 @@ def test_a_wall_is_left_out():
     assert [len(run.spans), run.usable() > 7] == [2, True]
 
 
-def test_no_wall_where_there_is_none():
+def test_no_contact_is_found_without_a_wall():
     for seed in range(1, 9):
         times, eta, nu, inputs = frames(seed=seed)
         assert Run(recorded(times, eta, inputs)).contacts == []
@@ -246,14 +246,14 @@ def test_the_same_inputs_in_two_runs_are_noticed():
         ("d", 1, 0, 4),
     ):
         times, eta, nu, inputs = frames(seed=seed)
-        # a controller may also say each command several times
+        # A controller may repeat each command.
         sent = np.repeat(inputs, repeats, axis=0)
         sent[:, 0] += np.tile(np.arange(repeats) / 15 / repeats, len(inputs))
         runs.append(Run(recorded(times, eta, sent[skip:], name)))
     assert same_inputs(runs) == [("a", "b"), ("a", "d"), ("b", "d")]
 
 
-def test_a_fast_spin_is_not_given_turns_in_a_gap():
+def test_a_gap_in_a_fast_spin_adds_no_turns():
     times = np.arange(0, 6, 0.01)
     for phase in np.arange(0, 2 * np.pi, 0.5):
         rate = -13 + 4 * np.sin(7.5 * times + phase)

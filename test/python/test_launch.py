@@ -1,4 +1,4 @@
-"""Launch files as users start them: documented, honest about what is missing, seen in rviz."""
+"""Launch files as users start them: documentation, errors, recordings, and rviz."""
 
 import contextlib
 import os
@@ -20,7 +20,7 @@ LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
 @contextlib.contextmanager
 def roslaunch(log, *arguments, **environment):
-    """A launch with a master of its own, ended as by Ctrl-C."""
+    """Runs a launch file on a separate master, and ends it as by Ctrl-C."""
     port = free_port()
     env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % port, **environment)
     with open(str(log), "w") as output:
@@ -42,7 +42,7 @@ def roslaunch(log, *arguments, **environment):
                 process.wait()
 
 
-def test_the_experiments_are_there():
+def test_the_launch_files_exist():
     expected = [
         "bench",
         "identification",
@@ -62,10 +62,10 @@ def test_every_argument_is_documented_and_required_only_without_default(name, ca
     from roslaunch import arg_dump
 
     path = str(ROOT / "launch" / name)
-    arg_dump.dump_args([path])  # what roslaunch --ros-args prints
-    said = capsys.readouterr().out
-    assert "undocumented" not in said.lower(), said
-    listed, optional = said.partition("Optional Arguments:")[::2]
+    arg_dump.dump_args([path])  # prints the output of roslaunch --ros-args
+    output = capsys.readouterr().out
+    assert "undocumented" not in output.lower(), output
+    listed, optional = output.partition("Optional Arguments:")[::2]
     required = {line.split(":")[0].strip() for line in listed.splitlines()[1:]}
     arguments = xml.etree.ElementTree.parse(path).getroot().findall("arg")
     assert required == {
@@ -79,7 +79,7 @@ def test_every_argument_is_documented_and_required_only_without_default(name, ca
 
 @pytest.mark.parametrize("name", LAUNCH)
 def test_roslaunch_finds_one_file_of_the_name(name):
-    # it looks in the whole share folder of the package, test/ included
+    # roslaunch searches the whole share folder of the package, test/ included.
     assert [str(p) for folder in ("launch", "test") for p in (ROOT / folder).rglob(name)] == [
         str(ROOT / "launch" / name)
     ]
@@ -92,7 +92,7 @@ def test_launch_files_name_no_absolute_path():
 
 
 @pytest.mark.parametrize("name", ["room_prbs.launch", "room_tracking.launch"])
-def test_the_room_says_that_vrpn_is_missing(tmp_path, name):
+def test_a_missing_vrpn_client_is_reported(tmp_path, name):
     if (
         subprocess.run(
             ["rospack", "find", "vrpn_client_ros"],
@@ -113,7 +113,7 @@ def test_the_room_says_that_vrpn_is_missing(tmp_path, name):
     assert "Traceback" not in text
 
 
-def test_a_bag_has_a_name_of_its_own(tmp_path):
+def test_each_bag_has_a_unique_name(tmp_path):
     record = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "record"))
     names = set()
     for _ in range(5):
@@ -126,8 +126,8 @@ def test_a_bag_has_a_name_of_its_own(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_recording_that_comes_to_nothing_leaves_no_file(tmp_path, number):
-    # There is no master: the recorder waits for one until somebody ends it.
+def test_an_empty_recording_leaves_no_file(tmp_path, number):
+    # Without a master the recorder waits until it is ended.
     env = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
     command = [located("record"), "--dir", str(tmp_path), "--experiment", "nothing"]
     recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, universal_newlines=True)
@@ -135,7 +135,7 @@ def test_a_recording_that_comes_to_nothing_leaves_no_file(tmp_path, number):
         executable = "/proc/%d/exe" % recorder.pid
         wait_for(lambda: "rosbag" in os.readlink(executable), 20, "the recorder")
         assert len(list(tmp_path.glob("*_nothing.yaml"))) == 1
-        time.sleep(0.5)  # it handles signals by then
+        time.sleep(0.5)  # time to install its signal handlers
         recorder.send_signal(number)
         recorder.wait(10)
         wait_for(lambda: not list(tmp_path.iterdir()), 5, "an empty folder")
@@ -144,11 +144,11 @@ def test_a_recording_that_comes_to_nothing_leaves_no_file(tmp_path, number):
     assert "Traceback" not in recorder.communicate()[1]
 
 
-def test_an_experiment_is_recorded_and_replayed(tmp_path):
-    bags = tmp_path / "bags"
+def record_short_run(log, bags):
+    """Records an experiment of 8 s with a live change of two nodes; gives its bag."""
     port = free_port(socket.SOCK_DGRAM)
     with roslaunch(
-        tmp_path / "log",
+        log,
         "sim_prbs.launch",
         "duration:=8",
         "record:=true",
@@ -165,19 +165,24 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         ]
         assert [change.wait(timeout=30) for change in changes] == [0, 0]
         launch.wait(timeout=60)
-    log = (tmp_path / "log").read_text()
-    assert "the controller is done" in log
-    assert "has died" not in log and "\x1b[31m" not in log, "an end without red: " + log
-    bag = list(bags.glob("*_short_0.bag"))
-    assert len(bag) == 1, (tmp_path / "log").read_text()
-    parameters = bag[0].with_name(bag[0].name.replace("_0.bag", ".yaml"))
+    text = log.read_text()
+    assert "the controller is done" in text
+    assert "has died" not in text and "\x1b[31m" not in text, "it must end without errors: " + text
+    found = list(bags.glob("*_short_0.bag"))
+    assert len(found) == 1, text
+    return found[0]
+
+
+def check_recording(bag):
+    """Checks the parameters beside a bag, its topics, and what `identify info` prints of it."""
+    parameters = bag.with_name(bag.name.replace("_0.bag", ".yaml"))
     assert "real_time_factor" in parameters.read_text()
     kept = yaml.safe_load(parameters.read_text())["run_files"]
     kept = {os.path.realpath(path): text for path, text in kept.items()}
     room = ROOT / "cfg/room/room_4x4.yaml"
     assert kept[str(room)] == room.read_text() and kept[str(MODEL)] == MODEL.read_text()
     info = subprocess.run(
-        ["rosbag", "info", str(bag[0])], stdout=subprocess.PIPE, universal_newlines=True
+        ["rosbag", "info", str(bag)], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout
     for topic in (
         "/controls",
@@ -188,40 +193,40 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
         "/visualizer/parameter_updates",
     ):
         assert topic + " " in info
-    measured = identify("info", str(bag[0])).stdout
+    measured = identify("info", str(bag)).stdout
     assert "heading_offset 0.25 rad (recorded in the bag)" in measured
     assert "room room_4x4.yaml ('4 x 4 m', kept with the run)" in measured
     assert "s: visualizer: rate 10 -> 7.5" in measured
     assert "s: simulator: k_factor 1 -> 0.9" in measured
 
-    with roslaunch(
-        tmp_path / "replay", "replay.launch", "bag:=%s" % bag[0], "rviz:=false"
-    ) as launch:
+
+def check_replay(log, bag):
+    """Replays a bag; checks that a path is predicted and that the settings of the run apply."""
+    with roslaunch(log, "replay.launch", "bag:=%s" % bag, "rviz:=false") as launch:
+
+        def message(topic, timeout):
+            return subprocess.run(
+                ["rostopic", "echo", "-n", "1", topic],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=launch.env,
+                timeout=timeout,
+                universal_newlines=True,
+            ).stdout
 
         def predicted():
-            echo = ["rostopic", "echo", "-n", "1", "/path/predicted/poses[5]/pose/position"]
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return (
-                    "x:"
-                    in subprocess.run(
-                        echo,
-                        stdout=subprocess.PIPE,
-                        stderr=subprocess.DEVNULL,
-                        env=launch.env,
-                        timeout=5,
-                        universal_newlines=True,
-                    ).stdout
-                )
+                return "x:" in message("/path/predicted/poses[5]/pose/position", 5)
 
         wait_for(predicted, 40, "a predicted path")
-        settings = subprocess.run(
-            ["rostopic", "echo", "-n", "1", "/mocap_state/settings"],
-            stdout=subprocess.PIPE,
-            env=launch.env,
-            timeout=10,
-            universal_newlines=True,
-        ).stdout
-        assert "heading_offset: 0.25" in settings, "the replayed run is measured as it was"
+        settings = message("/mocap_state/settings", 10)
+        assert "heading_offset: 0.25" in settings, "settings of the run apply to its replay"
+
+
+def test_an_experiment_is_recorded_and_replayed(tmp_path):
+    bag = record_short_run(tmp_path / "log", tmp_path / "bags")
+    check_recording(bag)
+    check_replay(tmp_path / "replay", bag)
 
 
 MISTAKES = [
@@ -241,7 +246,7 @@ MISTAKES = [
 
 
 def configured(name, *arguments):
-    """What roslaunch makes of a launch file before it starts anything."""
+    """The configuration that roslaunch reads from a launch file, before it starts anything."""
     from roslaunch.config import ROSLaunchConfig
     from roslaunch.xmlloader import XmlLoader
 
@@ -252,13 +257,13 @@ def configured(name, *arguments):
 
 
 def loaded(name, *arguments):
-    """Name to value of the parameters that a launch file sets."""
+    """{name: value} of the parameters that a launch file sets."""
     parameters = configured(name, *arguments).params
     return {name: parameter.value for name, parameter in parameters.items()}
 
 
 @pytest.mark.parametrize("name", ["sim_tracking.launch", "room_tracking.launch"])
-def test_tracking_is_predictive_unless_told_and_gets_the_gains_of_its_controller(name):
+def test_tracking_is_predictive_by_default_and_gains_belong_to_the_controller(name):
     where = [name] + ["mocap_host:=localhost"] * name.startswith("room")
     config = configured(*where)
     controller = next(node for node in config.nodes if node.name == "controller")
@@ -270,7 +275,7 @@ def test_tracking_is_predictive_unless_told_and_gets_the_gains_of_its_controller
     assert loaded(*backstepping, given)["/controller/k_e"] == 4.0
 
 
-def test_a_real_experiment_looks_up_whether_the_craft_stops_by_itself(tmp_path, monkeypatch):
+def test_a_real_experiment_reads_the_record_of_the_own_stop(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", "/nowhere")
     room = ["mocap_host:=localhost"]
     for ros_home, file in (
@@ -297,7 +302,7 @@ def test_only_the_bench_is_armed_without_mocap():
     room = ["mocap_host:=localhost"]
     for name in ("room_prbs", "room_tracking", "own_stop", "sim_prbs", "sim_tracking"):
         config = configured(name + ".launch", *(room if name[0] != "s" else []))
-        assert config.params["/sender/bench"].value is False, "an earlier launch left its own"
+        assert config.params["/sender/bench"].value is False, "a value of an earlier launch must be replaced"
         assert "/controller/require_state" not in config.params
         assert "/controller/" in config.clear_params
     for name in ("room_prbs", "room_tracking"):
@@ -311,7 +316,7 @@ def test_only_the_bench_is_armed_without_mocap():
         assert name not in config.params
 
 
-def test_bench_puts_zero_before_each_level_and_goes_through_them_once():
+def test_bench_puts_zero_before_each_level_and_plays_them_once():
     parameters = loaded("bench.launch", "levels:=0.5, 1", "hold:=3")
     assert parameters["/controller/levels"] == "0 0.5 0 1"
     assert parameters["/controller/duration"] == 2 * 4 * 3
@@ -321,7 +326,7 @@ def test_bench_puts_zero_before_each_level_and_goes_through_them_once():
     assert parameters["/controller/duration"] == 2 * 10
 
 
-def test_the_bench_says_its_levels_and_leaves_a_table_beside_the_bag(tmp_path):
+def test_the_bench_prints_its_levels_and_writes_a_table_beside_the_bag(tmp_path):
     log = tmp_path / "log"
     port = free_port(socket.SOCK_DGRAM)
     with roslaunch(
@@ -361,7 +366,7 @@ def test_the_bench_says_its_levels_and_leaves_a_table_beside_the_bag(tmp_path):
 
 
 @pytest.mark.parametrize("name, wrong, reason", MISTAKES, ids=[m[1] for m in MISTAKES])
-def test_a_typing_error_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, reason):
+def test_a_wrong_argument_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, reason):
     from roslaunch.core import RLException
 
     monkeypatch.chdir(tmp_path)
@@ -369,12 +374,12 @@ def test_a_typing_error_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, r
     os.mkfifo("fifo")
     with pytest.raises(RLException):
         loaded(name, wrong)
-    said = capfd.readouterr().err
-    assert said.startswith(wrong + ": ") and reason in said
-    assert len(said.splitlines()) == 1, said
+    stderr = capfd.readouterr().err
+    assert stderr.startswith(wrong + ": ") and reason in stderr
+    assert len(stderr.splitlines()) == 1, stderr
 
 
-def test_a_typing_error_ends_a_launch_before_anything_starts():
+def test_a_wrong_argument_ends_a_launch_before_anything_starts():
     result = subprocess.run(
         ["roslaunch", "ground", "sim_tracking.launch", "reference:=circel"],
         stdout=subprocess.PIPE,
@@ -409,7 +414,7 @@ RELATIVE = [
 ]
 
 
-def test_relative_paths_are_those_of_the_callers_folder(tmp_path, monkeypatch):
+def test_relative_paths_are_relative_to_the_callers_folder(tmp_path, monkeypatch):
     folder = tmp_path / "a folder"
     folder.mkdir()
     for name in ("model", "truth", "model2"):
@@ -452,7 +457,7 @@ def test_a_run_is_replayed_in_its_room_and_with_its_model(tmp_path, monkeypatch)
     assert os.path.realpath(shown["/visualizer/model"]) == str(MODEL)
 
 
-def test_the_trial_of_the_own_stop_is_kept_in_a_room():
+def test_the_trial_of_the_own_stop_stays_in_a_room():
     where = ["own_stop.launch", "mocap_host:=localhost"]
     names = ("/sender/room", "/controller/room", "/visualizer/room")
     given = loaded(*where)
@@ -481,7 +486,7 @@ def nodes_of(*arguments):
 
 
 @pytest.mark.parametrize("name", ["sim_prbs.launch", "sim_tracking.launch"])
-def test_rviz_opens_when_asked(name):
+def test_rviz_opens_on_request(name):
     assert "/rviz" in nodes_of(name, "rviz:=true")
     assert "/rviz" not in nodes_of(name, "rviz:=false")
 
@@ -505,7 +510,7 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
     )
     try:
         wait_for(lambda: os.path.exists("/tmp/.X11-unix/X%d" % display), 10, "a screen")
-        # llvmpipe, which is faster, crashes at times where LLVM 15 compiles shaders.
+        # llvmpipe is faster, but sometimes crashes while LLVM 15 compiles shaders.
         drawing = dict(
             DISPLAY=":%d" % display,
             LIBGL_ALWAYS_SOFTWARE="1",
@@ -549,7 +554,7 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
 
 
 def kill(argument):
-    """Ends all processes with such an argument at once; how many there were."""
+    """Kills all processes that have an argument with this ending; returns their number."""
     count = 0
     for folder in pathlib.Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
@@ -577,7 +582,7 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         active = wait_for(
             lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording"
         )[0]
-        wait_for(lambda: active.stat().st_size > 300e3, 40, "some seconds of it")
+        wait_for(lambda: active.stat().st_size > 300e3, 40, "some recorded seconds")
         clock = subprocess.run(
             ["rostopic", "echo", "-n", "1", "/clock/clock"],
             stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""The live plot: what is kept of the topics, what the window shows and says, and how it ends."""
+"""The live plot: its buffers, its window and messages, and its end."""
 
 import contextlib
 import math
@@ -26,7 +26,7 @@ LAYOUT = ROOT / "cfg" / "plotjuggler" / "ground.xml"
 
 
 def filled(rate, seconds, start=1000.0):
-    """A history of DURATION with samples (t, -t), t from start on."""
+    """A history of DURATION with samples (t, -t) from t = start on."""
     history = live_buffers.History(2, DURATION)
     for i in range(int(rate * seconds)):
         t = start + i / rate
@@ -44,7 +44,7 @@ def test_a_history_keeps_the_last_seconds_at_any_rate(rate):
     np.testing.assert_array_equal(kept.values, [kept.times, -kept.times])
 
 
-def test_samples_that_were_handed_out_do_not_change():
+def test_returned_samples_do_not_change():
     history = filled(100.0, 3 * DURATION)
     before = history.samples(1050.0)
     stamps = before.times.copy()
@@ -62,13 +62,13 @@ def test_no_line_is_drawn_across_a_gap():
     assert np.isnan(values[-2]) and np.isfinite(np.delete(values, -2)).all()
 
 
-def test_a_jump_back_on_one_topic_clears_all():
+def test_a_jump_back_on_one_topic_clears_all_topics():
     buffers = live_buffers.LiveBuffers({"a": 1, "b": 1}, DURATION)
     for i in range(100):
         buffers.add("a", 1000 + i / 10, [1.0])
         buffers.add("b", 1000 + i / 10, [2.0])
     buffers.add("a", 1009.8, [9.0])
-    assert len(buffers.snapshot()[1]["a"].times) == 100, "a message in disorder is left out"
+    assert len(buffers.snapshot()[1]["a"].times) == 100, "a message in wrong order is ignored"
     buffers.add("a", 1005.0, [3.0])
     now, samples = buffers.snapshot()
     assert now == 1005.0
@@ -84,7 +84,7 @@ def test_all_topics_share_one_time_axis():
     buffers.add("b", 1000.0 + 2 * DURATION, [math.inf])
     now, samples = buffers.snapshot()
     assert now == 1000 + 2 * DURATION
-    assert len(samples["a"].times) == 0, "older than the newest of another topic by too much"
+    assert len(samples["a"].times) == 0, "more than DURATION older than another topic"
     assert np.isnan(samples["b"].values).all()
 
 
@@ -95,7 +95,7 @@ def test_the_tracking_error_is_taken_at_the_references_stamps():
     stamps = np.array([999.0, 1002.005, 1003.0, 1004.5, 1008.0, 1011.0])
     reference = live_buffers.Samples(stamps, np.array([stamps - 1000 + 0.03, 0 * stamps - 0.04]))
     error = live_buffers.tracking_error(state, reference)
-    assert error.times.tolist() == stamps[:-1].tolist(), "the state of 1011 s has not come yet"
+    assert error.times.tolist() == stamps[:-1].tolist(), "no state at 1011 s yet"
     expected = [math.nan, 0.05, 0.05, math.nan, 0.05]
     np.testing.assert_allclose(error.values[0], expected, rtol=1e-6)
     nothing = live_buffers.Samples(np.empty(0), np.empty((3, 0)))
@@ -128,7 +128,7 @@ def test_an_axis_stays_while_it_fits():
     assert least[1] - least[0] >= 0.2 and sum(least) / 2 == pytest.approx(0.5)
 
 
-def test_extent_leaves_out_what_is_no_number():
+def test_extent_ignores_nan():
     assert live_buffers.extent(np.array([math.nan, 2.0, -1.0])) == (-1.0, 2.0)
     assert live_buffers.extent(np.array([math.nan])) == ()
     assert live_buffers.extent(np.empty(0)) == ()
@@ -149,7 +149,7 @@ def application():
 
 @pytest.fixture
 def window(application):
-    """A window, shown, of a feed without messages."""
+    """A visible window whose feed has no messages yet."""
     feed = live_plot.Feed(DURATION)
     window = live_plot.LivePlot(feed)
     window.feed = feed
@@ -166,7 +166,7 @@ def stamped(message, t):
 
 
 def drive(feed, start, seconds, topics=("state", "model_error", "controls")):
-    """Messages as of a craft that turns, in `topics`, every 10 ms."""
+    """Feeds messages of a turning craft on `topics`, every 10 ms."""
     for i in range(int(100 * seconds)):
         t = start + i / 100
         x, y = math.cos(t), math.sin(t)
@@ -192,7 +192,7 @@ def drive(feed, start, seconds, topics=("state", "model_error", "controls")):
 
 
 def colors(window, row, column):
-    """How many pixels of which "#rrggbb" a diagram shows."""
+    """Number of pixels by colour "#rrggbb" in a diagram."""
     strip = window.diagrams[5 * column + row].strip
     image = strip.grab().toImage()
     found = {}
@@ -207,28 +207,28 @@ def titles(window):
     return [re.sub("<[^>]*>|&[^;]*;", " ", d.title.text()) for d in window.diagrams]
 
 
-def said(window):
+def status_lines(window):
     return [re.sub("<[^>]*>", "", line.text()) for line in window.lines]
 
 
 def test_the_window_says_which_topics_it_waits_for(window):
-    assert said(window) == [
+    assert status_lines(window) == [
         "controller no message yet on controller/status",
         "sender no message yet on sender/status",
-        "Waits for messages on state, model_error, controls.",
+        "Waiting for messages on state, model_error, controls.",
     ]
     notes = [diagram.strip.note for diagram in window.diagrams]
     assert notes[0] == "no message yet on state and model_error"
     assert notes[4] == "no message yet on reference"
     assert notes[7] == "no message yet on controls"
-    assert colors(window, 4, 0).get(live_plot.NOTE, 0) > 20, "the note can be read"
+    assert colors(window, 4, 0).get(live_plot.NOTE, 0) > 20, "the note is visible"
     drive(window.feed, 1000, 1, ["state"])
     window.redraw()
-    assert said(window)[2] == "Waits for messages on model_error, controls."
+    assert status_lines(window)[2] == "Waiting for messages on model_error, controls."
     assert window.diagrams[0].strip.note == ""
 
 
-def test_curves_have_their_colors_and_models_their_names(window, application):
+def test_curves_have_their_colors_and_titles_name_the_models(window, application):
     drive(window.feed, 1000, 10)
     window.redraw()
     measured, first, second = live_plot.appearance.MEASURED, *live_plot.appearance.MODELS[:2]
@@ -239,13 +239,13 @@ def test_curves_have_their_colors_and_models_their_names(window, application):
     drive(window.feed, 1010, 5, list(live_plot.TOPICS))
     window.redraw()
     assert colors(window, 2, 0).get(second, 0) > 100
-    assert "improved_model_…" in titles(window)[0], "a name that is too long is cut off"
+    assert "improved_model_…" in titles(window)[0], "a long name is shortened"
     assert colors(window, 4, 0).get(measured, 0) > 100, "the tracking error"
-    assert colors(window, 0, 1).get(live_plot.WANTED, 0) > 100, "what the controller wanted"
+    assert colors(window, 0, 1).get(live_plot.WANTED, 0) > 100, "inputs that the controller wanted"
     assert titles(window)[8].split()[:4] == ["force", "missing", "in", "tiny_whoover"]
 
 
-def test_an_axis_has_room_for_all_and_says_the_unit(window):
+def test_an_axis_covers_all_values_and_has_a_unit(window):
     drive(window.feed, 1000, 5, list(live_plot.TOPICS))
     window.redraw()
     tracking, left = window.diagrams[4], window.diagrams[5]
@@ -263,7 +263,7 @@ def test_an_axis_has_room_for_all_and_says_the_unit(window):
 
 
 def dark(strip):
-    """Where a strip shows curves, (height, width)."""
+    """Mask (height, width) of the pixels where a strip shows curves."""
     image = strip.grab().toImage()
     gray = [
         [live_plot.QtGui.qGray(image.pixel(x, y)) for x in range(image.width())]
@@ -272,7 +272,7 @@ def dark(strip):
     return np.array(gray) < live_plot.QtGui.QColor(live_plot.GRID).lightness() - 10
 
 
-def test_what_moves_by_pixels_looks_like_what_is_drawn_at_once(window):
+def test_scrolled_curves_look_like_curves_drawn_at_once(window):
     drive(window.feed, 1000, 30, list(live_plot.TOPICS))
     window.redraw()
     for i in range(90):
@@ -289,47 +289,47 @@ def test_what_moves_by_pixels_looks_like_what_is_drawn_at_once(window):
         right = int(strip._x(window.feed.buffers.snapshot()[0]))
         assert after[:, 30 : right - 1].any(axis=0).mean() > 0.98
         assert not after[:, right + 2 :].any()
-        # A curve that is drawn at once is thinned: it may be off by a pixel, but not elsewhere.
+        # A curve drawn at once is thinned, and may therefore differ by a pixel.
         for one, other in ((before, after), (after, before)):
             near = other.copy()
             for axis in (0, 1):
                 near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
-            off = one[:, 30:] & ~near[:, 30:]  # the oldest end leaves slowly
+            off = one[:, 30:] & ~near[:, 30:]  # the oldest end disappears gradually
             assert off.sum() < 0.02 * one[:, 30:].sum()
 
 
-def test_a_bag_that_begins_again_clears_the_curves(window):
+def test_a_restarted_bag_clears_the_curves(window):
     drive(window.feed, 1000, 10, list(live_plot.TOPICS))
     window.redraw()
     assert "predicted by" in titles(window)[0]
     drive(window.feed, 900, 0.5, ["controls"])
     window.redraw()
-    assert said(window)[2] == "Waits for messages on state, model_error."
+    assert status_lines(window)[2] == "Waiting for messages on state, model_error."
     assert live_plot.appearance.MEASURED not in colors(window, 0, 0)
     assert "predicted by" not in titles(window)[0]
     assert colors(window, 1, 1).get(live_plot.appearance.RIGHT, 0) > 5
 
 
-def test_an_invalid_state_is_told_and_not_drawn(window):
+def test_an_invalid_state_is_reported_and_not_drawn(window):
     drive(window.feed, 1000, 5)
     for i in range(100):
         lost = State(eta=[9.0] * 3, nu=[9.0] * 3, valid=False, status="no pose for 0.5 s & more")
         window.feed.take(stamped(lost, 1005 + i / 100), "state")
     window.redraw()
-    assert said(window)[2] == "The state is invalid: no pose for 0.5 s &amp; more"
+    assert status_lines(window)[2] == "The state is invalid: no pose for 0.5 s &amp; more"
     assert window.diagrams[0].item.vb.viewRange()[1][1] < 1
     drive(window.feed, 1006, 1)
     window.redraw()
-    assert said(window)[2] == "Newest message: 1007 s. Predictions are 0.5 s ahead."
+    assert status_lines(window)[2] == "Newest message: 1007 s. Predictions are 0.5 s ahead."
 
 
-def test_statuses_are_told_until_a_node_falls_silent(window, monkeypatch):
+def test_statuses_are_shown_until_a_node_falls_silent(window, monkeypatch):
     running = ControllerStatus(state=ControllerStatus.RUNNING, reason="driving <on>")
     window.feed.take_status(running, "controller/status")
     fault = SenderStatus(state=SenderStatus.FAULT, reason="stale command")
     window.feed.take_status(fault, "sender/status")
     window.redraw()
-    assert said(window)[:2] == [
+    assert status_lines(window)[:2] == [
         "controller RUNNING driving &lt;on&gt;",
         "sender FAULT stale command",
     ]
@@ -338,11 +338,11 @@ def test_statuses_are_told_until_a_node_falls_silent(window, monkeypatch):
     later = live_plot.time.monotonic() + 7
     monkeypatch.setattr(live_plot.time, "monotonic", lambda: later)
     window.redraw()
-    assert said(window)[1].endswith("(said 7 s ago; silent since)")
-    assert said(window)[2] == "No new message for 7 s; the newest is of 1001 s."
+    assert status_lines(window)[1].endswith("(7 s ago; silent since)")
+    assert status_lines(window)[2] == "No new message for 7 s; the newest has stamp 1001 s."
 
 
-def test_a_picture_is_written_and_none_is_overwritten(window, tmp_path):
+def test_a_picture_is_saved_and_not_overwritten(window, tmp_path):
     from PIL import Image
 
     drive(window.feed, 1000, 10, list(live_plot.TOPICS))
@@ -358,13 +358,13 @@ def test_a_picture_is_written_and_none_is_overwritten(window, tmp_path):
         window.save(str(tmp_path / "nowhere" / "plot.png"))
 
 
-def test_a_closed_window_ends_it(application, monkeypatch):
+def test_closing_the_window_ends_the_plot(application, monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     live_plot.QtCore.QTimer.singleShot(200, application.closeAllWindows)
     live_plot.show(live_plot.Feed(DURATION))
 
 
-def test_a_failure_while_drawing_ends_it_with_the_reason(application, monkeypatch):
+def test_a_failure_while_drawing_ends_the_plot_with_the_reason(application, monkeypatch):
     def fail(_):
         raise GroundError("no more ink")
 
@@ -375,7 +375,7 @@ def test_a_failure_while_drawing_ends_it_with_the_reason(application, monkeypatc
 
 
 def plot(*arguments, **environment):
-    """The program as a process."""
+    """Starts the program as a process."""
     command = [sys.executable, str(ROOT / "src" / "ground" / "scripts" / "plot")]
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     return subprocess.Popen(
@@ -396,7 +396,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize("environment, arguments, status, reason", MISTAKES)
-def test_what_cannot_be_shown_is_one_line(environment, arguments, status, reason):
+def test_a_plot_that_cannot_start_prints_one_line(environment, arguments, status, reason):
     program = plot(*arguments, **environment)
     out, err = program.communicate(timeout=60)
     assert program.returncode == status
@@ -406,10 +406,10 @@ def test_what_cannot_be_shown_is_one_line(environment, arguments, status, reason
 
 
 @pytest.mark.parametrize("arguments", ["--duration=0", "--duration=1e4", "--after=nan"])
-def test_times_that_cannot_be_are_refused(arguments):
+def test_impossible_times_are_refused(arguments):
     program = plot(arguments)
-    said = program.communicate(timeout=60)[1].splitlines()[-1]
-    assert said == "plot: error: %s has to be positive and at most 600 s" % arguments.split("=")[0]
+    status_lines = program.communicate(timeout=60)[1].splitlines()[-1]
+    assert status_lines == "plot: error: %s has to be positive and at most 600 s" % arguments.split("=")[0]
     assert program.returncode == 2
 
 
@@ -425,7 +425,7 @@ def master(port):
 
 
 def subscribed(uri):
-    """Whether somebody listens to /sender/status, the last topic that the plot subscribes."""
+    """Whether /sender/status, the last topic to which the plot subscribes, has a subscriber."""
     import rosgraph
 
     with contextlib.suppress(OSError, rosgraph.MasterException):
@@ -434,7 +434,7 @@ def subscribed(uri):
 
 
 def ended(program):
-    """Exit status, without complaints."""
+    """Waits for the end; checks that nothing was printed to stderr and returns the status."""
     err = program.communicate(timeout=30)[1]
     lines = [
         line for line in err.splitlines() if not line.startswith(("QStandardPaths", "This pl"))
@@ -443,7 +443,7 @@ def ended(program):
     return program.returncode
 
 
-def test_it_ends_quietly_and_finds_a_new_master():
+def test_the_plot_finds_a_new_master_and_ends_without_messages():
     port = free_port()
     uri = "http://localhost:%d" % port
     with master(port):
@@ -463,7 +463,7 @@ def test_it_ends_quietly_and_finds_a_new_master():
         program.kill()
 
 
-def test_a_picture_is_taken_and_ends_it(tmp_path):
+def test_the_plot_ends_after_its_picture(tmp_path):
     port = free_port()
     uri = "http://localhost:%d" % port
     with master(port):
@@ -477,7 +477,7 @@ def test_a_picture_is_taken_and_ends_it(tmp_path):
 
 
 def layout_curves():
-    """Of the layout for PlotJuggler: what it draws, and what it computes from what."""
+    """Curves of the layout for PlotJuggler, and its computed curves with their sources."""
     root = xml.etree.ElementTree.parse(str(LAYOUT)).getroot()
     drawn = {curve.get("name") for curve in root.iter("curve")}
     computed = {

@@ -1,4 +1,4 @@
-"""Whether a craft stops by itself, judged by its speed: synthetic trials, and the file of outcomes."""
+"""Verdicts on whether a craft stops by itself, on synthetic trials, and the file of outcomes."""
 
 import dataclasses
 import re
@@ -11,9 +11,10 @@ from conftest import MODEL
 
 from ground.analysis import own_stop
 from ground.errors import GroundError
-from ground.recordings import own_stop as records
+from ground.nodes import own_stop_records as records
 
-THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06  # accelerations of thrust, of the floor, of the air [m/s^2]
+# Acceleration by thrust, and decelerations by floor and air [m/s^2].
+THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06
 SILENCE = 1.5  # [s]
 
 
@@ -28,8 +29,8 @@ def trial(
     silence=SILENCE,
     telemetry=False,
 ):
-    """A craft that is driven, then hears nothing from 0 s on; it stops its motors after `watchdog`
-    [s] or never (None). glides: its lift stays on then. Noise as an estimator makes it."""
+    """Trial of a driven craft that gets no commands from 0 s on. It stops its motors after `watchdog` [s]
+    or never (None); with `glides` its lift stays on. The noise is coloured like an estimator's."""
     random = np.random.default_rng(seed)
     times = np.arange(-1.0, silence + 1.5, 0.01)
     off = np.inf if watchdog is None else watchdog
@@ -68,11 +69,11 @@ def test_a_craft_with_a_watchdog_passes_with_its_time(watchdog, noise):
         assert verdict.braking == pytest.approx(FLOOR, rel=0.3)
         assert verdict.uncertainty < 0.12
         inside += abs(verdict.stopped_after - watchdog) < verdict.uncertainty
-    assert inside >= 18  # of 20, at 95%
+    assert inside >= 18, "at least 18 of 20 for intervals of 95%"
 
 
 @pytest.mark.parametrize("glides", [False, True])
-def test_a_craft_without_one_does_not(glides):
+def test_a_craft_without_a_watchdog_fails(glides):
     for seed in range(20):
         verdict = own_stop.judge(trial(0.4 if glides else None, seed, glides=glides))
         assert verdict.outcome == own_stop.FAILED, verdict
@@ -119,13 +120,13 @@ UNDECIDED = [
 @pytest.mark.parametrize(
     "make, reason", [row[1:] for row in UNDECIDED], ids=[r[0] for r in UNDECIDED]
 )
-def test_what_cannot_be_decided_says_why(make, reason):
+def test_an_undecided_trial_gives_a_reason(make, reason):
     verdict = own_stop.judge(make())
     assert verdict.outcome == own_stop.UNDECIDED, verdict
     assert re.search(reason, verdict.reason), verdict.reason
 
 
-def test_telemetry_is_a_second_witness():
+def test_telemetry_confirms_or_contradicts_the_time():
     for seed in range(5):
         given = trial(0.4, seed, telemetry=True)
         verdict = own_stop.judge(given)
@@ -139,7 +140,7 @@ def test_telemetry_is_a_second_witness():
         assert own_stop.judge(mute).telemetry_after is None
 
 
-def test_a_silence_that_the_sender_cut_short_decides_nothing():
+def test_a_silence_that_the_sender_cut_short_is_undecided():
     from ground.nodes import stop_trial
 
     given = trial(0.2)
@@ -149,7 +150,7 @@ def test_a_silence_that_the_sender_cut_short_decides_nothing():
     assert verdict.reason == "the silence was cut short: the state is invalid: lost"
 
 
-def test_the_way_of_a_craft_that_does_not_stop_is_predicted():
+def test_the_distance_of_a_craft_that_does_not_stop_is_predicted():
     from ground import _core
     from ground.nodes import stop_trial
 
@@ -183,7 +184,7 @@ def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("text", ["a: [", "- 1\n", "a: 3\n"])
-def test_a_file_that_is_something_else_is_left_alone(tmp_path, text):
+def test_a_file_of_another_kind_is_not_changed(tmp_path, text):
     path = tmp_path / "own_stop.yaml"
     path.write_text(text)
     with pytest.raises(GroundError):

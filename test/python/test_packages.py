@@ -1,4 +1,4 @@
-"""What the packages say of themselves: dependencies, licence, what a build can do without."""
+"""The packages: dependencies, licence, optional libraries, and names of targets."""
 import re
 import subprocess
 import xml.etree.ElementTree
@@ -6,7 +6,7 @@ import xml.etree.ElementTree
 from conftest import ROOT
 
 PACKAGES = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
-# Debian packages whose key in package.xml is not their name without lib, python3 and dev.
+# Keys in package.xml of Debian packages, where they are not the name without lib, python3 and dev.
 KEYS = {
     "googletest": "gtest",
     "libdynamic-reconfigure-config-init-mutex-dev": "dynamic_reconfigure",
@@ -16,12 +16,12 @@ KEYS = {
     "libros-rosgraph-msgs-dev": "rosgraph_msgs",
     "protobuf-compiler": "protobuf",
 }
-# What no package of the workspace depends on.
+# Debian packages on which no package of the workspace depends.
 TOOLS = {
-    # to build and to try it by hand
+    # for builds and for work by hand
     *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
     *("python3-pip", "python3-venv"),
-    # screenshots and pages that the tests look at
+    # for screenshots and pages that tests check
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
 }
 
@@ -36,7 +36,7 @@ def dependencies():
 
 
 def keys_of(package):
-    """Names under which a package.xml may have a Debian package."""
+    """Possible keys in package.xml for a Debian package."""
     bare = re.sub(r"^(lib|python3-)|(-dev)$", "", package)
     return {package, KEYS.get(package), bare, bare.replace("-", "_")}
 
@@ -46,12 +46,12 @@ def test_package_xml_has_what_debian_needs():
     packages = [line for line in lines if line and not line.startswith("#")]
     known = dependencies()
     missing = [p for p in packages if p not in TOOLS and not keys_of(p) & known]
-    assert missing == [], "neither in a package.xml nor among the tools of this test"
+    assert missing == [], "neither in a package.xml nor in TOOLS"
     assert TOOLS <= set(packages) and set(KEYS) <= set(packages)
     assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
 
 
-def test_the_licence_is_there():
+def test_the_licence_agrees_with_the_packages():
     text = (ROOT / "LICENSE").read_text()
     for path in PACKAGES:
         package = xml.etree.ElementTree.parse(str(path)).getroot()
@@ -59,7 +59,7 @@ def test_the_licence_is_there():
         assert package.find("maintainer").text in text
 
 
-def test_a_build_needs_no_benchmark(tmp_path):
+def test_a_build_does_not_need_the_benchmark_library(tmp_path):
     configure = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), "-DCATKIN_ENABLE_TESTING=OFF"]
     configure += ["-DCMAKE_DISABLE_FIND_PACKAGE_benchmark=ON", "-DGROUND_WIDE=OFF"]
     result = run(*configure)
@@ -94,7 +94,7 @@ NEIGHBOUR_XML = """
 
 
 def test_targets_do_not_collide_in_another_workspace(tmp_path):
-    """Beside a package whose targets have the names of the folders and files here."""
+    """Configures beside a package whose targets have the names of folders and files of this one."""
     places = ["src/ground/src/*", "test/*"]
     places += ["test/%s/*.cpp" % folder for folder in ("unit", "bench", "fuzz")]
     names = {path.stem for place in places for path in ROOT.glob(place)} - {"test"}

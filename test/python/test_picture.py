@@ -1,7 +1,8 @@
-"""Pictures show all that their figures describe, and refuse what they cannot show."""
+"""Pictures show everything in their figures, and refuse what they cannot show."""
 
 import copy
 import inspect
+import json
 import re
 
 import numpy as np
@@ -30,7 +31,7 @@ QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):
-    """One run, inspected with a model that lacks the lag of the motors and with the right one."""
+    """One run, inspected with a model without the true motor lag and with the true model."""
     folder = tmp_path_factory.mktemp("picture")
     truth = with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}")
     bag = write_bag(folder / "run.bag", model=truth, nu=(0.3, 0.1, 1))
@@ -93,9 +94,19 @@ def test_every_figure_is_tried():
     assert described == set(DESCRIBED)
 
 
+@pytest.mark.parametrize("name", DESCRIBED)
+def test_plotly_knows_every_property_of_a_figure(studies, name):
+    figure = DESCRIBED[name](studies)
+    document = json.loads(json.dumps(figure, default=list))
+    assert go.Figure(document).to_plotly_json()["layout"].keys() == document["layout"].keys()
+    document["layout"]["xaxis"]["tilte"] = "a property that does not exist"
+    with pytest.raises(ValueError, match="tilte"):
+        go.Figure(document)
+
+
 @pytest.fixture(scope="module")
 def pictures(studies):
-    """By name: a figure, its picture below another figure, and the artists of each gid in it."""
+    """{name: (figure, its picture below another figure, {gid: artists in it})}."""
     above = go.Figure(layout={"height": 50, "font": {"size": 9}}).to_plotly_json()
     found = {}
     for name, describe in DESCRIBED.items():
@@ -114,7 +125,7 @@ def lengths(values):
 
 
 @pytest.mark.parametrize("name", DESCRIBED)
-def test_all_of_a_figure_is_in_its_picture(pictures, name):
+def test_everything_in_a_figure_is_in_its_picture(pictures, name):
     figure, whole, found = pictures[name]
     found = dict(found)
     layout = figure["layout"]
@@ -160,7 +171,7 @@ def test_all_of_a_figure_is_in_its_picture(pictures, name):
     assert layout["meta"].split()[0] in whole.texts[0].get_text()
 
 
-def test_texts_stay_inside_the_picture_and_off_each_other(pictures):
+def test_texts_stay_inside_the_picture_and_do_not_overlap(pictures):
     for name, (_, whole, _) in pictures.items():
         renderer, scale = whole.canvas.get_renderer(), whole.bbox
         boxes = [
@@ -229,7 +240,7 @@ def test_places_scales_and_gaps():
 
 
 def change(path, value):
-    """A figure with one part changed."""
+    """A simple figure with one part changed."""
     figure = part = copy.deepcopy(simple())
     for key in path[:-1]:
         part = (
@@ -255,7 +266,7 @@ SHAPE = {
 
 
 @pytest.mark.parametrize(
-    "path, value, said",
+    "path, value, words",
     [
         (("data", 0, "type"), "pie", "type pie"),
         (("data", 0, "mode"), "lines+text", "scatter.mode 'lines+text'"),
@@ -266,15 +277,15 @@ SHAPE = {
         (("layout", "images"), [], "layout.images"),
         (("layout", "xaxis", "rangeslider"), {}, "axis.rangeslider"),
         (("layout", "annotations"), [dict(NOTE, showarrow=True)], "annotation.showarrow True"),
-        (("layout", "annotations"), [dict(NOTE, text="<i>a</i>")], "the marks in <i>a</i>"),
+        (("layout", "annotations"), [dict(NOTE, text="<i>a</i>")], "the markup in <i>a</i>"),
         (("layout", "shapes"), [SHAPE], "type circle"),
     ],
 )
-def test_what_it_cannot_show_is_refused(path, value, said):
+def test_what_a_picture_cannot_show_is_refused(path, value, words):
     picture.draw([simple()])
     with pytest.raises(GroundError, match=re.escape("a picture cannot show ")) as refused:
         picture.draw([change(path, value)])
-    assert said in str(refused.value)
+    assert words in str(refused.value)
 
 
 def test_files(tmp_path):

@@ -1,4 +1,4 @@
-"""Single stamps and commands that a damaged file has changed are noticed; what is merely uneven is not."""
+"""Stamps and commands changed by damage to a file are noticed; merely irregular ones are not."""
 import struct
 
 import numpy as np
@@ -14,7 +14,7 @@ TIMES = 1000 + np.arange(0, 7, 1 / 15)
 
 @pytest.mark.parametrize("shift", [0.02, -0.03, 0.3, -0.5, 4.0, 1e6])
 @pytest.mark.parametrize("at", [0, 1, 50, 103, 104])
-def test_a_stamp_that_only_a_damaged_file_can_have_is_replaced(at, shift):
+def test_an_impossible_stamp_is_replaced(at, shift):
     received = TIMES + 0.01 + np.random.default_rng(3).normal(0, 5e-4, len(TIMES))
     stamps = TIMES.copy()
     stamps[at] += shift
@@ -25,7 +25,7 @@ def test_a_stamp_that_only_a_damaged_file_can_have_is_replaced(at, shift):
 
 @pytest.mark.parametrize("shift", [0.0021, -0.0084])
 def test_a_small_change_is_noticed_where_delays_are_exact(shift):
-    """As in simulated runs, whose receipts need not be even."""
+    """Simulated runs have constant delays, even if their stamps are irregular."""
     uneven = np.sort(np.concatenate([TIMES, TIMES + 0.0066]))
     stamps = uneven.copy()
     stamps[71] += shift
@@ -33,7 +33,7 @@ def test_a_small_change_is_noticed_where_delays_are_exact(shift):
     assert count == 1 and np.abs(mended - uneven).max() < 1e-6
 
 
-def test_what_is_late_or_uneven_is_left_alone():
+def test_late_or_irregular_stamps_are_not_changed():
     random = np.random.default_rng(4)
     late = TIMES + 0.01 + 0.2 * (random.random(len(TIMES)) < 0.1)  # the recorder's delay
     uneven = np.sort(1000 + 7 * random.random(100))
@@ -46,7 +46,7 @@ def test_what_is_late_or_uneven_is_left_alone():
         (TIMES[: len(burst)], np.maximum(burst[: len(TIMES)], TIMES[: len(burst)])),
         (TIMES, drift),
         (lost, lost + 0.01),
-        (TIMES, np.append(TIMES[:50], TIMES[50:] + 0.5)),  # a clock that was set
+        (TIMES, np.append(TIMES[:50], TIMES[50:] + 0.5)),  # the clock was set
     ):
         mended, count, _ = plausibility.mend_stamps(stamps, received)
         assert count == 0 and np.array_equal(mended, stamps)
@@ -56,24 +56,24 @@ def test_commands_unlike_all_others_are_named():
     times, _, inputs = simulate_run()
     assert not list(plausibility.lone_commands(times, inputs[:, 1:], CHANNELS))
     inputs[40, 1] = 0.0625
-    (said,) = plausibility.lone_commands(inputs[:, 0], inputs[:, 1:], CHANNELS)
-    assert "left is 0.0625 at %.2f s" % inputs[40, 0] in said
-    # a controller's commands are all different
+    (warning,) = plausibility.lone_commands(inputs[:, 0], inputs[:, 1:], CHANNELS)
+    assert "left is 0.0625 at %.2f s" % inputs[40, 0] in warning
+    # Commands of a controller are all different.
     assert not list(plausibility.lone_commands(times, np.random.random((len(times), 3)), CHANNELS))
     stairs = np.repeat([[0.0, 0, 1], [0.5, 0.5, 1], [1, 1, 1]], 1, axis=0)
     assert not list(plausibility.lone_commands(np.arange(3.0), stairs, CHANNELS))
 
 
-def test_a_damaged_stamp_in_a_bag_is_told_and_mended(tmp_path):
+def test_a_damaged_stamp_in_a_bag_is_reported_and_repaired(tmp_path):
     write_bag(tmp_path / "sound.bag", duration=7, seed=2)
     sound = recording.read_bag(str(tmp_path / "sound.bag"))
     assert not sound.warnings
     data = (tmp_path / "sound.bag").read_bytes()
     stamp = genpy.Time.from_sec(sound.pose_times[313])
     stamp = struct.pack("<LL", stamp.secs, stamp.nsecs)
-    at = 4 + data.index(stamp, data.index(stamp) + 1)  # the first one is the time of receipt
+    at = 4 + data.index(stamp, data.index(stamp) + 1)  # the first match is the time of receipt
     changed = bytearray(data)
-    changed[at + 3] ^= 0x10  # of the nanoseconds: 0.27 s
+    changed[at + 3] ^= 0x10  # changes the nanoseconds by 0.27 s
     (tmp_path / "sound.bag").write_bytes(changed)
     mended = recording.read_bag(str(tmp_path / "sound.bag"))
     assert "single stamps of the poses contradict" in mended.warnings[0]

@@ -1,4 +1,4 @@
-"""The registry of readers: what a kind of file of one's own takes (docs/howto/file_format.md)."""
+"""The registry of readers, with the user's reader of docs/howto/file_format.md."""
 
 import csv
 import re
@@ -42,7 +42,7 @@ def fenced(language, start=""):
     return text
 
 
-def test_a_reader_of_its_own_is_asked(registry, log, tmp_path):
+def test_a_registered_reader_is_used(registry, log, tmp_path):
     scope = {}
     exec(fenced("python"), scope)
     assert scope["run"].eta == pytest.approx(log)

@@ -1,4 +1,4 @@
-"""report.html in a browser: every plot is drawn, nothing is fetched, zoom is linked, print fits."""
+"""report.html in a browser: plots are drawn, nothing is fetched, zoom is linked, and it can be printed."""
 import io
 import json
 import resource
@@ -68,7 +68,7 @@ def wait_until_drawn(browser):
 
 
 def open_page(browser, path):
-    """All of a page, every run of it opened."""
+    """Opens a page and all its runs; returns the names of its figures."""
     browser.get(path.resolve().as_uri())
     wait_until_drawn(browser)
     browser.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
@@ -76,7 +76,7 @@ def open_page(browser, path):
 
 
 def assert_sound(browser, names):
-    """No error, nothing fetched, no plot empty, nothing wider than the window."""
+    """Checks for errors, fetched resources, empty plots, and content wider than the window."""
     from PIL import Image
 
     assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
@@ -98,7 +98,7 @@ def assert_sound(browser, names):
 def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
     tmp_path, verb, capsys, monkeypatch
 ):
-    monkeypatch.setattr("ground.reports.comparison_files._draw", lambda *_: None)  # slow, and beside the page
+    monkeypatch.setattr("ground.reports.comparison_files._draw", lambda *_: None)  # slow
     out, bag = tmp_path / "out", write_bag(tmp_path / "run.bag", duration=4)
     arguments = [verb, str(bag), "--model", str(MODEL), "-o", str(out)]
     if verb == "diagnose":
@@ -117,7 +117,7 @@ def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
     assert "the page could not be written" in last and "File too large" in last
     assert str(numbers) in last and "--force" in last
     assert not (out / "report.html").exists()
-    if verb == "diagnose":  # what the message advises makes the page
+    if verb == "diagnose":  # the advice of the message works
         assert cli.main(arguments + ["--force"]) == 0
         assert (out / "report.html").exists()
 
@@ -150,22 +150,22 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     assert lines[0] == pytest.approx(bars[1], rel=0.5)  # the noise floor
 
 
-def test_what_the_winner_predicts_is_drawn_into_what_is_missing(diagnosed, browser):
+def test_the_best_effect_is_drawn_over_the_missing_wrench(diagnosed, browser):
     open_page(browser, diagnosed / "report.html")
-    told = browser.execute_script(
+    missing, predicted = browser.execute_script(
         "const traces = document.getElementById('figure4').data;"
         "const pick = name => traces.filter(t => t.name.startsWith(name)).map(t => t.y);"
         "return [pick('nominal'), pick('what motor_lag adds')]"
     )
-    missing, predicted = told
+
     assert len(missing) == len(predicted) == 3 * 10
-    # of the yaw moment against the difference of the thrusters (row 3, column 4)
+    # Yaw moment over the difference of the thrusters: row 3, column 4.
     at = 2 * 10 + 3
     assert max(missing[at]) > 0.2  # mN m
     assert predicted[at] == pytest.approx(missing[at], abs=0.15 * max(map(abs, missing[at])))
 
 
-def test_the_path_shows_the_stretch_that_is_zoomed_into(diagnosed, browser):
+def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):
     open_page(browser, diagnosed / "report.html")
     shown = (
         "const f = document.getElementById('figure2');"
@@ -213,7 +213,7 @@ def test_the_page_of_a_comparison(folder, bags, diagnosed, browser):
     assert "improved predicts best" in text and "prediction error" in text
 
 
-def test_twenty_runs_stay_handy(folder, bags):
+def test_a_page_of_twenty_runs_stays_below_10_mb(folder, bags):
     from ground import _core
     from ground.recordings import quality, recording
     from ground.reports import inspection, page, report

@@ -21,7 +21,7 @@ def clearances(path, half=2.0):
 
 @pytest.fixture(scope="module")
 def excited(tmp_path_factory):
-    """A bag of 20 s of a PRBS in the room, what --json says of it and what is said without it."""
+    """Bag of 20 s of a PRBS in the room, the output with --json, and the output without it."""
     folder = tmp_path_factory.mktemp("excited")
     path, result = simulate(folder, "prbs", "--room", ROOM)
     again = identify(
@@ -37,7 +37,7 @@ def test_an_excitation_stays_inside_and_one_without_a_room_does_not(excited, tmp
     assert result["stopped"] is None
     near = clearances(path)
     assert near.min() > 0.2
-    assert near.max() - near.min() > 0.5, "it goes somewhere"
+    assert near.max() - near.min() > 0.5, "the craft moves"
     open_loop, _ = simulate(tmp_path, "prbs")
     assert clearances(open_loop).min() < 0
 
@@ -65,14 +65,14 @@ def test_the_bag_has_the_bursts(excited):
     }
 
 
-def test_it_says_how_long_the_bursts_were(excited):
-    path, result, said = excited
+def test_the_length_of_the_bursts_is_printed(excited):
+    path, result, output = excited
     marks = messages(path)[BURSTS]
     times = [t for t, _ in marks] + [1021.5]
     driven = sum(b - a for a, b, (_, mark) in zip(times, times[1:], marks) if mark.burst)
     words = r"(\d+) bursts, ([\d.]+) s of ([\d.]+) s; between them the craft returned home"
-    found = re.search(words, said)
-    assert found, said
+    found = re.search(words, output)
+    assert found, output
     assert int(found.group(1)) == result["bursts"]
     assert float(found.group(2)) == pytest.approx(driven, abs=0.11)
     assert float(found.group(3)) == pytest.approx(20, abs=0.11)
@@ -95,7 +95,7 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     assert digest_of_messages(first) != digest_of_messages(other)
 
 
-def test_a_short_burst_makes_more_of_them(tmp_path):
+def test_shorter_bursts_are_more(tmp_path):
     options = ["--room", ROOM, "--levels", 0, 0.2, "--duration", 6]
     _, few = simulate(tmp_path, "differential-prbs", *options, name="few.bag")
     path, many = simulate(tmp_path, "differential-prbs", *options, "--burst", 0.5, name="many.bag")
@@ -115,7 +115,7 @@ def test_a_fit_reads_a_bag_of_bursts(excited, tmp_path):
     assert fit["I_z"]["value"] == pytest.approx(8.8e-5, rel=0.03)
 
 
-def test_a_tracking_controller_keeps_inside(tmp_path):
+def test_a_tracking_controller_stays_inside(tmp_path):
     options = ["--room", ROOM, "--controller", "ModelPredictive", "--size", 1.5]
     path, result = simulate(tmp_path, "tracking", *options, "--duration", 10)
     assert result["stopped"] is None and result["bursts"] == 0
@@ -129,14 +129,14 @@ def test_a_craft_that_would_leave_is_stopped_and_the_run_is_kept(tmp_path):
         *["--start-velocity", 3, 0, 0],
     )
     assert result.returncode == 0, result.stderr
-    said = result.stderr.strip().splitlines()
-    assert len(said) == 1 and said[0].startswith("identify simulate: the controller stopped: ")
-    assert "of the room" in said[0]
+    (message,) = result.stderr.strip().splitlines()
+    assert message.startswith("identify simulate: the controller stopped: ")
+    assert "of the room" in message
     assert out.exists()
 
 
 def refused(tmp_path, *options):
-    """The result of a command line that must not leave a bag."""
+    """Runs simulate, which must not write a bag; returns the result."""
     out = tmp_path / "refused.bag"
     result = identify("simulate", "--model", MODEL, "-o", out, *options)
     assert not out.exists()
@@ -192,7 +192,7 @@ def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
         ("schema: ground/room/1", "schema: [", "line "),
     ],
 )
-def test_a_file_that_is_no_room_is_named(tmp_path, old, new, words):
+def test_a_file_that_is_not_a_room_is_named(tmp_path, old, new, words):
     text = ROOM.read_text()
     assert text.count(old) == 1
     bad = tmp_path / "bad.yaml"
@@ -200,6 +200,6 @@ def test_a_file_that_is_no_room_is_named(tmp_path, old, new, words):
     fails(refused(tmp_path, "--input", "prbs", "--room", bad), "bad.yaml, line ", words)
 
 
-def test_a_room_file_that_is_not_there_is_named(tmp_path):
+def test_a_missing_room_file_is_named(tmp_path):
     for kind in ("prbs", "tracking"):
         fails(refused(tmp_path, "--input", kind, "--room", tmp_path / "none.yaml"), "none.yaml")

@@ -50,19 +50,19 @@ def test_an_effect_is_found_in_a_disturbance_with_its_size():
 
 
 def test_a_delay_and_a_lag_are_found_together():
-    # beside a delay a lag is, to first order, a longer delay: score tests do not see it
+    # With a delay in the model, a lag is a longer delay to first order: score tests do not see it.
     case, found, _ = diagnosed("twins", 2)
     assert case.hidden == ["input_delay", "motor_lag"]
     assert names(found) == case.hidden
 
 
-def test_a_trim_that_differs_between_runs_is_said_and_an_effect_beside_it_found():
+def test_a_trim_that_differs_between_runs_is_reported_and_an_effect_beside_it_found():
     case, found, conclusion = diagnosed("trim_single", 7)
     assert names(found) == case.hidden
     assert "yaw moment" in [v["parameter"] for v in conclusion.varies]
 
 
-def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monkeypatch):
+def test_an_effect_that_raises_the_held_out_error_is_reported_but_not_added(monkeypatch):
     from ground.analysis import study
 
     import hidden_cases
@@ -75,11 +75,11 @@ def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monk
     found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
     found.grow()
     assert names(found) == case.hidden
-    honest = study.calibrated_errors
+    calibrated_errors = study.calibrated_errors
 
     def worse(runs, cut, likelihood, fit):
         factor = 2.0 if runs is held and case.hidden[0] in fit.model.effects else 1.0
-        return factor * honest(runs, cut, likelihood, fit)
+        return factor * calibrated_errors(runs, cut, likelihood, fit)
 
     monkeypatch.setattr(study, "calibrated_errors", worse)
     conclusion = conclude(found, held)
@@ -89,7 +89,7 @@ def test_an_effect_that_raises_the_error_on_runs_held_out_is_told_not_added(monk
     assert conclusion.heldout == conclusion.heldout[:1]
 
 
-def test_p_values_know_bounds():
+def test_p_values_allow_for_bounds():
     from ground.analysis.trials import p_value
     from scipy import stats
 
@@ -102,7 +102,7 @@ def test_p_values_know_bounds():
 
 @pytest.mark.parametrize("seed", [5017, 5014])
 def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
-    # the first is refused by runs held out whose trim is not told, the second by such folds
+    # Unknown trims of the held-out runs would refuse the first effect, those of folds the second.
     case, found, conclusion = diagnosed("trim_single", seed)
     assert names(found) == case.hidden
     assert conclusion.heldout[-1] < 0.8 * conclusion.heldout[0]
@@ -118,7 +118,7 @@ def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
         ("disturbed_null", 6, []),
     ],
 )
-def test_what_differs_between_runs_is_told_from_a_slow_disturbance(kind, seed, expected):
+def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind, seed, expected):
     import hidden_cases
     from ground.analysis import study, varying
     from ground.analysis.likelihood import Likelihood
@@ -140,7 +140,7 @@ def test_a_force_that_all_runs_have_does_not_differ_between_them():
 @pytest.mark.parametrize(
     "seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (10, "warm_up")]
 )
-def test_memory_is_found_with_its_kind_and_no_stand_in(seed, kind):
+def test_memory_is_found_with_its_kind_and_no_effect_is_chosen_for_it(seed, kind):
     case, found, conclusion = diagnosed("history", seed)
     assert list(case.effects) == [kind]
     assert conclusion.verdict == "memory" and conclusion.memory.kind.name == kind
@@ -148,7 +148,7 @@ def test_memory_is_found_with_its_kind_and_no_stand_in(seed, kind):
     assert conclusion.memory.fit.log_posterior > found.fit.log_posterior + 50
 
 
-def test_thinning_keeps_what_poses_say():
+def test_thinning_keeps_the_information_of_the_poses():
     from ground import _core
     from ground.analysis.thinning import thinned
 
@@ -163,14 +163,14 @@ def test_thinning_keeps_what_poses_say():
     run = _core.RunData("run", times, poses, 0 * poses, inputs, poses, noise)
     thin = thinned(run)
     assert len(thin.times) == pytest.approx(len(times) / 4, abs=2)
-    assert max(np.diff(thin.times)) > 0.2  # none is a mean over the gap
+    assert max(np.diff(thin.times)) > 0.2  # no mean across the gap
     rest = np.array(thin.poses) - np.column_stack([thin.times, np.sin(thin.times), thin.times])
     assert rest.std(axis=0) == pytest.approx(np.array(thin.noise), rel=0.2)
     assert np.array(thin.noise) == pytest.approx(noise / 2)
     assert thinned(thin) is thin
 
 
-def test_the_budget_of_a_disturbed_crafts_error_adds_up():
+def test_the_error_budget_of_a_disturbed_craft_adds_up():
     _, _, conclusion = diagnosed("disturbed_null", 4)
     shares = conclusion.budget.parts()
     assert sum(shares.values()) == pytest.approx(1)
@@ -180,8 +180,8 @@ def test_the_budget_of_a_disturbed_crafts_error_adds_up():
 
 @pytest.fixture(scope="module")
 def played_twice():
-    """Runs of a bench craft in which all commands are played twice: its model, and a function
-    that records them with a model and a random wrench of some part of full thrust."""
+    """The nominal model, and a function that simulates runs in which all commands are played twice, with a
+    true model and a random wrench, whose sigma is given relative to full thrust."""
     import hidden_cases
     from ground.analysis import budget, study
 

@@ -1,4 +1,4 @@
-"""Settings of the measurement travel with the run: axes and heading_offset, as recorded or as given."""
+"""Settings of the measurement (axes, heading_offset) and files are recorded with a run and used."""
 import hashlib
 import json
 import shutil
@@ -17,13 +17,13 @@ from ground.recordings.mapping import DEFAULT
 from ground.reports import report, tracking_figures
 from ground.api.models import Room
 
-TURNED = "y, -x, z"  # a mocap whose z is down
+TURNED = "y, -x, z"  # axes of a mocap whose z is down
 OFFSET = 0.5
 
 
 @pytest.fixture
 def verb(capsys):
-    """Runs a verb of identify in this process; gives what --json prints and standard error."""
+    """Runs a verb of identify in this process; gives its output (parsed with --json) and its stderr."""
 
     def run(*arguments, status=0):
         found = cli.main([str(a) for a in arguments])
@@ -35,8 +35,8 @@ def verb(capsys):
 
 
 def mocap_bag(path, settings=(), offset=0.0, axes="x, z, -y", seed=1, turned_at=np.inf, **options):
-    """A bag of mocap poses of a body that is turned by `offset` [rad], from `turned_at` [s] on by
-    twice that; settings: rows of since [s], axes and heading_offset as mocap_state publishes them."""
+    """Writes a bag of mocap poses of a rigid body that is turned by `offset` [rad], and from `turned_at`
+    [s] on by twice that. settings: rows (since [s], axes, heading_offset) of mocap_state."""
     import genpy
     import rosbag
     from geometry_msgs.msg import PoseStamped
@@ -68,7 +68,7 @@ def mocap_bag(path, settings=(), offset=0.0, axes="x, z, -y", seed=1, turned_at=
 
 
 def parameters_beside(bag, **mocap_state):
-    """The file of parameters that record writes beside `DATE_EXPERIMENT_0.bag`."""
+    """Writes the file of parameters that record writes beside `DATE_EXPERIMENT_0.bag`."""
     path = bag[: -len("_0.bag")] + ".yaml"
     with open(path, "w") as file:
         yaml.safe_dump({"controller": {"rate": 50.0}, "mocap_state": mocap_state}, file)
@@ -85,7 +85,7 @@ def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path
     assert compared["pooled"]["tiny_whoover"]["all"]["error"] < 0.2
     added = verb("add", "heading_offset", bag, *model, "-o", tmp_path / "added.yaml")[0]
     left = added["parameters"]["heading_offset.psi0"]["value"]
-    assert abs(left) < 0.02, "what was corrected is corrected again"
+    assert abs(left) < 0.02, "the recorded offset must be corrected, only once"
     found = verb(
         "diagnose", bag, *model, "-o", tmp_path / "found", "--only", "heading_offset", "motor_lag"
     )[0]
@@ -95,7 +95,7 @@ def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path
     assert set(described["sources"].values()) == {"recorded in run.yaml"}
 
 
-def test_settings_in_the_bag_come_before_those_beside_it(tmp_path):
+def test_settings_in_the_bag_take_precedence_over_those_beside_it(tmp_path):
     bag = mocap_bag(tmp_path / "run_0.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     parameters_beside(bag, axes=TURNED, heading_offset=0.1)
     read = recording.read_bag(bag)
@@ -104,7 +104,7 @@ def test_settings_in_the_bag_come_before_those_beside_it(tmp_path):
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
 
-def test_a_heading_offset_that_changes_during_the_run_is_followed(tmp_path, verb):
+def test_a_change_of_heading_offset_during_the_run_is_used(tmp_path, verb):
     settings = [(-5, "x, z, -y", OFFSET), (3.999, "x, z, -y", 2 * OFFSET)]
     bag = mocap_bag(tmp_path / "run.bag", settings, OFFSET, turned_at=4.0)
     times, eta, _ = simulate_run()
@@ -116,15 +116,15 @@ def test_a_heading_offset_that_changes_during_the_run_is_followed(tmp_path, verb
     assert "from 4.00 s on axes 'x, z, -y', heading_offset 1 rad" in text
 
 
-def test_a_part_of_a_recording_begins_with_the_settings_of_the_one_before(tmp_path):
-    # rosbag record repeats latched messages in every part: their stamp is from long before.
+def test_a_later_part_of_a_recording_has_the_earlier_settings(tmp_path):
+    # rosbag record repeats latched messages, with old stamps, in every part of a recording.
     bag = mocap_bag(tmp_path / "run_1.bag", [(-600, "x, z, -y", OFFSET)] * 2, OFFSET)
     read = recording.read_bag(bag)
     assert len(read.settings.changes) == 1
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
 
-def test_the_command_line_comes_before_what_was_recorded(tmp_path, verb):
+def test_the_command_line_takes_precedence_over_recorded_settings(tmp_path, verb):
     bag = mocap_bag(tmp_path / "run_0.bag", [(-5, TURNED, 0.1)], OFFSET)
     out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
     assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
@@ -136,7 +136,7 @@ def test_the_command_line_comes_before_what_was_recorded(tmp_path, verb):
     assert err.count("\n") == 1 and "--axes" in err and "right-handed" in err
 
 
-def test_bags_without_settings_are_read_as_before(tmp_path, verb):
+def test_bags_without_settings_are_read_with_defaults(tmp_path, verb):
     bag = mocap_bag(tmp_path / "run_0.bag")
     assert "axes 'x, z, -y' (default), heading_offset 0 rad (default)" in verb("info", bag)[0]
     (tmp_path / "run.yaml").write_text("mocap_state: [")
@@ -148,7 +148,7 @@ def test_bags_without_settings_are_read_as_before(tmp_path, verb):
     assert "--axes changes nothing: the bag has planar poses" in err
 
 
-def test_runs_that_were_recorded_with_different_settings_are_named(tmp_path, verb):
+def test_runs_with_different_settings_are_named(tmp_path, verb):
     bags = [
         mocap_bag(tmp_path / ("%s.bag" % name), [(-5, "x, z, -y", offset)], offset, seed=seed)
         for name, offset, seed in (("a", 0.0, 1), ("b", 0.0, 2), ("c", OFFSET, 3))
@@ -163,7 +163,7 @@ def test_runs_that_were_recorded_with_different_settings_are_named(tmp_path, ver
     assert verb(*fit, "--holdout", bags[2])[1].count("different settings") == 1
 
 
-def test_what_flew_a_run_is_read_from_beside_it_and_named_where_runs_differ(tmp_path, verb):
+def test_the_controller_of_a_run_is_read_from_beside_it_and_differences_are_named(tmp_path, verb):
     bags = [mocap_bag(tmp_path / ("%s_0.bag" % name), seed=seed) for seed, name in enumerate("abc")]
     for name, model in (("a", "one.yaml"), ("b", "two.yaml")):
         controller = {"kind": "Excitation", "design": "spin", "model": "/x/" + model, "file": ""}
@@ -177,7 +177,7 @@ def test_what_flew_a_run_is_read_from_beside_it_and_named_where_runs_differ(tmp_
 
 @pytest.fixture
 def lab(tmp_path):
-    """A model and a room in a folder of their own."""
+    """A folder with a model and a room."""
     folder = tmp_path / "lab"
     folder.mkdir()
     shutil.copy(str(MODEL), str(folder / "craft.yaml"))
@@ -185,17 +185,17 @@ def lab(tmp_path):
     return folder
 
 
-def flown(verb, lab, bag, *options):
-    """A bag of a tracking run in the lab's room."""
+def tracking_bag(verb, lab, bag, *options):
+    """Simulates a tracking run in the lab's room; returns its bag."""
     tracking = ["--input", "tracking", "--controller", "ModelPredictive", "--size", 1]
     tracking += ["--duration", 3, "--room", lab / "room.yaml", "--model", lab / "craft.yaml"]
     verb("simulate", *tracking, "-o", bag, *options)
     return bag
 
 
-def test_model_and_room_travel_with_a_simulated_run(tmp_path, verb, lab):
+def test_a_simulated_bag_contains_model_and_room(tmp_path, verb, lab):
     kept = {name: (lab / name).read_text() for name in ("craft.yaml", "room.yaml")}
-    bag = flown(verb, lab, tmp_path / "run.bag")
+    bag = tracking_bag(verb, lab, tmp_path / "run.bag")
     shutil.rmtree(str(lab))
     files = recording.read_bag(str(bag)).files
     assert files["model"].text == kept["craft.yaml"] and files["room"].text == kept["room.yaml"]
@@ -209,7 +209,7 @@ def test_model_and_room_travel_with_a_simulated_run(tmp_path, verb, lab):
     assert recording.read_files(str(bag)) == files
 
 
-def test_model_and_room_travel_beside_a_recorded_run(tmp_path, lab):
+def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
     nowhere = str(lab / "nowhere.yaml")
     parameters = {"controller": {"kind": "Excitation"}, "sender": {"room": nowhere}}
     for name, file in (("model", "craft.yaml"), ("room", "room.yaml")):
@@ -221,10 +221,10 @@ def test_model_and_room_travel_beside_a_recorded_run(tmp_path, lab):
     read = recording.read_bag(bag)
     assert read.files["room"].text == room and not read.warnings
     assert Room.of_recording(read).margin == 0.2
-    assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "people can read it, too"
+    assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "the text stays readable"
 
 
-def test_a_file_of_a_run_is_found_where_it_was_or_is_written_again(tmp_path, monkeypatch, lab):
+def test_a_file_of_a_run_is_used_in_place_or_written_to_a_copy(tmp_path, monkeypatch, lab):
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
     path = lab / "room.yaml"
     text = path.read_text()
@@ -242,22 +242,23 @@ def test_a_file_of_a_run_is_found_where_it_was_or_is_written_again(tmp_path, mon
 
 
 def test_files_differ_by_their_contents(tmp_path, verb, lab):
-    bags = [flown(verb, lab, tmp_path / "a.bag")]
+    bags = [tracking_bag(verb, lab, tmp_path / "a.bag")]
     room, model = lab / "room.yaml", lab / "craft.yaml"
     room.write_text("# a comment\n" + room.read_text())
     model.write_text(model.read_text() + 'provenance: {date: "2026-11-23"}\n')
-    bags.append(flown(verb, lab, tmp_path / "b.bag", "--seed", 2))
-    assert verb("info", *bags)[1] == "", "comments and provenance are no difference"
+    bags.append(tracking_bag(verb, lab, tmp_path / "b.bag", "--seed", 2))
+    assert verb("info", *bags)[1] == "", "comments and provenance do not matter"
     room.rename(lab / "other.yaml")
-    bags.append(flown(verb, lab, tmp_path / "c.bag", "--room", lab / "other.yaml", "--seed", 3))
-    assert verb("info", *bags)[1] == "", "neither is a name"
+    other = ["--room", lab / "other.yaml", "--seed", 3]
+    bags.append(tracking_bag(verb, lab, tmp_path / "c.bag", *other))
+    assert verb("info", *bags)[1] == "", "names of files do not matter"
     named = mocap_bag(tmp_path / "e_0.bag")
     controller = {"model": "/x/craft.yaml", "room": "/x/room.yaml"}
     (tmp_path / "e.yaml").write_text(yaml.safe_dump({"controller": controller}))
-    assert verb("info", bags[0], named)[1] == "", "all that is known of it is the same"
+    assert verb("info", bags[0], named)[1] == "", "a run without contents has the same names"
     room.write_text((lab / "other.yaml").read_text().replace("margin: 0.2", "margin: 0.3"))
     model.write_text(model.read_text().replace("m: 0.0583", "m: 0.0601"))
-    bags.append(flown(verb, lab, tmp_path / "d.bag", "--seed", 4))
+    bags.append(tracking_bag(verb, lab, tmp_path / "d.bag", "--seed", 4))
     assert verb("info", *bags)[1] == (
         "note: the runs were recorded with different settings: model craft.yaml for a, b, c; model "
         "craft.yaml for d; two files named craft.yaml differ: body.m 0.0583 against 0.0601; room "
@@ -267,7 +268,7 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
 
 
 def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
-    bag = flown(verb, lab, tmp_path / "run.bag")
+    bag = tracking_bag(verb, lab, tmp_path / "run.bag")
     drawn = []
     driven = tracking_figures.driven
     keep = lambda *given: drawn.append(given[3]) or driven(*given)  # noqa: E731
@@ -297,20 +298,20 @@ def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb,
         return dict(words, **lines, room=room.name, rows=[[0, 0, 1]], all=[])
 
     monkeypatch.setattr(diagnosis_report, "_next_experiment", propose)
-    monkeypatch.setattr(report, "diagnosis", lambda *_: None)  # which takes long
+    monkeypatch.setattr(report, "diagnosis", lambda *_: None)  # slow
     diagnose = ["diagnose", bag, "--model", MODEL, "--only", "yaw_bias", "-o"]
-    said = verb(*diagnose, tmp_path / "first")[0]
+    output = verb(*diagnose, tmp_path / "first")[0]
     assert (planned[-1].name, planned[-1].margin) == ("hall", 0.3)
-    assert "In the room hall one such run" in said
-    assert "roslaunch it room:=%s " % room in said
+    assert "In the room hall one such run" in output
+    assert "roslaunch it room:=%s " % room in output
     other = lab / "other room.yaml"
     other.write_text(room.read_text().replace("margin: 0.3", "margin: 0.1"))
-    said = verb(*diagnose, tmp_path / "second", "--room", other)[0]
+    output = verb(*diagnose, tmp_path / "second", "--room", other)[0]
     assert planned[-1].margin == 0.1
-    assert "roslaunch it room:='%s' " % other in said
+    assert "roslaunch it room:='%s' " % other in output
 
 
-def test_what_is_spoiled_in_a_bag_is_no_settings(tmp_path):
+def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
     import rosbag
     from ground_msgs.msg import RunSettings
 
@@ -322,7 +323,7 @@ def test_what_is_spoiled_in_a_bag_is_no_settings(tmp_path):
     assert (read.flown_by, read.files) == ({"room": "x"}, {})
 
 
-def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, verb):
+def test_a_model_with_heading_offset_gets_a_warning_about_a_corrected_heading(tmp_path, verb):
     model = _core.load_model(str(MODEL))
     model.add_effect("heading_offset")
     model.set_value("heading_offset.psi0", 0.02)
@@ -330,7 +331,7 @@ def test_a_model_with_heading_offset_is_told_of_a_corrected_heading(tmp_path, ve
     _core.save_model(model, path, False)
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
-    assert "heading_offset 0.5 is taken off" in err and "what is left of it" in err
+    assert "heading_offset 0.5 is subtracted from" in err and "the remaining offset" in err
 
 
 def test_simulate_records_its_settings(tmp_path, verb):
@@ -362,12 +363,12 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
     path = str(tmp_path / "live.bag")
     monkeypatch.setattr(buffer, "covered", lambda: 5.0)
     buffer.write(path, 5.0)
-    live, all_of_it = recording.read_bag(path), recording.read_bag(source)
+    live, whole = recording.read_bag(path), recording.read_bag(source)
     assert live.settings.values("heading_offset") == (OFFSET,)
-    assert np.array_equal(live.eta, all_of_it.eta[-len(live.eta) :])
+    assert np.array_equal(live.eta, whole.eta[-len(live.eta) :])
 
 
-def test_no_settings_of_a_bag_end_in_a_traceback(tmp_path):
+def test_invalid_axes_in_a_bag_are_refused(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
     with pytest.raises(GroundError, match="recorded in the bag"):
         recording.read_bag(bag)

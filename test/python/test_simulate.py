@@ -1,4 +1,4 @@
-"""identify simulate as its users run it, and the recordings that come of it."""
+"""identify simulate as users run it, and its bags."""
 import hashlib
 import json
 import math
@@ -17,7 +17,7 @@ LIFTED = "time,left,right,lift\n0,0,0,1\n1,0.5,0.5,1\n3,0,0,0.5\n4,0,0,0\n"
 
 
 def simulate(folder, kind, *options, name="run.bag", run=program):
-    """The bag and what --json says of it."""
+    """Runs simulate; returns the bag and the output of --json."""
     out = folder / name
     arguments = ["--model", MODEL, "--input", kind, "-o", out, "--json", *options]
     result = run("identify", "simulate", *arguments)
@@ -36,13 +36,13 @@ def messages(path):
 
 
 def commands(path):
-    """Rows of time since the lift began, left, right, lift."""
+    """Rows time since the begin of the lift, left, right, lift."""
     rows = [(t, m.left, m.right, m.lift) for t, m in messages(path)["/controls"]]
     return np.array(rows) - [1000.5, 0, 0, 0]
 
 
 def driven(path):
-    """Rows of time since thrust may begin, left, right, while it may."""
+    """Rows time, left, right of the part with thrust; the time counts from its begin."""
     rows = commands(path)
     rows[:, 0] -= 1
     return rows[(rows[:, 0] > -1e-9) & (rows[:, 3] > 0)][:, :3]
@@ -57,7 +57,7 @@ def digest(path):
 
 
 def digest_of_messages(path, but=()):
-    """Of the messages on all topics but some, with their times; computing times do not count."""
+    """Digest of the messages and their times on all topics except `but`, without computing times."""
     import rosbag
 
     found = hashlib.sha256()
@@ -71,7 +71,7 @@ def digest_of_messages(path, but=()):
     return found.hexdigest()
 
 
-def test_the_bag_has_what_a_recording_has(tmp_path):
+def test_the_bag_has_the_contents_of_a_recording(tmp_path):
     path, result = simulate(
         tmp_path, "prbs", "--duration", 4, "--latency", 0.05, "--start-pose", 1, -2, 3
     )
@@ -88,7 +88,7 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
         assert received == message.header.stamp.to_sec()
     everything = sorted(t for rows in found.values() for t, _ in rows)
     assert everything[0] == 1000 and everything[-1] == pytest.approx(1006, abs=0.02)
-    # rest, lift alone, thrust, everything off
+    # Rest, then lift alone, thrust, and everything off.
     rows = commands(path)
     assert (rows[rows[:, 0] < -1e-9, 1:] == 0).all()
     alone = (rows[:, 0] > -1e-9) & (rows[:, 0] < 1 - 1e-9)
@@ -99,7 +99,7 @@ def test_the_bag_has_what_a_recording_has(tmp_path):
 
 @pytest.fixture(scope="module")
 def sagging(tmp_path_factory):
-    """A model whose thrust fades, and 30 s of it."""
+    """A model whose thrust fades, and a bag of 30 s."""
     folder = tmp_path_factory.mktemp("sagging")
     model = folder / "sagging.yaml"
     text = MODEL.read_text()
@@ -112,7 +112,7 @@ def sagging(tmp_path_factory):
 
 
 def cut(path, out, start, left_out=()):
-    """The part of a bag from `start` [s] on, as a recorder that was started then has it."""
+    """Writes the part of a bag from `start` [s] on, as from a recorder that is started late."""
     import rosbag
 
     with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(out), "w") as part:
@@ -124,7 +124,7 @@ def cut(path, out, start, left_out=()):
 
 
 def fitted(model, path):
-    """k and the time constant of the sag that fit a bag, and the quality.Run of it."""
+    """Fitted k and time constant of the sag, and the quality.Run of the bag."""
     from ground import _core
     from ground.recordings import quality, recording, windows
 
@@ -137,13 +137,13 @@ def fitted(model, path):
 
 
 @pytest.mark.parametrize("start", [0, 10])
-def test_t_begins_with_the_drive_also_for_a_bag_that_begins_later(sagging, tmp_path, start):
+def test_t_counts_from_the_drive_even_in_a_bag_that_begins_later(sagging, tmp_path, start):
     model, path = sagging
     k, tau, run = fitted(model, cut(path, tmp_path / "part.bag", start))
-    assert k == pytest.approx(0.062, rel=0.02)  # 10 s of a wrong origin: a third
+    assert k == pytest.approx(0.062, rel=0.02)  # an origin that is wrong by 10 s changes k by a third
     assert tau == pytest.approx(25, rel=0.05)
     assert (run.drives, run.drives_by) == (pytest.approx([0.5 - start], abs=0.03), "record")
-    # also in the copies that are made of a run
+    # The same holds for copies of a run.
     from ground.analysis import study
 
     np.testing.assert_allclose(run.data(_load(model)).t[-1], 30, atol=2.1)
@@ -157,7 +157,7 @@ def _load(model):
     return _core.load_model(str(model))
 
 
-def test_a_damaged_record_of_the_drive_is_taken_back_by_the_next(sagging, tmp_path):
+def test_a_damaged_record_of_the_drive_is_corrected_by_the_next(sagging, tmp_path):
     import genpy
     import rosbag
     from ground.recordings import quality, recording
@@ -175,7 +175,7 @@ def test_a_damaged_record_of_the_drive_is_taken_back_by_the_next(sagging, tmp_pa
         assert run.drives[-1] == pytest.approx(0.5, abs=0.03)
 
 
-def test_without_a_record_t_begins_with_the_first_lift_or_the_run(sagging, tmp_path):
+def test_without_a_record_t_counts_from_the_first_lift_or_the_run(sagging, tmp_path):
     import rosbag
 
     model, path = sagging
@@ -191,11 +191,11 @@ def test_without_a_record_t_begins_with_the_first_lift_or_the_run(sagging, tmp_p
             if topic == "/controls":
                 message.lift = 0
             out.write(topic, message, received)
-    said = identify("info", unlifted).stdout
-    assert "from 0.00 s on; assumed: no command has lift" in said
+    output = identify("info", unlifted).stdout
+    assert "from 0.00 s on; assumed: no command has lift" in output
 
 
-def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):
+def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
     from ground.recordings.mapping import DEFAULT
     from ground.recordings.recording import read_bag
 
@@ -209,7 +209,7 @@ def test_poses_are_the_truth_in_the_mocaps_axes_with_noise(tmp_path):
     assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))
 
 
-def test_the_function_gives_what_the_bag_has(tmp_path):
+def test_the_function_gives_the_contents_of_the_bag(tmp_path):
     from ground import _core
     from ground.recordings.recording import read_bag, Recording
     from ground.simulation import experiments
@@ -280,7 +280,7 @@ def test_patterns(tmp_path):
     np.testing.assert_array_equal(levels_at(driven(path), middle), np.column_stack([left, right]))
 
 
-def test_a_push_by_hand(tmp_path):
+def test_an_initial_velocity_decays(tmp_path):
     path, _ = simulate(
         tmp_path, "coast-down", "--levels", 0, 0, "--start-velocity", 1.5, 0, 0, "--duration", 5
     )
@@ -299,7 +299,7 @@ def test_csv_of_bits(tmp_path):
     np.testing.assert_array_equal(levels_at(driven(path), np.arange(0.5, 8) / 4), expected)
 
 
-def test_csv_of_a_recording_plays_at_its_clock_and_says_so(tmp_path):
+def test_csv_of_a_recording_plays_at_its_clock_and_reports_it(tmp_path):
     from ground import _core
 
     rows = [row for row in _core.make_prbs(5, 1) for _ in range(3)]
@@ -363,7 +363,7 @@ def guess(tmp_path):
     return path
 
 
-def test_fit_finds_the_parameters_again_and_compare_agrees(tmp_path, guess):
+def test_fit_finds_the_simulated_parameters(tmp_path, guess):
     bags = [
         simulate(tmp_path, "prbs", "--seed", s, "--gap-rate", 0.2, name="run%d.bag" % s)[0]
         for s in (1, 2)
@@ -393,7 +393,7 @@ def test_the_controller_in_the_loop(tmp_path):
     off = [np.array(truth[m.header.stamp.to_nsec()].eta[:2]) - m.p for m in references]
     rms = math.sqrt(np.mean(np.sum(np.square(off), axis=1)))
     assert result["tracking_error"] == pytest.approx(rms, rel=1e-6)
-    assert rms < 0.7, "the craft follows, as well as gains (4.11) let it"
+    assert rms < 0.7, "the craft follows as well as gains (4.11) allow"
     assert {m.header.stamp for m in references} == {m.state for _, m in found["/decision"]}
     assert all(0 < m.computing < 0.1 for _, m in found["/decision"])
     given = {t: (m.left, m.right) for t, m in found["/controls"] if m.header.frame_id}
@@ -406,13 +406,13 @@ def test_the_controller_in_the_loop(tmp_path):
     assert max(m.elapsed for m in status) == pytest.approx(30, abs=0.51)
     stamps = [m.header.stamp.to_sec() for m in status]
     assert max(np.diff(stamps)) < 0.5 + 1e-6
-    # each command of the law comes with the delivery of the pose that caused it
+    # Each command of the law has the time at which its pose was delivered.
     delivered = {t for t, _ in found[POSE]}
     law = [t for t, m in found["/controls"] if m.left or m.right]
     assert set(law) <= delivered
 
 
-def test_what_the_controller_believes_matters(tmp_path):
+def test_the_controllers_model_matters(tmp_path):
     truth = MODEL.parent / "mvwt.yaml"
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(truth.read_text().replace("Y_v: 4.5", "Y_v: 2.0"))
@@ -452,7 +452,7 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
     assert messages(out)["/controls"][-1][1].lift == 0
 
 
-def test_existing_bags_are_left_alone(tmp_path):
+def test_existing_bags_are_not_overwritten(tmp_path):
     path, _ = simulate(tmp_path, "prbs", "--duration", 2)
     before = digest(path)
     again = ["simulate", "--model", MODEL, "--input", "prbs", "-o", path, "--duration", 3]
@@ -568,7 +568,7 @@ def experiment(model=None, duration=60.0, **options):
     return experiments.simulate(model, schedule, **options)
 
 
-def test_a_disturbance_pushes_by_the_share_asked_for():
+def test_a_disturbance_has_the_requested_level():
     from ground import _core
     from ground.simulation import experiments
 
@@ -578,17 +578,17 @@ def test_a_disturbance_pushes_by_the_share_asked_for():
     assert np.allclose(asked.sigma, [0.02 * force, 0.02 * force, 0.02 * moment])
     assert list(asked.time) == [0.3] * 3 and asked.trim_thrust == 0
     run = experiment(model, 600.0, disturbance=asked, seed=4)
-    # As long as 1000 independent samples of the squares of a process with this correlation.
+    # 600 s of a process with this correlation time are 1000 independent samples of the square.
     spread = np.mean(np.square(run.truth_wrench), axis=0) / np.square(asked.sigma)
     error = np.sqrt(2 * 0.3 / 600)
     assert (np.abs(spread - 1) < 3 * error).all(), spread
-    # It is the wrench by which the motion differs from the model's.
+    # The wrench changes the motion.
     still = experiment(model, 600.0, seed=4)
     assert not still.truth_wrench.any()
     assert not np.array_equal(still.truth_nu, run.truth_nu)
 
 
-def test_the_disturbance_of_a_model_acts_when_it_is_asked_for(tmp_path):
+def test_the_disturbance_of_a_model_acts_on_request(tmp_path):
     model = tmp_path / "windy.yaml"
     model.write_text(MODEL.read_text() + DISTURBANCE)
 
@@ -600,13 +600,13 @@ def test_the_disturbance_of_a_model_acts_when_it_is_asked_for(tmp_path):
         assert result.returncode == 0, result.stderr
         return digest(out), result.stdout
 
-    still, said = bag("still.bag")
-    assert "windy.yaml has a disturbance, which did not act: --disturbance applies it" in said
+    still, output = bag("still.bag")
+    assert "windy.yaml has a disturbance, which did not act: --disturbance applies it" in output
     plain, _ = simulate(tmp_path, "prbs", "--duration", 2)
     but_model = (SETTINGS,)
     assert digest_of_messages(tmp_path / "still.bag", but_model) == digest_of_messages(plain, but_model)
-    acting, said = bag("acting.bag", "--disturbance")
-    assert "did not act" not in said
+    acting, output = bag("acting.bag", "--disturbance")
+    assert "did not act" not in output
     assert acting == bag("again.bag", "--disturbance")[0]
     others = [
         bag("seed.bag", "--disturbance", "--seed", 2)[0],
@@ -617,10 +617,10 @@ def test_the_disturbance_of_a_model_acts_when_it_is_asked_for(tmp_path):
     ]
     assert others[-1] == still
     assert len({still, acting, *others}) == 6
-    out, told = simulate(tmp_path, "prbs", "--disturbance", 0.02, 0.3, "--trim", 0.1, name="j.bag")
-    assert told["disturbance"]["time"] == [0.3] * 3
-    assert told["disturbance"]["trim_thrust"] == 0.1
-    assert told["disturbance"]["trim"][0] == pytest.approx(0.1 * 2 * 0.062)
+    _, report = simulate(tmp_path, "prbs", "--disturbance", 0.02, 0.3, "--trim", 0.1, name="j.bag")
+    assert report["disturbance"]["time"] == [0.3] * 3
+    assert report["disturbance"]["trim_thrust"] == 0.1
+    assert report["disturbance"]["trim"][0] == pytest.approx(0.1 * 2 * 0.062)
 
 
 @pytest.mark.parametrize(

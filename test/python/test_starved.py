@@ -1,15 +1,15 @@
-"""A computer that is too busy while a craft tracks: by itself, as it disturbs what else keeps time."""
+"""An overloaded computer while a craft tracks, in a file of its own because it disturbs timed tests."""
 import os
 import signal
 import subprocess
 import sys
 import time
 
-from test_faults import LIMIT, say, stack  # noqa: F401, a fixture
+from test_faults import LIMIT, report, stack  # noqa: F401, a fixture
 
 
 def test_a_starved_computer_still_stops_it(stack):  # noqa: F811
-    """Four busy processes a core, and then the states stop coming."""
+    """Four busy processes per core run when the states stop coming."""
     busy = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"])
         for _ in range(4 * os.cpu_count())
@@ -23,6 +23,6 @@ def test_a_starved_computer_still_stops_it(stack):  # noqa: F811
         for process in busy:
             process.kill()
             process.wait()
-    say("CPU starved, states stop", "stops", "thrust until %3.0f ms after it" % (1e3 * late))
+    report("CPU starved, states stop", "stops", "thrust until %3.0f ms after it" % (1e3 * late))
     assert late < LIMIT
     assert again == 0

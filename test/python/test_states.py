@@ -1,4 +1,4 @@
-"""Effects with states of their own, from a model file to the fit of their parameters."""
+"""Effects with states, from the model file to the fit of their parameters."""
 import numpy as np
 import pytest
 from conftest import MODEL
@@ -25,14 +25,14 @@ effects:
 
 
 def planted(effects):
-    """The craft's model with the effects of a text."""
+    """The craft's model with effects, given as YAML."""
     from ground import _core
 
     return _core.parse_model(MODEL.read_text().replace("\neffects: []\n", effects), "planted")
 
 
 def noise_free(model):
-    """Runs of 8 s whose lift changes, as the fit sees them."""
+    """RunData of two runs of 8 s with changing lift, without noise."""
     from ground import _core
 
     runs = []
@@ -57,7 +57,7 @@ def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(na
     without = truth.copy()
     without.remove_effect(name)
     off = np.array(noise_free(without)[0].nu) - np.array(runs[0].nu)
-    assert np.abs(off).max() > 0.02, "the effect is seen"
+    assert np.abs(off).max() > 0.02, "the effect changes the motion"
     start = truth.copy()
     free = [p["name"] for p in candidates.parameters_of(truth, name)]
     start.set_value(name + ".c", 0.005)
@@ -68,7 +68,7 @@ def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(na
         assert value == pytest.approx(truth.value(parameter), rel=1e-4), parameter
 
 
-def test_a_model_with_states_is_the_same_after_it_was_written(tmp_path):
+def test_a_saved_model_with_states_is_the_same_when_loaded(tmp_path):
     from ground import _core
 
     model = planted(DROOP)

@@ -1,4 +1,4 @@
-"""The .cfg files say what the core's tables of controllers and references say; so does --help."""
+"""The .cfg files and --help agree with the core's tables of controllers and references."""
 
 import ast
 import runpy
@@ -7,12 +7,12 @@ import pytest
 from conftest import ROOT, program
 
 CONTROLLERS = ["TrajectoryTracking", "ModelPredictive", "OpenLoopPRBS"]
-STARTED_WITH = {"order", "seed"}  # of OpenLoopPRBS, which are not live
+NOT_LIVE = {"order", "seed"}  # parameters of OpenLoopPRBS that are read at its start only
 
 
 @pytest.fixture
 def configured(monkeypatch):
-    """configured(NAME): parameters of cfg/NAME.cfg by their names."""
+    """configured(NAME) gives the parameters of cfg/NAME.cfg by name."""
     from dynamic_reconfigure.parameter_generator_catkin import ParameterGenerator
 
     def read(name):
@@ -37,7 +37,7 @@ def controller(name):
 
 
 def described(parameter):
-    """Of a core.TunableInfo: its entry in a .cfg file."""
+    """The entry in a .cfg file that a _core.TunableInfo should have."""
     entry = dict(name=parameter.name, type=parameter.type, default=parameter.default)
     entry["description"] = parameter.text + (" [%s]" % parameter.unit if parameter.unit else "")
     if parameter.type in ("double", "int"):
@@ -54,14 +54,14 @@ def assert_same(parameters, fields, but=()):
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_a_controller_is_configured_as_the_core_says(configured, name):
-    parameters = [p for p in controller(name) if p.name not in STARTED_WITH]
+def test_a_controllers_cfg_agrees_with_the_core(configured, name):
+    parameters = [p for p in controller(name) if p.name not in NOT_LIVE]
     assert len(parameters) >= 6
     assert_same(parameters, configured(name))
 
 
 @pytest.mark.parametrize("name", ["TrajectoryTracking", "ModelPredictive"])
-def test_nothing_is_configured_that_the_core_does_not_know(configured, name):
+def test_a_cfg_has_no_parameter_unknown_to_the_core(configured, name):
     from ground import _core
 
     known = {p.name for p in [*controller(name), *_core.reference_parameters()]}
@@ -69,7 +69,7 @@ def test_nothing_is_configured_that_the_core_does_not_know(configured, name):
     assert set(configured(name)) == known | common | {"reference", "recovery_time"}
 
 
-def test_a_reference_is_configured_as_the_core_says(configured):
+def test_a_references_cfg_agrees_with_the_core(configured):
     from ground import _core
 
     fields = configured("ModelPredictive")
@@ -90,7 +90,7 @@ def test_the_observer_of_live_comparison_has_the_same_ranges(configured):
 
 
 @pytest.mark.parametrize("verb", ["track", "tune"])
-def test_help_tells_the_tables(verb):
+def test_help_contains_the_tables(verb):
     from ground import _core
 
     result = program(verb, "--help")

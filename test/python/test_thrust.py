@@ -1,4 +1,4 @@
-"""identify thrust: thrust of a model from forces that were measured on a bench."""
+"""identify thrust: thrust of a model from forces measured on a bench."""
 
 import json
 
@@ -10,7 +10,7 @@ LEVELS = np.linspace(0, 1, 11)
 
 
 def table(path, force, columns=("left", "right"), noise=5e-4, repeat=3, seed=1, off=0.0, full=1.0):
-    """Writes what a bench would measure; force(column, w) [N]."""
+    """Writes a bench's table; force(column, w) is the true force [N] at level w."""
     random = np.random.default_rng(seed)
     names = ["%s_%d" % (c, i + 1) for c in columns for i in range(repeat)]
     lines = ["input," + ",".join(names)]
@@ -52,7 +52,7 @@ def test_a_curve_in_grams_over_pwm_of_both_thrusters_together(tmp_path):
         full=2000,
     )
     report, model = fitted(tmp_path, path, "--inputs", 1000, 2000, "--unit", "g")
-    assert set(report["parameters"]) == {"k", "p"}  # which of the two is stronger cannot be told
+    assert set(report["parameters"]) == {"k", "p"}  # the thrusters cannot be distinguished
     assert model.value("k") == pytest.approx(20 * 9.80665e-3, rel=0.01)
     assert model.value("thrust_curve.p") == pytest.approx(1.7, abs=0.05)
 
@@ -64,20 +64,20 @@ def test_equal_linear_thrusters_get_no_effects(tmp_path):
         from ground.analysis import thrust_bench
 
         chosen += [n for n in thrust_bench.fit(thrust_bench.read(str(path))).values if n != "k"]
-    assert len(chosen) <= 4  # 1% of 80 in the mean
+    assert len(chosen) <= 4  # the mean is 1% of 80
 
 
-def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
+def test_extrapolation_beyond_the_bench_is_reported(tmp_path):
     path = tmp_path / "bench.csv"
-    # as a spreadsheet writes it: a mark at the beginning, an empty line at the end
+    # A spreadsheet writes a byte order mark at the beginning and an empty row at the end.
     path.write_text("\ufeffinput,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n,\n", encoding="utf-8")
     result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
     assert result.returncode == 0, result.stderr
-    assert "extrapolation" in result.stdout and "the bench says 1.6" in result.stdout
+    assert "extrapolation" in result.stdout and "the bench gives 1.6" in result.stdout
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("", "line 1 must name the columns"),
         ("u,left\n0,0\n", "line 1 must name the columns"),
@@ -89,16 +89,16 @@ def test_a_bench_that_stops_early_is_said_to_extrapolate(tmp_path):
         ("input,left\n0.5,-0.04\n1,-0.1\n", "no force is positive"),
     ],
 )
-def test_what_cannot_be_read_is_said_with_its_line(tmp_path, text, said):
+def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
     path = tmp_path / "bench.csv"
     path.write_text(text)
     result = identify("thrust", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
     assert result.returncode == 1
-    assert said in result.stderr and "Traceback" not in result.stderr
+    assert message in result.stderr and "Traceback" not in result.stderr
     assert not (tmp_path / "thrust.yaml").exists()
 
 
-def test_a_draft_has_a_cell_for_every_level_that_was_held(tmp_path):
+def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
     from ground.analysis import thrust_bench
 
     single = [(0, 0), (0.2, 0), (0, 0), (0.7, 0), (0, 0), (0, 0.2), (0, 0), (0, 0.7)]
@@ -112,7 +112,7 @@ def test_a_draft_has_a_cell_for_every_level_that_was_held(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "levels, said",
+    "levels, message",
     [
         ([(0.2, 0), (0.7, 0), (0, 0.2)], "not held at the same levels"),  # cut short
         ([(0.2, 0), (0.7, 0), (0.2, 0)], "equally often"),
@@ -120,25 +120,25 @@ def test_a_draft_has_a_cell_for_every_level_that_was_held(tmp_path):
         ([(0, 0)], "not held"),
     ],
 )
-def test_levels_that_fit_no_table_are_said(levels, said):
+def test_levels_that_fit_no_table_are_refused(levels, message):
     from ground.analysis import thrust_bench
     from ground.errors import GroundError
 
-    with pytest.raises(GroundError, match=said):
+    with pytest.raises(GroundError, match=message):
         thrust_bench.draft(levels)
 
 
-def test_a_level_is_said_once_it_is_held():
+def test_a_level_is_announced_once_it_is_held():
     from ground.nodes.bench_levels import Levels
 
-    levels, said = Levels(), []
-    for i in range(300):  # at 50 Hz: zero, a level, one that passes, zero, the level again
+    levels, announced = Levels(), []
+    for i in range(300):  # at 50 Hz: zero, a level, a short one, zero, the level again
         time = 10 + i / 50
         left = 0.5 if 1 <= i / 50 < 3 or i / 50 >= 5 else 1.0 if 3 <= i / 50 < 3.3 else 0.0
         level = levels.command(time, left, 0.0)
         if level:
-            said.append((round(time, 2), level.text(levels.start)))
-    assert said == [
+            announced.append((round(time, 2), level.text(levels.start)))
+    assert announced == [
         (10.5, "left 0, right 0 since 0.0 s of the run; read the scale's zero"),
         (11.5, "left 0.5, right 0 since 1.0 s of the run; read the scale"),
         (13.8, "left 0, right 0 since 3.3 s of the run; read the scale's zero"),

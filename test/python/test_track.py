@@ -11,7 +11,7 @@ MVWT = ROOT / "cfg" / "hovercraft" / "mvwt.yaml"
 GAINS = ROOT / "cfg" / "gains"
 STARTS = 4
 
-# 5, 50, 95% of the error [m rms] of the Tiny Whoover with the thesis's gains
+# 5, 50 and 95% quantiles of the RMS error [m] of the Tiny Whoover with the thesis's gains.
 THESIS = {
     ("4_11", "circle"): (0.36, 0.44, 0.52),
     ("4_11", "sinusoid"): (0.18, 0.23, 0.36),
@@ -22,13 +22,13 @@ THESIS = {
     ("4_12", "line"): (0.23, 0.52, 0.73),
     ("4_12", "rhodonea"): (0.32, 0.42, 0.52),
 }
-# kind, settings, bounds [m rms]: nominal, with noise and delay, with a wrong model
+# kind: settings, bounds of the RMS error [m]: nominal, with noise and delay, with a wrong model.
 PREDICTIVE = {
     "circle": (dict(rate_of_turn=0.63), 0.5e-3, 5e-3, 5e-3),
     "sinusoid": ({}, 0.5e-3, 5e-3, 5e-3),
     "rhodonea": ({}, 0.5e-3, 5e-3, 5e-3),
 }
-# hidden, and strong enough that a model without it does not track well (`make bench-tracking`: more)
+# Hidden effects, so strong that a model without them tracks badly (`make bench-tracking` has more).
 HIDDEN = {
     "motor_lag": {"tau": 0.06},
     "thrust_asymmetry": {"a": 0.1},
@@ -71,7 +71,7 @@ def test_the_mvwt_tracks_as_in_the_thesis():
     assert found["caution"] is None
 
 
-def test_a_reference_beyond_the_craft_is_said_so():
+def test_a_reference_beyond_the_crafts_abilities_is_reported():
     wave = ["--reference", "sinusoid", "--speed", 0.3, "--rate-of-turn", 0.5]
     loop = ["--model", MVWT, "--gains", GAINS / "thesis_4_10.yaml", "--max-error", "inf"]
     result = program("track", *loop, *wave)
@@ -135,7 +135,7 @@ def test_the_predictive_controller_reaches_the_circle_from_anywhere():
 
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_a_better_model_tracks_better(effect, tmp_path):
-    """Hide an effect, fit the model with and without it to what a PRBS shows, track with both."""
+    """Hides an effect, fits the model with and without it to PRBS runs, and tracks with both."""
     truth = load(MODEL)
     truth.add_effect(effect)
     for name, value in HIDDEN[effect].items():
@@ -161,7 +161,7 @@ def test_a_better_model_tracks_better(effect, tmp_path):
     assert errors["after"] <= 0.5 * errors["before"]
 
 
-def test_what_is_printed_and_drawn(tmp_path):
+def test_output_and_picture(tmp_path):
     picture = tmp_path / "track.png"
     loop = ["--model", MODEL, "--controller", "ModelPredictive", "--end-time", 25, "--starts", 2]
     found = track(*loop, "--noise", "--delay", 0.02, "--seed", 4, "--picture", picture)
@@ -177,7 +177,7 @@ def test_what_is_printed_and_drawn(tmp_path):
     assert text.returncode == 1 and "exists" in text.stderr
 
 
-def test_only_what_follows_a_reference_tracks():
+def test_only_tracking_controllers_are_accepted():
     for verb in (["track"], ["identify", "simulate", "--input", "tracking", "-o", "/tmp/no.bag"]):
         refused = program(*verb, "--model", MODEL, "--controller", "OpenLoopPRBS")
         assert refused.returncode == 2
@@ -193,7 +193,7 @@ def test_only_what_follows_a_reference_tracks():
     assert baseline["rms"] > 1 and baseline["effort"] == pytest.approx(0.5, abs=0.1)
 
 
-# The README's fit to all three recordings of the real craft, against tiny_whoover.yaml
+# The README's fit to all three recordings of the real craft, as factors on tiny_whoover.yaml.
 REAL = ["I_z=1.182", "X_u=2.091", "Y_v=1.587", "N_r=0.0476", "k=1.229"]
 
 
@@ -206,15 +206,15 @@ def test_a_craft_that_loses_the_circle_is_stopped_with_time_and_reason(tmp_path)
     loop = ["--model", real, "--noise", "--gains", GAINS / "tiny_whoover.yaml"]
     result = program("track", *loop)
     assert result.returncode == 1
-    said = r"stopped: at \d+\.\d\d s: \d\.\d\d m from the reference .*max_error 0.5 m"
-    assert re.search(said, result.stderr), result.stderr
+    message = r"stopped: at \d+\.\d\d s: \d\.\d\d m from the reference .*max_error 0.5 m"
+    assert re.search(message, result.stderr), result.stderr
     found = track(*loop, "--max-error", "inf", "--settled", 5)
     assert found["max"] > 1 and found["stops"] == []
     found = track("--model", real, "--noise", "--controller", "ModelPredictive")
     assert found["rms"] < 0.005 and found["max_error"] == 0.5 and found["stopped"] == 0
 
 
-def test_effects_that_the_controller_does_not_use_are_said_and_some_are_refused():
+def test_effects_that_the_controller_does_not_use_are_reported_or_refused():
     tilted = ROOT / "test" / "rostest" / "tilted_craft.yaml"
     short = ["--model", tilted, "--end-time", 5, "--settled", 0]
     result = program("track", *short)

@@ -24,12 +24,12 @@ def tracking(*arguments):
     return json.loads(result.stdout)
 
 
-def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
+def test_the_error_equals_that_of_the_simulation(driven, tmp_path):
     bag, simulated = driven
     picture = tmp_path / "drive.png"
     found = tracking(bag, "--picture", picture)
     (drive,) = found["runs"][0]["drives"]
-    # by mocap poses at 100 Hz in place of the truth at each decision
+    # computed from mocap poses at 100 Hz instead of the truth at each decision
     assert drive["rms"] == pytest.approx(simulated["tracking_error"], rel=0.02)
     assert drive["duration"] == pytest.approx(15, abs=0.1)
     assert 0 < drive["saturated_fraction"] < 1
@@ -42,7 +42,7 @@ def test_the_error_is_that_of_the_simulated_craft(driven, tmp_path):
     assert settled["saturated_fraction"] < drive["saturated_fraction"]
 
 
-def test_what_was_wanted_and_who_drove_is_told(driven, tmp_path):
+def test_wanted_inputs_controller_and_computing_times_are_reported(driven, tmp_path):
     import rosbag
 
     path, computed = tmp_path / "wanted.bag", []
@@ -68,7 +68,7 @@ def test_what_was_wanted_and_who_drove_is_told(driven, tmp_path):
     }
 
 
-def test_a_run_without_decisions_says_nothing_of_them(driven, tmp_path):
+def test_a_run_without_decisions_has_no_numbers_on_them(driven, tmp_path):
     import rosbag
 
     path = tmp_path / "old.bag"
@@ -78,11 +78,11 @@ def test_a_run_without_decisions_says_nothing_of_them(driven, tmp_path):
                 bag.write(topic, message, time)
     (drive,) = tracking(path, "--picture", tmp_path / "old.png")["runs"][0]["drives"]
     assert drive["wanted_outside"] is None and drive["compute_ms"] is None
-    said = identify("tracking", path).stdout
-    assert "saturated" in said and "wanted" not in said and "computing" not in said
+    text = identify("tracking", path).stdout
+    assert "saturated" in text and "wanted" not in text and "computing" not in text
 
 
-def test_the_page_of_a_simulated_run_and_of_its_bag_say_the_same(driven):
+def test_track_and_tracking_print_the_same_numbers(driven):
     options = ["--reference", "circle", "--size", "1", "--settled", "5", "--end-time", "15"]
     options += ["--controller", "ModelPredictive", "--noise", "--model", MODEL]
     simulated = program("track", *options)
@@ -93,7 +93,7 @@ def test_the_page_of_a_simulated_run_and_of_its_bag_say_the_same(driven):
         assert "\n%s " % word in recorded, word
 
 
-def test_a_pause_of_the_reference_parts_two_drives(driven):
+def test_a_pause_of_the_reference_separates_two_drives(driven):
     from ground.recordings import recording as recordings, tracks
 
     recording = recordings.read_bag(str(driven[0]))

@@ -1,4 +1,4 @@
-"""The search for gains, and the gains that it found for the Tiny Whoover."""
+"""The search for gains, and its result for the Tiny Whoover."""
 import json
 
 import numpy as np
@@ -9,8 +9,8 @@ from conftest import MODEL, ROOT, process, program
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 GAINS = ROOT / "cfg" / "gains"
 DELAYED = ROOT / "test" / "rostest" / "delayed_craft.yaml"
-FRESH = 20261121  # a seed that no search has used
-# the references of the thesis, and two others by which the best of the found gains were chosen
+FRESH_SEED = 20261121  # no search has used it
+# References of the thesis, and two others that the choice among the found gains used.
 REFERENCES = {
     "circle": ("circle", {}),
     "line": ("line", {}),
@@ -23,7 +23,7 @@ REFERENCES = {
 
 @pytest.fixture(scope="module")
 def errors():
-    """(gains, reference) to the errors [m rms] from 40 fresh starts (`make bench-tracking`: more)."""
+    """{(gains, reference): RMS errors [m] from 40 fresh starts} (`make bench-tracking` has more)."""
     from ground import _core
     from ground.simulation import gains, tracking
 
@@ -37,7 +37,7 @@ def errors():
                 model,
                 choice,
                 tracking.task(kind, **settings),
-                tracking.starts(40, FRESH),
+                tracking.starts(40, FRESH_SEED),
                 max_error=np.inf,
             )
             found[name, reference] = [run.numbers["rms"] for run in runs]
@@ -72,12 +72,12 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
             assert medians["tuned"] < min(medians["(4.11)"], medians["(4.12)"])
     assert found["candidates"] >= 160
     assert len(found["trade_off"]) > 1
-    # what track, rosparam load and dynparam load read
+    # track, rosparam load and dynparam load read this file.
     written = yaml.safe_load(out.read_text())
     assert written == pytest.approx(found["gains"], rel=1e-5)
     again = program("track", "--model", TABLE_4_1, "--gains", out, "--json")
     assert json.loads(again.stdout)["gains"] == pytest.approx(written)
-    # nothing is overwritten
+    # Existing files are not overwritten.
     refused = program("tune", *search)
     assert refused.returncode == 1 and "exists" in refused.stderr
 

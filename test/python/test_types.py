@@ -1,4 +1,4 @@
-"""What programs that check types are told of the compiled core is what it has."""
+"""The type stub and the TypedDicts of the compiled core agree with it."""
 
 import ast
 import inspect
@@ -11,7 +11,7 @@ from conftest import MODEL, ROOT, simulate_run
 from ground import _core, core_types
 
 STUB = ROOT / "src/ground/python/ground/_core.pyi"
-OF_EVERY_ENUM = {"name", "value"}
+ENUM_MEMBERS = {"name", "value"}  # members of every enum
 
 
 def public(names):
@@ -19,7 +19,7 @@ def public(names):
 
 
 def members(body):
-    """Names that statements define, to their statements."""
+    """{name: statement that defines it}."""
     found = {}
     for node in body:
         if isinstance(node, (ast.ClassDef, ast.FunctionDef)):
@@ -35,7 +35,7 @@ def arguments(function):
 
 
 def documented(function):
-    """The same by the signature that pybind11 puts before its documentation."""
+    """Names of the arguments in the signature that pybind11 writes into the documentation."""
     signature = function.__doc__.split("\n", 1)[0]
     return [n for n in re.findall(r"(?:\(|, )(\w+): ", signature) if n != "self"]
 
@@ -55,7 +55,7 @@ def test_classes_of_the_stub_have_the_members_of_the_core(stub):
             kind = getattr(_core, name)
             real = public(vars(kind))
             if hasattr(kind, "__members__"):
-                real -= OF_EVERY_ENUM
+                real -= ENUM_MEMBERS
             assert public(members(node.body)) == real, name
 
 
@@ -74,13 +74,13 @@ def test_functions_of_the_stub_have_the_arguments_of_the_core(stub):
 
 
 def keys(kind):
-    """Keys of a TypedDict, those of its bases as well."""
+    """Keys of a TypedDict and its bases."""
     return set(kind.__annotations__)
 
 
 @pytest.fixture(scope="module")
 def results():
-    """Name of a class in core_types to such a dictionary as the core gives it."""
+    """{name of a class in core_types: such a dictionary from the core}."""
     model = _core.load_model(str(MODEL))
     times, eta, inputs = simulate_run(duration=5.0)
     params = _core.EstimatorParams()

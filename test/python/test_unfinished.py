@@ -1,4 +1,4 @@
-"""What an interrupted diagnosis has left in its folder: read as data, never run."""
+"""Results of an interrupted diagnosis in its folder are read as data and never executed."""
 import dataclasses
 import hashlib
 import io
@@ -58,7 +58,7 @@ def same(a, b):
 
 
 def kept(folder, value, identity="this work"):
-    """What is given for a part, and whether it was computed."""
+    """The result for a part, and whether it was computed."""
     computed = []
 
     def compute():
@@ -104,10 +104,10 @@ def test_a_malicious_pickle_in_the_folder_is_never_run(tmp_path):
     kept(tmp_path, 1.5)
     (path,) = files_of(tmp_path)
     for contents in (pickled, with_digest(pickled), objects(), with_digest(objects())):
-        for name in (path, tmp_path / path.stem):  # now, and as they were called formerly
+        for name in (path, tmp_path / path.stem):  # present and earlier names
             name.write_bytes(contents)
         assert kept(tmp_path, 2.5) == (2.5, True)
-        assert kept(tmp_path, 3.5) == (2.5, False)  # replaced by what was computed
+        assert kept(tmp_path, 3.5) == (2.5, False)  # the damaged file was replaced
     assert not PLANTED
 
 
@@ -123,14 +123,14 @@ def test_a_malicious_pickle_in_the_folder_is_never_run(tmp_path):
         lambda data: unfinished._packed(1)[:32] + data[32:],
     ],
 )
-def test_what_is_damaged_or_foreign_is_computed_again(tmp_path, spoil):
+def test_a_damaged_or_foreign_file_is_computed_again(tmp_path, spoil):
     kept(tmp_path, a_judged())
     (path,) = files_of(tmp_path)
     path.write_bytes(spoil(path.read_bytes()))
     assert kept(tmp_path, 2.5) == (2.5, True)
 
 
-def test_what_is_not_data_is_not_kept(tmp_path):
+def test_only_data_are_kept(tmp_path):
     work = unfinished.Unfinished(str(tmp_path), "this work")
     for value in (Malicious(), np.array([Malicious()])):
         with pytest.raises(TypeError, match="cannot be kept"):
@@ -138,7 +138,7 @@ def test_what_is_not_data_is_not_kept(tmp_path):
     assert not files_of(tmp_path)
 
 
-def test_files_of_others_stay(tmp_path):
+def test_files_of_others_are_not_removed(tmp_path):
     folder = tmp_path / ".unfinished"
     kept(folder, 1.5)
     (folder / "notes.txt").write_text("mine")
@@ -150,7 +150,7 @@ def test_files_of_others_stay(tmp_path):
     assert not folder.exists()
 
 
-def test_work_goes_on_where_nothing_can_be_kept(tmp_path, monkeypatch):
+def test_work_continues_if_nothing_can_be_kept(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 

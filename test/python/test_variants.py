@@ -1,4 +1,4 @@
-"""The core for each kind of processor: chosen when it is loaded, and all compute the same."""
+"""The core for each kind of processor: the loader chooses one, and all give the same results."""
 import json
 import os
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 from conftest import MODEL, ROOT
 
 WIDE = ["-AVX512F", "-AVX512CD", "-AVX512VL", "-AVX512DQ", "-AVX512BW"]
-# what a processor lacks, and where its core then lies
+# (folder of the core, features that the processor does not have)
 KINDS = [("plain", WIDE + ["-AVX2"]), ("x86-64-v3", WIDE), ("x86-64-v4", [])]
 PROGRAM = """
 import json, sys
@@ -37,7 +37,7 @@ print(json.dumps({"core": core, "end": list(motion["eta"][-1]) + list(motion["nu
 
 
 def plain_folder():
-    """Where the plain core lies in a build for this processor only, or None."""
+    """Folder of the plain core in a build for this processor only, else None."""
     for prefix in os.environ["CMAKE_PREFIX_PATH"].split(":"):
         folder = os.path.join(prefix, "lib", "plain")
         if os.path.isfile(os.path.join(folder, "libground_model.so")):
@@ -45,9 +45,9 @@ def plain_folder():
     return None
 
 
-def results(lacks, first=None):
-    """Of the program on a processor that seems to lack something; libraries of a folder come first."""
-    tunables = "glibc.cpu.hwcaps=" + ",".join(lacks) if lacks else ""
+def results(without, first=None):
+    """Results of PROGRAM while features of the processor are masked; `first` is searched first."""
+    tunables = "glibc.cpu.hwcaps=" + ",".join(without) if without else ""
     environment = dict(os.environ, GLIBC_TUNABLES=tunables)
     if first:
         environment["LD_LIBRARY_PATH"] = first + ":" + os.environ.get("LD_LIBRARY_PATH", "")
@@ -61,17 +61,17 @@ def results(lacks, first=None):
     return json.loads(out)
 
 
-def test_all_kinds_compute_the_same():
+def test_all_kinds_give_the_same_results():
     plain = plain_folder()
     if plain:
         found = {"plain": results([], plain), "native": results([])}
     else:
-        found = {kind: results(lacks) for kind, lacks in KINDS}
+        found = {kind: results(without) for kind, without in KINDS}
     cores = {kind: f["core"] for kind, f in found.items()}
     assert "glibc-hwcaps" not in cores["plain"]
     if len(set(cores.values())) == 1:
         assert not plain, cores
-        pytest.skip("this processor, or the C library, knows one kind of core only")
+        pytest.skip("this processor or C library supports one kind of core only")
     for kind, core in cores.items():
         print(kind, core)
         assert "glibc-hwcaps" not in core or os.path.exists(core)

@@ -1,7 +1,7 @@
-"""The wheel: what needs no ROS, installed into a bare virtual environment, gives the same as with ROS.
+"""The wheel, installed without ROS into a virtual environment, gives the same results as with ROS.
 
-The wheel takes the libraries that the workspace has built (GROUND_BUILT), which would take minutes to
-build again; its Python module and all the rest are its own.
+To save minutes, the wheel contains the libraries that the workspace has built (GROUND_BUILT); its Python
+module and all other files are built here.
 """
 
 import json
@@ -17,12 +17,12 @@ from test_downstream import devel_space
 import rosbag
 
 PRINT = ROOT / "test" / "python" / "print_recording.py"
-STAMP = "2019-04-16-11-28-36"  # of a real recording
+STAMP = "2019-04-16-11-28-36"  # name of a real recording
 ROS = ("ROS", "CATKIN", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH")
 
 
 def run(*command):
-    """A command that knows nothing of ROS; its standard output."""
+    """Runs a command without the environment of ROS; returns its standard output."""
     bare = {name: value for name, value in os.environ.items() if not name.startswith(ROS)}
     if shutil.which("ccache"):
         bare["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
@@ -40,7 +40,7 @@ def run(*command):
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory):
-    """Folder of the programs of a virtual environment with the wheel and what it depends on."""
+    """Folder of programs of a virtual environment with the wheel and its dependencies."""
     folder = tmp_path_factory.mktemp("wheel")
     programs = folder / "bare" / "bin"
     run("/usr/bin/python3", "-m", "venv", folder / "bare")
@@ -59,7 +59,7 @@ def bare(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
-    """Bags written with ROS: one of a simulated controller and, where it is, a real one."""
+    """Bags written with ROS: a simulated one and, if available, a real one."""
     folder = tmp_path_factory.mktemp("bags")
     simulated, real = folder / "simulated.bag", folder / "real.bag"
     options = ("--model", MODEL, "--input", "prbs", "--duration", 8, "--seed", 3)
@@ -82,10 +82,13 @@ def test_recordings_are_the_same_bit_for_bit(bare, bags):
     assert with_ros[0].endswith("with_ros") and without[0].endswith("with_rosbags")
     assert len(without) == 1 + len(bags)
     for path, wanted, found in zip(bags, with_ros[1:], without[1:]):
-        (recording, messages), (same, as_many) = json.loads(found), json.loads(wanted)
-        assert not [name for name in same if recording[name] != same[name]], path.name
-        assert len(messages) == len(as_many) > 1000
-        assert not [pair for pair in zip(messages, as_many) if pair[0] != pair[1]][:1], path.name
+        recording, messages = json.loads(found)
+        wanted_recording, wanted_messages = json.loads(wanted)
+        assert list(recording) == list(wanted_recording)
+        assert not [n for n, value in wanted_recording.items() if recording[n] != value], path.name
+        assert len(messages) == len(wanted_messages) > 1000
+        pairs = zip(messages, wanted_messages)
+        assert not [pair for pair in pairs if pair[0] != pair[1]][:1], path.name
 
 
 def test_fit_finds_the_same_parameters(bare, bags, tmp_path):
@@ -101,7 +104,7 @@ def test_fit_finds_the_same_parameters(bare, bags, tmp_path):
 
 
 def test_compare_writes_its_report(bare, bags, tmp_path):
-    # the model files that the wheel brings
+    # a model file of the wheel
     model = bare.parent / "share" / "ground" / "cfg" / "hovercraft" / MODEL.name
     options = ("--model", model, "--json", "-o")
     found = json.loads(run(bare / "identify", "compare", bags[0], *options, tmp_path / "bare"))
@@ -117,7 +120,7 @@ def contents(path):
         return list(bag.read_messages())
 
 
-def test_bags_written_without_ros_are_those_of_ros(bare, bags, tmp_path):
+def test_bags_written_without_ros_equal_those_with_ros(bare, bags, tmp_path):
     if len(bags) > 1:
         run(bare / "identify", "import", *exported(), "-o", tmp_path / "real.bag")
         pairs = zip(contents(tmp_path / "real.bag"), contents(bags[1]))
@@ -127,7 +130,7 @@ def test_bags_written_without_ros_are_those_of_ros(bare, bags, tmp_path):
     found, wanted = contents(tmp_path / "simulated.bag"), contents(bags[0])
     assert len(found) == len(wanted)
     assert all(a[0] == b[0] and a[2] == b[2] for a, b in zip(found, wanted))
-    # Commands come from no model, which libraries for wider processors round otherwise.
+    # Commands do not depend on the core, whose rounding depends on the processor.
     commands = [(a, b) for a, b in zip(found, wanted) if a.topic == "/controls"]
     assert commands and all(a == b for a, b in commands)
 
@@ -148,13 +151,13 @@ def test_controllers_run(bare):
     assert "--scheduler" in run(bare / "tune", "--help")
 
 
-def test_nodes_stay_where_ros_is(bare):
+def test_the_wheel_has_no_nodes(bare):
     script = "import importlib.util as u; print(u.find_spec('ground.nodes'), u.find_spec('rospy'))"
     assert run(bare / "python", "-c", script).split() == ["None", "None"]
 
 
 def test_the_whole_wheel_configures_without_catkin(tmp_path):
-    """What builds the core needs nothing that only catkin sets."""
+    """The build of the core does not need any variable that catkin sets."""
     build = tmp_path / "build"
     options = ["-DSKBUILD_PROJECT_VERSION=1.0", "-DSKBUILD_DATA_DIR=%s" % tmp_path]
     source = ROOT / "src" / "ground" / "python"

@@ -1,4 +1,4 @@
-"""Work on a Dask cluster of real processes: the same results, in order, also when a worker dies."""
+"""Work on a Dask cluster of real processes: the same results, in order, even if a worker dies."""
 import contextlib
 import json
 import os
@@ -27,7 +27,7 @@ def fail(x):
 
 
 def start(command):
-    """A process of Dask, with this folder on its path, as a lab would have its own modules."""
+    """Starts a process of Dask with this folder on its path, like a lab's own modules."""
     env = dict(os.environ)
     env["PYTHONPATH"] = os.pathsep.join([os.path.dirname(__file__), env.get("PYTHONPATH", "")])
     return subprocess.Popen(
@@ -68,7 +68,7 @@ def two_workers(tmp_path_factory):
         yield found
 
 
-def test_results_come_in_order_and_errors_are_those_of_the_work(two_workers):
+def test_results_come_in_order_and_errors_are_passed_on(two_workers):
     import test_workers
 
     address, _ = two_workers
@@ -81,7 +81,7 @@ def test_results_come_in_order_and_errors_are_those_of_the_work(two_workers):
             list(there.map(test_workers.fail, [3]))
 
 
-def test_parameters_travel():
+def test_parameters_can_be_pickled():
     import pickle
 
     task = tracking.task("rhodonea", size=1.25)
@@ -117,7 +117,7 @@ def test_many_bags_on_a_cluster_compare_the_same(two_workers, tmp_path):
     assert found[0] == found[1]
 
 
-def test_a_worker_that_dies_is_made_up_for(tmp_path):
+def test_the_work_of_a_dead_worker_is_repeated(tmp_path):
     import test_workers
 
     with cluster(2, tmp_path) as (address, processes):

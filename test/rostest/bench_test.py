@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The thruster bench: constant levels without mocap, and only where a person has said so."""
+"""The thruster bench: constant levels without mocap, only if parameter bench allows it."""
 
 import os
 import sys
@@ -33,7 +33,7 @@ PARAMETERS = {
 
 
 class Bench(SenderTest):
-    """No test publishes a state."""
+    """Tests of a sender for the bench; none publishes a state."""
 
     def setUp(self):
         super().setUp()
@@ -49,7 +49,7 @@ class Bench(SenderTest):
                 rospy.delete_param(name)
 
     def bench(self, **parameters):
-        """A sender for the bench, its craft, which sends telemetry, and a controller."""
+        """Starts a sender for the bench, a craft that sends telemetry, and a controller."""
         self.start(bench="true", **parameters)
         self.hovercraft = self.craft()
         self.speaking = harness.Repeater(50, self.hovercraft.send)
@@ -69,7 +69,7 @@ class Bench(SenderTest):
         return process
 
     def run_until(self, level):
-        """Arms, starts and waits for a level."""
+        """Arms, starts, and waits for a level."""
         answers = []
         wait_for(lambda: answers.append(self.arm()) or answers[-1].success, "arming")
         self.assertEqual(answers[-1].message, "armed; " + BENCH)
@@ -85,7 +85,7 @@ class Bench(SenderTest):
         self.run_until(LEFT[1])
         self.assertEqual(self.status.reason, "armed with commands of /controller; " + BENCH)
         self.wait_controller(ControllerStatus.DONE, "the end")
-        self.hovercraft.wait_packets(3)  # the zero is on its way
+        self.hovercraft.wait_packets(3)  # until the zero arrives
         packets = self.hovercraft.since(0)
         edges = [
             (after.time, after[1:])
@@ -132,7 +132,7 @@ class Bench(SenderTest):
         self.wait_status(lambda s: s.state == SenderStatus.FAULT, "FAULT")
         self.assertIn("fallen silent", self.status.reason)
 
-    def test_who_needs_the_state_is_refused(self):
+    def test_a_controller_that_needs_the_state_is_refused(self):
         self.start(bench="true")
         self.craft()
         self.feed.leave_controls()
@@ -143,18 +143,18 @@ class Bench(SenderTest):
 
     def test_without_bench_nothing_is_armed(self):
         self.start()
-        rospy.set_param("sender/bench", True)  # once it runs nothing changes that
+        rospy.set_param("sender/bench", True)  # has no effect on a running sender
         craft = self.craft()
         craft.wait_packets(5)
         answer = self.arm()
         self.assertEqual((answer.success, answer.message), (False, "not armed: there is no state"))
 
-    def test_what_contradicts_a_bench_is_refused(self):
+    def test_parameters_that_contradict_a_bench_are_refused(self):
         for nodelet, parameters, complaint in (
-            ("Sender", {"bench": "true", "room": ROOM}, "on a bench no room can be kept"),
-            ("Sender", {"bench": "true", "auto_arm": "true"}, "on a bench a person arms"),
+            ("Sender", {"bench": "true", "room": ROOM}, "a bench has no room"),
+            ("Sender", {"bench": "true", "auto_arm": "true"}, "arm a craft on a bench by hand"),
             ("Excitation", {"require_state": "false"}, "returns go by the state"),
-            ("Excitation", {**PARAMETERS, "room": ROOM}, "no room can be kept"),
+            ("Excitation", {**PARAMETERS, "room": ROOM}, "the room needs the state"),
         ):
             self.assertIn(complaint, refusal(nodelet, {"port": 0, **parameters}))
 

@@ -1,4 +1,4 @@
-"""What the tests of all controllers share."""
+"""Base class of the tests of controllers."""
 import time
 import unittest
 

@@ -1,27 +1,27 @@
-"""A craft on loopback that does nothing but remember what it is told.
+"""A craft on loopback that only records the packets that it receives.
 
-It reads and writes the datagrams by hand, so that it checks the link's protocol independently."""
+Its own decoder and encoder check the link's protocol independently."""
 import collections
 import socket
 import struct
 import threading
 import time
 
-SO_TIMESTAMPNS = 35  # Linux; the kernel's time of arrival, so that a busy machine does not blur it
+SO_TIMESTAMPNS = 35  # Linux: the kernel's time of arrival, which the machine's load does not change
 
 Packet = collections.namedtuple("Packet", "time left right lift")
 Packet.__doc__ = "Motors message: arrival [s, time.time()] and inputs, 0..1."
 
 
 def free_port():
-    """An UDP port of loopback that nobody uses."""
+    """An unused UDP port of loopback."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 def varint(data, at):
-    """The number that starts at a byte, and where the next thing starts."""
+    """The number that starts at a byte, and the offset after it."""
     value = shift = 0
     while True:
         value |= (data[at] & 0x7F) << shift
@@ -32,7 +32,7 @@ def varint(data, at):
 
 
 def decode_motors(data):
-    """DL, DR, R, L of a Motors datagram; raises ValueError when it is anything else."""
+    """DL, DR, R, L of a Motors datagram; raises ValueError for any other datagram."""
     values = {}
     at = 0
     try:
@@ -49,7 +49,7 @@ def decode_motors(data):
 
 
 def encode_state(angles, raw):
-    """DroneState datagram of roll, pitch, yaw and nine integers that are not negative."""
+    """DroneState datagram of roll, pitch, yaw and nine non-negative integers."""
     data = b"".join(bytes([8 * i + 13]) + struct.pack("<f", a) for i, a in enumerate(angles))
     for i, value in enumerate(raw):
         data += bytes([8 * (i + 4)])
@@ -64,7 +64,7 @@ STATE = encode_state((1.5, -2.25, 30.0), (1, 2, 300, 4, 5, 6, 7, 8, 9000))
 
 
 def receive(stamping):
-    """A datagram from a socket with SO_TIMESTAMPNS set, its sender and its arrival [s, time.time()]."""
+    """Receives from a socket with SO_TIMESTAMPNS: datagram, sender, and arrival [s, time.time()]."""
     data, ancillary, _, sender = stamping.recvmsg(4096, 256)
     arrival = time.time()
     for _, kind, content in ancillary:
@@ -75,7 +75,7 @@ def receive(stamping):
 
 
 class FakeCraft:
-    """Socket with a thread that collects packets."""
+    """Craft whose thread collects packets."""
 
     def __init__(self, ground_port, port=0):
         self.ground = ("127.0.0.1", ground_port)
@@ -109,7 +109,7 @@ class FakeCraft:
             return [p for p in self.packets if p.time > start]
 
     def wait(self, condition, what, timeout=10.0):
-        """Waits until condition(packets) holds and returns what it gives."""
+        """Waits until condition(packets) is true and returns its value."""
         deadline = time.monotonic() + timeout
         with self._changed:
             while True:
@@ -125,7 +125,7 @@ class FakeCraft:
                 self._changed.wait(left)
 
     def wait_packets(self, number):
-        """Waits for so many more packets."""
+        """Waits for `number` more packets."""
         goal = self.count() + number
         self.wait(lambda packets: len(packets) >= goal, "%d packets" % number)
 

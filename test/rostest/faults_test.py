@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Faults injected into a craft that tracks a circle: each ends as its row says, and thrust never goes
-over the wire more than 0.3 s after the last pose that could be believed. faults.launch says which:
-those of the poses, or the others."""
+"""Injects faults while a craft tracks a circle. Each must end as its row states, and no thrust may be
+sent more than 0.3 s after the last plausible pose. The third argument chooses the faults: those of the
+poses, or the others."""
 
 import copy
 import math
@@ -22,15 +22,15 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from wire_proxy import WireProxy
 
-LIMIT = 0.3  # of thrust after the last pose that is to be believed [s]
-# How a fault ends: the controller drives on; it stops; it stops and the sender is in FAULT besides.
+LIMIT = 0.3  # longest thrust after the last plausible pose [s]
+# How a fault ends: the controller drives on; it stops; it stops and the sender is in FAULT.
 GOES_ON, STOPS, FAULTS = "goes on", "stops", "stops, FAULT"
-JUMP = 2  # frames
-TRACKS = 0.05  # error of a craft that has recovered [m]
+JUMP = 2  # length of a jump [frames]
+MAX_ERROR = 0.05  # largest error of a craft that tracks [m]
 
 
 class MocapFault:
-    """Passes the simulator's poses on; `spoil` makes of a pose the one that is published, or None."""
+    """Passes the simulator's poses on; `spoil(pose)` gives the pose to publish, or None."""
 
     def __init__(self):
         self.spoil = None
@@ -97,7 +97,7 @@ def leaning_then_elsewhere():
 
     def spoil(pose):
         since.append(time.monotonic())
-        if since[-1] - since[0] < 0.45:  # shorter than the controller waits for a state
+        if since[-1] - since[0] < 0.45:  # shorter than the controller's patience
             on_its_side(pose)
         else:
             pose.pose.position.x += 0.5
@@ -107,11 +107,11 @@ def leaning_then_elsewhere():
 
 
 class Swapped:
-    """Swaps two axes. A craft that looks along the third, near its line, seems to be where it is, until
-    it has turned too far for one that stands on a floor: until then nobody can tell (`deceives`).
+    """Swaps two axes. If the craft is near the line on which they are equal and looks along the third
+    axis, its poses stay plausible (`deceives`) until it seems to tilt more than on a floor.
     """
 
-    NEAR, TILT = 0.3, math.radians(30)  # off the line [m], of a craft on the floor [rad]
+    MAX_DISTANCE, MAX_TILT = 0.3, math.radians(30)  # from the line [m], on the floor [rad]
 
     def __init__(self):
         self.deceives = None
@@ -120,8 +120,8 @@ class Swapped:
         p, o = pose.pose.position, pose.pose.orientation
         turned = 2 * math.atan2(abs(o.y), abs(o.w))
         if self.deceives is None:
-            self.deceives = abs(p.z - p.y) < self.NEAR
-        self.deceives = self.deceives and turned < self.TILT
+            self.deceives = abs(p.z - p.y) < self.MAX_DISTANCE
+        self.deceives = self.deceives and turned < self.MAX_TILT
         p.y, p.z = p.z, p.y
         o.y, o.z = o.z, o.y
         return pose
@@ -137,7 +137,7 @@ def endless(pose):
     return pose
 
 
-# fault, how poses are spoilt, for how long [s], how it ends
+# (fault, maker of the function that spoils poses, duration [s], end)
 MOCAP = [
     ("mocap lost for 0.1 s", lambda: lose, 0.1, GOES_ON),
     ("mocap lost for 0.5 s", lambda: lose, 0.5, GOES_ON),
@@ -152,12 +152,12 @@ MOCAP = [
     ("axes swapped, looking between", Swapped, 2.0, STOPS),
     ("axes swapped, looking along", Swapped, 5.0, STOPS),
 ]
-HEADING = {  # at which a fault begins [rad]
+HEADING = {  # heading at which a fault begins [rad]
     "axes swapped, looking across": math.pi / 2,
     "axes swapped, looking between": math.pi / 4,
     "axes swapped, looking along": 0.0,
 }
-# fault, what is published on which topic for 2 s, how it ends
+# (fault, topic, maker of the message that is published for 2 s, end)
 MESSAGES = [
     ("second controller, nameless", "controls", lambda: thrust(1.0, ""), GOES_ON),
     ("second controller with a name", "controls", lambda: thrust(1.0, "/other"), STOPS),
@@ -165,29 +165,29 @@ MESSAGES = [
     ("states of NaN", "state", lambda: state(math.nan), STOPS),
     ("states of infinite size", "state", lambda: state(math.inf), STOPS),
 ]
-# fault, what happens to packets for 3 s
+# (fault, settings of WireProxy for 3 s)
 WIRE = [
     ("30% of the packets lost", {"drop": 0.3}),
     ("packets twice and in disorder", {"twice": 0.3, "swap": 0.3}),
 ]
-# fault, who drives, whether the craft counts the commands that it takes
+# (fault, controller, whether the craft counts the commands that it takes)
 ONE_WAY = [
     ("craft hears nothing, and says so", "controller", True),
     ("craft hears nothing, tracking", "controller", False),
     ("craft hears nothing, PRBS", "prbs", False),
 ]
-# fault, who drives
+# (fault, controller)
 NO_WAY = [
     ("nothing passes either way, tracking", "controller"),
     ("nothing passes either way, PRBS", "prbs"),
 ]
-HEARING_LIMIT = 1.5  # of thrust that is sent to a craft that hears nothing [s]
-# fault, by how much /clock and all stamps are set [s]
+HEARING_LIMIT = 1.5  # longest thrust sent to a craft that receives nothing [s]
+# (fault, change of /clock and all stamps [s])
 CLOCKS = [
     ("clock and stamps set back by 2 s", -2.0),
     ("clock and stamps set ahead by 2 s", 2.0),
 ]
-# fault, whether the craft comes back on another port
+# (fault, whether the craft returns on another port)
 RESTARTS = [("craft restarts", False), ("craft comes back elsewhere", True)]
 
 
@@ -199,7 +199,7 @@ def thrust(value, driver):
 
 
 def sits_down(truth):
-    """Whether the floor brakes a craft, as it does one without lift."""
+    """Whether the floor brakes the craft, which has no lift then."""
     (u, v), (u_dot, v_dot) = truth.nu[:2], truth.nu_dot[:2]
     return u * u_dot + v * v_dot < -1.8 * math.hypot(u, v)
 
@@ -237,15 +237,15 @@ class FaultsTest(unittest.TestCase):
         cls.wire.close()
 
     def error(self):
-        """From the reference at the time of the truth [m]: on a busy host one comes before the other."""
+        """Distance from the reference [m], extrapolated to the time of the truth (one may be late)."""
         t, r = self.truth.message, self.reference.message
         ahead = max(-0.3, min((t.header.stamp - r.header.stamp).to_sec(), 0.3))
         return math.hypot(*(t.eta[i] - r.p[i] - r.p_dot[i] * ahead for i in range(2)))
 
     def drive(self):
-        """A craft that tracks, armed and on its way."""
+        """Arms and starts if necessary, and waits until the craft tracks."""
         S = ControllerStatus
-        harness.wait_for(lambda: self.status.message.state != S.RECOVERING, 5, "its recovery")
+        harness.wait_for(lambda: self.status.message.state != S.RECOVERING, 5, "the recovery")
         if self.status.message.state != S.RUNNING or self.sender.message.state != 1:
             self.stop()
             harness.wait_for(lambda: self.status.message.state != S.RUNNING, 5, "a stop")
@@ -258,12 +258,12 @@ class FaultsTest(unittest.TestCase):
 
         def settled():
             since.append(self.error())
-            return len(since) > 300 and max(since[-300:]) < TRACKS
+            return len(since) > 300 and max(since[-300:]) < MAX_ERROR
 
         harness.wait_for(settled, 30, "a craft that tracks")
 
     def ended(self, ending, begun):
-        """Whether status and sender say what they should since a time."""
+        """Checks the states of controller and sender since a time."""
         states = {m.state for at, m in self.status.all if at > begun}
         faults = {m.state for at, m in self.sender.all if at > begun}
         if ending == GOES_ON:
@@ -296,7 +296,7 @@ class FaultsTest(unittest.TestCase):
             harness.wait_for(
                 lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop"
             )
-            time.sleep(0.3)  # and it stays so when the mocap is back
+            time.sleep(0.3)  # no thrust when the mocap is back
             self.assertEqual(self.wire.thrust_between(end, time.time()), [])
         self.ended(ending, begun)
 
@@ -313,7 +313,7 @@ class FaultsTest(unittest.TestCase):
             time.sleep(0.01)
         self.wire.drop = self.wire.twice = self.wire.swap = 0.0
         self.print(name, GOES_ON, "error at most %.0f mm" % (1e3 * max(errors)))
-        self.assertLess(max(errors), 2 * TRACKS)
+        self.assertLess(max(errors), 2 * MAX_ERROR)
         self.ended(GOES_ON, begun)
 
     def topic_brings_nonsense(self, name, topic, make, ending):
@@ -337,7 +337,7 @@ class FaultsTest(unittest.TestCase):
         self.ended(ending, begun)
 
     def craft_restarts(self, name, moves):
-        """It meets no thrust before it is armed anew."""
+        """A restarted craft gets no thrust before it is armed again."""
         self.drive()
         begun = time.monotonic()
         self.wire.silent = True
@@ -352,10 +352,10 @@ class FaultsTest(unittest.TestCase):
         self.print(name, FAULTS, "%d packets with thrust when it is back" % len(thrust))
         self.assertEqual(thrust, [])
         self.ended(FAULTS, begun)
-        self.drive()  # and is driven again where it is now
+        self.drive()  # the new port is used
 
     def drive_by(self, driver):
-        """The status of a controller that drives."""
+        """Makes a controller drive; returns its status."""
         status = harness.Latest(driver + "/status", ControllerStatus, keep=True)
         harness.wait_for(lambda: status.message, 5, "the status of " + driver)
         if driver != "controller":
@@ -367,8 +367,8 @@ class FaultsTest(unittest.TestCase):
         return status
 
     def nothing_passes(self, name, driver):
-        """The craft's own watchdog ends its thrust; the sender is in FAULT, and when packets pass
-        again, it is not driven on."""
+        """The craft's own watchdog ends its thrust and the sender goes to FAULT. When packets pass again
+        there is no thrust."""
         self.drive()
         status = self.drive_by(driver)
         truth = harness.Latest("simulator/truth", State, keep=True)
@@ -381,15 +381,15 @@ class FaultsTest(unittest.TestCase):
         self.wire.deaf = self.wire.silent = False
         time.sleep(0.5)
         sits = [m.header.stamp for _, m in truth.all if m.header.stamp > lost and sits_down(m)]
-        self.assertTrue(sits, "it never sat down")
+        self.assertTrue(sits, "the craft never sat down")
         until = (sits[0] - lost).to_sec()
         self.print(name, FAULTS, "thrust at the craft until %3.0f ms after it" % (1e3 * until))
-        self.assertGreater(until, 0.2, "the watchdog of 0.25 s is seen")
+        self.assertGreater(until, 0.2, "the watchdog ends the thrust after 0.25 s")
         self.assertLess(until, LIMIT)
         self.assertEqual(self.wire.thrust_between(back, time.time()), [])
         reasons = [m.reason for at, m in self.sender.all if at > begun]
         self.assertTrue(
-            [r for r in reasons if "does not do as it is told" in r or "has fallen silent" in r],
+            [r for r in reasons if "does not follow its commands" in r or "has fallen silent" in r],
             reasons,
         )
         self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
@@ -397,7 +397,7 @@ class FaultsTest(unittest.TestCase):
         self.drive()
 
     def craft_hears_nothing(self, name, driver, counts):
-        """Telemetry still comes. When it hears again, it is not driven on."""
+        """Telemetry still comes. When the craft receives again there is no thrust."""
         self.drive()
         self.wire.counts = counts
         status = self.drive_by(driver)
@@ -410,12 +410,12 @@ class FaultsTest(unittest.TestCase):
         worst = max((t - start for t in self.wire.thrust_between(start, time.time())), default=0.0)
         self.print(name, FAULTS, "thrust until %4.0f ms after it" % (1e3 * worst))
         self.assertLess(worst, HEARING_LIMIT)
-        self.assertIn("does not do as it is told", self.sender.message.reason)
+        self.assertIn("does not follow its commands", self.sender.message.reason)
         self.assertIn(ControllerStatus.STOPPED, {m.state for at, m in status.all if at > begun})
         self.drive()
 
     def clock_is_set(self, name, seconds):
-        """Poses and clock agree before and after, as when the one computer of all is set."""
+        """Poses and clock jump together, as if the clock of the only computer is set."""
         self.drive()
         simulator = dynamic_reconfigure.client.Client("simulator", timeout=10)
         offset = simulator.get_configuration()["clock_offset"]
@@ -429,7 +429,7 @@ class FaultsTest(unittest.TestCase):
         self.ended(FAULTS, begun)
         what = "time jumped %s by 2.0 s" % ("back" if seconds < 0 else "ahead")
         self.assertIn(what, [m.reason for at, m in self.sender.all if at > begun])
-        self.drive()  # and can be driven again
+        self.drive()  # it can be driven again
 
     def started_while_disarmed(self):
         self.stop()
@@ -445,14 +445,14 @@ class FaultsTest(unittest.TestCase):
         self.stop()
 
 
-def add_tests(of, rows):
-    """A test each: rosunit does not count what fails in a subTest. FAULTS in the environment, a
-    regular expression, chooses rows."""
+def add_tests(function, rows):
+    """Adds a test for each row, because rosunit does not count failures in subTest. The environment
+    variable FAULTS, a regular expression, chooses rows."""
     for row in rows:
         if not re.search(os.environ.get("FAULTS", ""), row[0]):
             continue
         name = "test_" + re.sub(r"\W+", "_", row[0])
-        setattr(FaultsTest, name, lambda self, of=of, row=row: of(self, *row))
+        setattr(FaultsTest, name, lambda self, row=row: function(self, *row))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the ROS tests share: publishers of what a nodelet needs, listeners, patience."""
+"""Helpers of the ROS tests: publishers of a nodelet's inputs, listeners, and waiting."""
 import math
 import threading
 import time
@@ -9,16 +9,16 @@ from ground_msgs.msg import SenderStatus, State
 
 
 def wait_for(condition, timeout, message):
-    """The first true value of condition(); fails after `timeout` seconds of wall time with a message,
-    or with what a function then says."""
+    """Waits for the first true value of condition(). Fails after `timeout` seconds of wall time with a
+    message, which may be a function that gives it."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         value = condition()
         if value:
             return value
         time.sleep(0.002)
-    said = message() if callable(message) else message
-    raise AssertionError("waited %.1f s in vain: %s" % (timeout, said))
+    text = message() if callable(message) else message
+    raise AssertionError("waited %.1f s in vain: %s" % (timeout, text))
 
 
 class Repeater:
@@ -59,7 +59,7 @@ class StatePublisher:
 
 
 class Latest:
-    """The last message of a topic, and all of them when asked."""
+    """The last message of a topic; with `keep`, all of them in `all` with their arrival."""
 
     def __init__(self, topic, kind, keep=False):
         self.message, self.all = None, []

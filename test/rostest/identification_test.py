@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The identification node beside a flying craft: tasks on live topics and bags, progress, offers."""
+"""The identification node during an experiment: tasks on live topics and bags, progress, offers."""
 import json
 import os
 import shutil
@@ -29,19 +29,36 @@ def service(name, kind):
 
 
 class IdentificationTest(unittest.TestCase):
-    def test_what_is_missing_is_found_while_it_flies(self):
-        status = harness.Latest(NODE + "status", S, keep=True)
-        model = harness.Latest(NODE + "model", String)
-        error = harness.Latest("model_error", ModelError)
-        diagnose, fit = service(NODE + "diagnose", Identify), service(NODE + "fit", Identify)
+    def setUp(self):
+        self.status = harness.Latest(NODE + "status", S, keep=True)
+        self.model = harness.Latest(NODE + "model", String)
+        self.error = harness.Latest("model_error", ModelError)
+        self.diagnose = service(NODE + "diagnose", Identify)
+        self.fit = service(NODE + "fit", Identify)
+
+    def test_the_missing_effect_is_found_during_the_experiment(self):
         output = rospy.get_param(NODE + "output")
         shutil.rmtree(output, True)
         self.addCleanup(shutil.rmtree, output, True)
-        harness.wait_for(lambda: status.message and model.message, 20, "the latched topics")
-        self.assertEqual(status.message.state, S.IDLE)
-        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+        harness.wait_for(
+            lambda: self.status.message and self.model.message, 20, "the latched topics"
+        )
+        self.assertEqual(self.status.message.state, S.IDLE)
+        self.assert_first_model()
+        self.refuse_bad_requests(output)
+        self.cancel_a_task()
+        answer = self.find_the_slope()
+        self.offer_the_model()
+        answer = self.fit(bags=[answer.folder], model=answer.model)  # a folder of bags
+        self.assertTrue(answer.success, answer.message)
+        self.assertIn("the error falls", answer.message)
+        self.assertTrue(os.path.isfile(os.path.join(answer.folder, "fit.json")))
 
-        # What cannot be done is said, and nothing changes.
+    def assert_first_model(self):
+        self.assertTrue(self.model.message.data.endswith("tiny_whoover.yaml"))
+
+    def refuse_bad_requests(self, output):
+        """Impossible requests get a reason and change nothing."""
         for request, reason in (
             ({"last": 1e4}, "only the last 120 s are kept"),
             ({"bags": ["/nowhere.bag"]}, "no bag of this name"),
@@ -50,66 +67,65 @@ class IdentificationTest(unittest.TestCase):
             ({"last": -5.0}, "have to be positive"),
             ({"bags": [HERE]}, "there is no bag or bag of ROS 2 or table in this folder"),
         ):
-            answer = diagnose(**request)
+            answer = self.diagnose(**request)
             self.assertFalse(answer.success)
             self.assertIn(reason, answer.message)
-            harness.wait_for(lambda: status.message.state == S.FAILED, 5, "the failure")
-        self.assertEqual(os.listdir(output), [])  # nor is anything left lying about
+            harness.wait_for(lambda: self.status.message.state == S.FAILED, 5, "the failure")
+        self.assertEqual(os.listdir(output), [])
         answer = service(NODE + "add", Identify)(last=5.0)
         self.assertIn("effect is empty", answer.message)
-        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+        self.assert_first_model()
 
-        # A task that is under way keeps others out, tells its progress and can be cancelled.
+    def cancel_a_task(self):
+        """A running task refuses others, publishes its progress and can be cancelled."""
         covered = rospy.Time.now().to_sec() + 12
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > covered, 30, "12 s of flight")
-        answers, before = [], len(status.all)
-        thread = threading.Thread(target=lambda: answers.append(diagnose(last=10.0)))
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > covered, 30, "12 s of data")
+        answers, before = [], len(self.status.all)
+        thread = threading.Thread(target=lambda: answers.append(self.diagnose(last=10.0)))
         thread.start()
+        texts = lambda: [m.message for _, m in self.status.all[before:]]  # noqa: E731
         harness.wait_for(
-            lambda: status.message.state == S.RUNNING
-            and any("refitting" in m.message for _, m in status.all[before:]),
+            lambda: self.status.message.state == S.RUNNING
+            and any("refitting" in text for text in texts()),
             30,
-            lambda: "progress; %s %s" % ([m.message for _, m in status.all[before:]], answers),
+            lambda: "progress; %s %s" % (texts(), answers),
         )
-        self.assertIn("busy", fit(last=10.0).message)
+        self.assertIn("busy", self.fit(last=10.0).message)
         self.assertTrue(service(NODE + "cancel", Trigger)().success)
         thread.join(20)
         self.assertEqual([a.success for a in answers], [False])
         self.assertEqual(answers[0].message, "cancelled")
-        self.assertTrue(model.message.data.endswith("tiny_whoover.yaml"))
+        self.assert_first_model()
 
-        # The floor's slope is found on the last 10 s.
+    def find_the_slope(self):
+        """Diagnoses the last 10 s, which must find the floor's slope; returns the answer."""
         result = harness.Latest(NODE + "result", String)
-        answer = diagnose(last=10.0)
+        answer = self.diagnose(last=10.0)
         self.assertTrue(answer.success, answer.message)
         self.assertIn("floor_tilt", answer.message)
         harness.wait_for(lambda: result.message, 5, "the result")
         report = json.loads(result.message.data)
         self.assertEqual(report["improved"]["effects"][:1], ["floor_tilt"])
-        harness.wait_for(lambda: model.message.data == answer.model, 5, "the new model")
-        self.assertEqual(status.message.state, S.DONE)
+        harness.wait_for(lambda: self.model.message.data == answer.model, 5, "the new model")
+        self.assertEqual(self.status.message.state, S.DONE)
         for name in ("live.bag", "report.html", "diagnosis.json", "improved.yaml"):
             self.assertTrue(os.path.isfile(os.path.join(answer.folder, name)), name)
         settings = recording.read_settings(os.path.join(answer.folder, "live.bag"))
         self.assertEqual(settings.sources["heading_offset"], "recorded in the bag")
+        return answer
 
-        # It is offered to who takes it; who does not is named.
+    def offer_the_model(self):
+        """Nodes take the offered model; nodes that do not are named."""
         offered = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "simulator"])
         self.assertTrue(offered.success, offered.answers)
-        harness.wait_for(lambda: error.message.model == "improved", 10, "the model in use")
+        harness.wait_for(lambda: self.error.message.model == "improved", 10, "the model in use")
         refused = service(NODE + "offer", OfferModel)(
             nodes=["live_comparison", "sender"], file=__file__
         )
         self.assertFalse(refused.success)
         self.assertIn("old model stays", refused.answers[0])
         self.assertIn("does not answer", refused.answers[1])
-        self.assertEqual(error.message.model, "improved")
-
-        # Bags of a folder do as well.
-        answer = fit(bags=[answer.folder], model=answer.model)
-        self.assertTrue(answer.success, answer.message)
-        self.assertIn("the error falls", answer.message)
-        self.assertTrue(os.path.isfile(os.path.join(answer.folder, "fit.json")))
+        self.assertEqual(self.error.message.model, "improved")
 
 
 if __name__ == "__main__":

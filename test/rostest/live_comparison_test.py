@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Models beside a flying craft: errors, predicted paths, the missing wrench, which one is better."""
+"""Models during an experiment: errors, predicted paths, the missing wrench, and which model is better."""
 import math
 import os
 import signal
@@ -32,18 +32,18 @@ import harness
 HERE = os.path.dirname(os.path.abspath(__file__))
 TRUTH = os.path.join(HERE, "tilted_craft.yaml")
 SAGGING = os.path.join(HERE, "sagging_craft.yaml")
-WEIGHT = 0.0583 * 9.81  # of the craft [N]
-SLOPES = 0.02, -0.01  # of the floor, x and y in world_ned
+WEIGHT = 0.0583 * 9.81  # weight of the craft [N]
+SLOPES = 0.02, -0.01  # slopes of the floor, x and y in world_ned
 
 
 class LiveComparisonTest(unittest.TestCase):
-    def test_a_pause_of_the_process_is_none_of_simulated_time(self):
+    def test_a_pause_of_the_process_pauses_simulated_time(self):
         controller = harness.Latest("controller/status", ControllerStatus, keep=True)
         sender = harness.Latest("sender/status", SenderStatus, keep=True)
         running = lambda: controller.message and (  # noqa: E731
             controller.message.state == ControllerStatus.RUNNING
         )
-        harness.wait_for(running, 40, "a craft that is driven")
+        harness.wait_for(running, 40, "the craft to be driven")
         uri = rosnode.get_api_uri(rosgraph.Master("/test"), "/ground_manager")
         manager = ServerProxy(uri).getPid("/test")[2]
         before = rospy.Time.now()
@@ -52,7 +52,7 @@ class LiveComparisonTest(unittest.TestCase):
         os.kill(manager, signal.SIGCONT)
         time.sleep(0.1)
         passed = (rospy.Time.now() - before).to_sec()
-        self.assertLess(passed, 0.4, "the simulation has made up for the pause")
+        self.assertLess(passed, 0.4, "the simulation must not catch up after a pause")
         time.sleep(1)
         reasons = {m.reason for _, m in controller.all if m.state == ControllerStatus.STOPPED}
         reasons |= {m.reason for _, m in sender.all if m.state == SenderStatus.FAULT}
@@ -67,24 +67,33 @@ class LiveComparisonTest(unittest.TestCase):
             self.late.terminate()
             self.late.wait(timeout=10)
 
-    def test_where_model_and_measurement_part(self):
-        drive = harness.Latest("drive", Drive)
-        controls = harness.Latest("controls", Controls, keep=True)
-        state = harness.Latest("state", State, keep=True)
-        first = harness.Latest("model_error", ModelError, keep=True)
-        second = harness.Latest("model_error2", ModelError, keep=True)
-        comparison = harness.Latest("model_comparison", ModelComparison)
-        paths = [harness.Latest("path/predicted" + s, Path) for s in ("", "2")]
-        markers = harness.Latest("markers", MarkerArray)
-        floor = harness.Latest("floor_map", Marker)
+    def listen(self):
+        self.drive = harness.Latest("drive", Drive)
+        self.controls = harness.Latest("controls", Controls, keep=True)
+        self.state = harness.Latest("state", State, keep=True)
+        self.first = harness.Latest("model_error", ModelError, keep=True)
+        self.second = harness.Latest("model_error2", ModelError, keep=True)
+        self.comparison = harness.Latest("model_comparison", ModelComparison)
+        self.paths = [harness.Latest("path/predicted" + s, Path) for s in ("", "2")]
+        self.markers = harness.Latest("markers", MarkerArray)
+        self.floor = harness.Latest("floor_map", Marker)
 
-        # One model alone is compared with what is measured.
+    def test_model_and_measurement_are_compared(self):
+        self.listen()
+        first = self.first
         harness.wait_for(lambda: first.message and first.message.window > 3, 40, "errors")
         self.assertEqual(first.message.model, "tiny_whoover")
-        self.assertIsNone(second.message)
-        self.assertIsNone(comparison.message)
+        self.assertIsNone(self.second.message)
+        self.assertIsNone(self.comparison.message)
+        self.load_the_true_model()
+        by_stamp = self.check_errors()
+        self.check_missing_force(by_stamp)
+        self.check_displays()
+        self.check_time_of_the_drive()
 
-        # Another one is loaded live; a file that is none is refused.
+    def load_the_true_model(self):
+        """Loads a second model live, which must win; files without a model are refused."""
+        first, second, comparison = self.first, self.second, self.comparison
         load = rospy.ServiceProxy("live_comparison/load_model2", LoadModel)
         load.wait_for_service(10)
         refused = load(file=os.path.join(HERE, "live_comparison.test"))
@@ -104,23 +113,26 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertLess(second.message.error, 0.7 * first.message.error)
         self.assertEqual(second.message.model, "tilted_craft")
 
-        # Every state has its error, of the same stamp.
-        asked = {m.header.stamp for _, m in state.all if m.valid}
-        told = {m.header.stamp for _, m in first.all}
-        begun, ended = min(told), max(told)
-        missed = [s for s in asked if begun < s < ended and s not in told]
-        self.assertLess(len(missed), 0.02 * len(told))
-        by_stamp = {m.header.stamp: m for _, m in state.all}
+    def check_errors(self):
+        """Each state has an error with its stamp. Returns the states by stamp."""
+        expected = {m.header.stamp for _, m in self.state.all if m.valid}
+        found = {m.header.stamp for _, m in self.first.all}
+        begun, ended = min(found), max(found)
+        missed = [s for s in expected if begun < s < ended and s not in found]
+        self.assertLess(len(missed), 0.02 * len(found))
+        by_stamp = {m.header.stamp: m for _, m in self.state.all}
         # An error may arrive before its state.
-        last = next(m for _, m in reversed(first.all) if m.header.stamp in by_stamp)
+        last = next(m for _, m in reversed(self.first.all) if m.header.stamp in by_stamp)
         self.assertAlmostEqual(last.horizon, 1.0, delta=0.03)
         measured = by_stamp[last.header.stamp]
         for i in range(2):
             self.assertAlmostEqual(last.eta[i] + last.eta_error[i], measured.eta[i], places=9)
+        return by_stamp
 
-        # What is missing is the floor's slope: its force, in the world's axes.
+    def check_missing_force(self, by_stamp):
+        """The missing force, in the world's axes, is that of the floor's slope."""
         forces = []
-        for _, m in first.all:
+        for _, m in self.first.all:
             s = by_stamp.get(m.header.stamp)
             if s and m.window > 2:
                 c, n = math.cos(s.eta[2]), math.sin(s.eta[2])
@@ -134,25 +146,29 @@ class LiveComparisonTest(unittest.TestCase):
                 mean, SLOPES[axis] * WEIGHT, delta=0.25 * abs(SLOPES[0]) * WEIGHT
             )
 
-        # And rviz gets all of it.
-        for path in paths:
+    def check_displays(self):
+        """rviz gets paths, errors, the missing force and the map of the floor."""
+        for path in self.paths:
             self.assertGreater(len(path.message.poses), 30)
             self.assertEqual(path.message.header.frame_id, "world_ned")
-        shown = {m.id: m for m in markers.message.markers if m.action == Marker.ADD}
+        shown = {m.id: m for m in self.markers.message.markers if m.action == Marker.ADD}
         self.assertIn("tilted_craft: error", shown[8].text)
         self.assertIn(6, shown)  # the missing force
         start, tip = shown[6].points
         self.assertGreater(math.hypot(tip.x - start.x, tip.y - start.y), 0.02)
-        self.assertGreater(len(floor.message.points), 5)
-        self.assertEqual(len(floor.message.points), len(floor.message.colors))
+        floor = self.floor.message
+        self.assertGreater(len(floor.points), 5)
+        self.assertEqual(len(floor.points), len(floor.colors))
 
-        # t counts from the drive's beginning, in the simulator and in whatever looks on, also when
-        # a model is loaded, or a comparison started, in the middle of the drive.
-        lifted = next((m for _, m in controls.all if m.lift > 0), None)
-        if controls.all[0][1].lift == 0:
-            late = (drive.message.began - lifted.header.stamp).to_sec()
+    def check_time_of_the_drive(self):
+        """t counts from the beginning of the drive in simulator and comparison, even if a model is loaded
+        or a comparison started during the drive."""
+        lifted = next((m for _, m in self.controls.all if m.lift > 0), None)
+        drive = self.drive.message
+        if self.controls.all[0][1].lift == 0:
+            late = (drive.began - lifted.header.stamp).to_sec()
             self.assertAlmostEqual(late, 0, delta=0.1)
-        elapsed = (drive.message.header.stamp - drive.message.began).to_sec()
+        elapsed = (drive.header.stamp - drive.began).to_sec()
         self.assertGreater(elapsed, 4.0)
         for node in ("simulator/load_model", "live_comparison/load_model2"):
             answer = rospy.ServiceProxy(node, LoadModel)(file=SAGGING)
@@ -162,7 +178,7 @@ class LiveComparisonTest(unittest.TestCase):
             + ["__name:=late", "_model:=" + SAGGING, "model_error:=late_error"]
         )
         late = harness.Latest("late_error", ModelError)
-        for error in (second, late):  # what a busy computer delays at their start passes
+        for error in (self.second, late):  # errors by delays at the start decay
             harness.wait_for(
                 lambda error=error: error.message
                 and error.message.model == "sagging_craft"

@@ -26,8 +26,7 @@ class MocapStateTest(unittest.TestCase):
         self.odometry = harness.Latest("odometry", Odometry, keep=True)
         self.publisher = rospy.Publisher(POSE, PoseStamped, queue_size=10, tcp_nodelay=True)
         harness.wait_for(self.publisher.get_num_connections, 20, "a subscriber")
-        # The poses of the test before are over when the node says that none come, and forgotten
-        # after its max_gap.
+        # Wait until the node reports the end of the last test's poses, and for its max_gap.
         harness.wait_for(
             lambda: self.state.message and "no pose" in self.state.message.status, 5, "silence"
         )
@@ -35,7 +34,7 @@ class MocapStateTest(unittest.TestCase):
         self.state.all.clear()
 
     def play(self, duration, rate_of_turn=1.0, spoil=None):
-        """Poses of a craft that moves along x at 0.5 m/s and turns, with true stamps."""
+        """Publishes poses of a craft that moves along x at 0.5 m/s and turns; returns the first stamp."""
         start = rospy.Time.now()
         for i in range(int(100 * duration)):
             stamp = start + rospy.Duration(0.01 * i)
@@ -50,7 +49,7 @@ class MocapStateTest(unittest.TestCase):
     def valid_now(self):
         return self.state.message.valid
 
-    def test_without_poses_the_state_is_invalid_and_says_so(self):
+    def test_without_poses_the_state_is_invalid_with_a_reason(self):
         self.play(0.3)
         harness.wait_for(self.valid_now, 1, "a valid state")
         stopped = time.monotonic()
@@ -58,9 +57,9 @@ class MocapStateTest(unittest.TestCase):
         self.assertLess(time.monotonic() - stopped, 0.25)
         self.assertIn("no pose", self.state.message.status)
         count = len(self.state.all)
-        harness.wait_for(lambda: len(self.state.all) >= count + 3, 1, "it goes on saying so")
+        harness.wait_for(lambda: len(self.state.all) >= count + 3, 1, "repeated invalid states")
 
-    def test_stamps_are_those_of_the_poses_and_velocities_in_the_body(self):
+    def test_states_have_the_stamps_of_poses_and_velocities_in_the_body_frame(self):
         start = self.play(1.0)
         harness.wait_for(self.valid_now, 1, "a valid state")
         states = [m for _, m in self.state.all if m.valid]
@@ -101,7 +100,7 @@ class MocapStateTest(unittest.TestCase):
         psi = self.state.message.eta[2]
         seen = yaw_in_world(buffer.lookup_transform("world", "hovercraft", rospy.Time(0)))
         self.assertGreater(psi, 0.8)
-        # psi grows clockwise seen from above: the yaw about the world's upward z falls
+        # psi grows clockwise seen from above: the yaw about the world's upward z falls.
         self.assertAlmostEqual(seen, -psi, 1)
         listener.unregister()
 
@@ -111,7 +110,7 @@ class MocapStateTest(unittest.TestCase):
         return messages[first:]
 
     def test_duplicates_and_single_bad_poses_do_not_interrupt_the_state(self):
-        # An invalid state, be it a single one, ends an experiment: the sender's fault is latched.
+        # A single invalid state ends an experiment, because the sender's fault is latched.
         def spoil(i, pose):
             if i == 60:
                 pose.pose.position.x += 0.5
@@ -130,21 +129,21 @@ class MocapStateTest(unittest.TestCase):
             [m.status for m in states if not m.valid and "no pose" not in m.status], []
         )
         stamps = [m.header.stamp for m in states if m.valid]
-        self.assertEqual(stamps, sorted(set(stamps)), "one state a pose")
+        self.assertEqual(stamps, sorted(set(stamps)), "one state per pose")
         for m in states[15:]:
             self.assertLess(abs(math.hypot(m.nu[0], m.nu[1]) - 0.5), 0.1)
             self.assertLess(abs(m.nu[2] - 1.0), 0.2)
 
-    def test_a_gap_is_said_and_got_over(self):
+    def test_a_gap_is_reported_and_ends(self):
         self.play(1.2, spoil=lambda i, pose: [] if 60 <= i < 80 else [pose])
         states = self.since_first_valid()
         gap = [m for m in states if not m.valid and "no pose" in m.status]
         self.assertGreater(len(gap), 0)
         before = [m for m in states if m.valid and m.header.stamp <= gap[0].header.stamp]
-        self.assertEqual(gap[0].header.stamp, before[-1].header.stamp, "that of the last pose")
+        self.assertEqual(gap[0].header.stamp, before[-1].header.stamp, "the stamp of the last pose")
         self.assertGreater(gap[0].age, 0.09)
         after = [m for m in states if m.header.stamp > gap[0].header.stamp]
-        self.assertTrue(after[0].valid, "the first pose after the gap is believed")
+        self.assertTrue(after[0].valid, "the first pose after the gap is used")
         self.assertGreater(len(after), 35)
         for m in after[:35]:
             self.assertLess(abs(math.hypot(m.nu[0], m.nu[1]) - 0.5), 0.1)
@@ -162,9 +161,9 @@ class MocapStateTest(unittest.TestCase):
         for _, m in self.state.all:
             self.assertTrue(all(map(math.isfinite, list(m.eta) + list(m.nu))))
 
-    def test_a_craft_that_leaned_is_believed_again_only_after_a_second(self):
+    def test_after_leaning_the_state_is_valid_again_after_a_second(self):
         def spoil(i, pose):
-            if i == 30 or 50 <= i < 60:  # on its side: once, which is passed over, and for longer
+            if i == 30 or 50 <= i < 60:  # on its side: once, which is ignored, and for longer
                 pose.pose.orientation = Quaternion(0, 0, math.sqrt(0.5), math.sqrt(0.5))
             return [pose]
 
@@ -200,7 +199,7 @@ class MocapStateTest(unittest.TestCase):
         )
         self.assertFalse(any(m.valid for _, m in self.state.all))
 
-    def test_senseless_stamps_do_no_harm(self):
+    def test_impossible_stamps_do_no_harm(self):
         for stamp in (rospy.Time(4294967295, 999999999), rospy.Time(0, 1)):
             for i in range(5):
                 self.publisher.publish(harness.optitrack_pose(0.01 * i, 0, 0, stamp))
@@ -228,7 +227,7 @@ class MocapStateTest(unittest.TestCase):
         self.assertEqual(changes, [])
         client.close()
         states = self.since_first_valid()
-        # a slow answer may hold the poses up for longer than the time-out
+        # A slow answer may delay the poses by more than the time-out.
         wrong = [m.status for m in states if not m.valid and "no pose" not in m.status]
         self.assertEqual(wrong, [])
 
@@ -245,7 +244,7 @@ class MocapStateTest(unittest.TestCase):
         self.play(0.3, rate_of_turn=0.0)
         harness.wait_for(self.valid_now, 1, "a valid state")
         self.assertAlmostEqual(self.state.message.eta[2], -0.5, 6)
-        # Whoever analyses the run has to know, and from which pose on.
+        # Recordings need the settings and the pose from which they apply.
         settings = harness.Latest("mocap_state/settings", MocapSettings)
         harness.wait_for(lambda: settings.message, 5, "the latched settings")
         self.assertEqual((settings.message.axes, settings.message.heading_offset), ("x, z, -y", 0.5))

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Trials of the craft's own stop through the whole chain, and what arming says of their outcomes."""
+"""Trials of the craft's own stop through the whole chain, and their outcomes when arming."""
 
 import os
 import sys
@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from ground.analysis import own_stop
+from ground.nodes import own_stop_records as records
 from ground.nodes import stop_trial
-from ground.recordings import own_stop as records
 
 UNPROVEN = "it is not proven that this craft stops by itself (rosrun ground prove_stop)"
 PUSH = stop_trial.Push(thrust=0.2, lift_time=0.3, thrust_time=0.9, silence=1.0)
@@ -82,7 +82,7 @@ class OwnStopTest(unittest.TestCase):
         verdict = self.verdict(0.0)
         self.assertEqual(verdict.outcome, own_stop.FAILED, verdict.reason)
         self.assertIn("driven on by its thrust", verdict.reason)
-        self.at_rest()  # by the zeros
+        self.at_rest()  # the sender's zeros stop it
 
     def test_a_silence_is_refused_while_disarmed(self):
         self.arm(False)
@@ -90,7 +90,7 @@ class OwnStopTest(unittest.TestCase):
         self.assertFalse(answer.success)
         self.assertEqual(answer.message, "not armed: disarmed by hand")
 
-    def test_arming_says_what_is_proven(self):
+    def test_arming_reports_the_proof(self):
         path, craft = rospy.get_param("sender/own_stop"), "Tiny Whoover"
         self.addCleanup(lambda: os.path.exists(path) and os.remove(path))
         self.arm(False)
@@ -100,7 +100,7 @@ class OwnStopTest(unittest.TestCase):
                 path, craft, {"date": "2026-01-02", "outcome": outcome, "simulated": simulated}
             )
 
-        def said():
+        def arming_message():
             message = self.armed()
             reason = harness.wait_for(
                 lambda: self.status.message.state == SenderStatus.ARMED
@@ -116,15 +116,15 @@ class OwnStopTest(unittest.TestCase):
             return message
 
         trial("passed", simulated=True)
-        self.assertEqual(said(), "armed; " + UNPROVEN)
+        self.assertEqual(arming_message(), "armed; " + UNPROVEN)
         warned = lambda: [  # noqa: E731
             m for _, m in self.log.all if m.level == Log.WARN and UNPROVEN in m.msg
         ]
         harness.wait_for(warned, 5, "a warning in the log")
         trial("failed")
-        self.assertIn("armed; this craft FAILED to stop by itself on 2026-01-02", said())
+        self.assertIn("armed; this craft FAILED to stop by itself on 2026-01-02", arming_message())
         trial("passed")
-        self.assertEqual(said(), "armed")
+        self.assertEqual(arming_message(), "armed")
 
 
 if __name__ == "__main__":

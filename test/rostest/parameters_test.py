@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Every live parameter has a meaning, and is listed and set from a terminal as a user does."""
+"""Live parameters: each is documented, and a user lists and sets them in a terminal."""
 import importlib
 import os
 import re
@@ -75,13 +75,18 @@ class ParametersTest(unittest.TestCase):
         ):
             self.assertIsNotNone(re.search(line, listed.stdout, re.M), line)
 
+        self.check_changes()
+        self.check_refusals()
+        self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
+
+    def check_changes(self):
+        """Changes of parameters and model are published and logged."""
         log = harness.Latest("/rosout", Log, keep=True)
         changes = harness.Latest("live_changes", LiveChange, keep=True)
         harness.wait_for(lambda: changes.connections() and log.connections() > 1, 10, "connections")
         done = parameters("controller", "k_e=0.125", "reference=line")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("/controller k_e = 0.125", done.stdout)
-        # It leaves a trace: what was changed, from what, to what.
         harness.wait_for(lambda: len(changes.all) >= 2, 5, "the changes")
         seen = sorted((c.node, c.name, c.before, c.after) for _, c in changes.all)
         before = seen[0][2]
@@ -108,6 +113,7 @@ class ParametersTest(unittest.TestCase):
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
         self.assertEqual(rospy.get_param("/controller/reference"), "line")
 
+    def check_refusals(self):
         for arguments, reason in (
             (("controller", "k_e=-1"), r"k_e = -1 is outside \[1e-06, 100\]"),
             (("controller", "k_e=fast"), "is not a number"),
@@ -119,11 +125,10 @@ class ParametersTest(unittest.TestCase):
             self.assertEqual(refused.returncode, 1, arguments)
             self.assertRegex(refused.stderr, reason)
             self.assertNotIn("Traceback", refused.stderr)
-        self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
 
-    def test_the_wanted_inputs_are_told(self):
-        # Far from its reference the backstepping law wants more than there is; on a slow computer it
-        # has stopped itself by now.
+    def test_the_wanted_inputs_are_published(self):
+        # Far from its reference the backstepping law wants inputs outside 0..1. On a slow computer it
+        # may have stopped by now: start it again.
         rospy.ServiceProxy("/controller/start", Trigger)()
         controls = harness.Latest("controls", Controls, keep=True)
         wanted = harness.Latest("controls/wanted", Controls, keep=True)
@@ -152,7 +157,7 @@ class ParametersTest(unittest.TestCase):
         )
         editor.send("\r0.125\r")
         harness.wait_for(
-            lambda: rospy.get_param("/sender/command_timeout") == 0.125, 10, "what was typed"
+            lambda: rospy.get_param("/sender/command_timeout") == 0.125, 10, "the typed value"
         )
         editor.send("\r7\r")
         editor.expect("is outside")

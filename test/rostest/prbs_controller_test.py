@@ -69,7 +69,7 @@ class PrbsTest(ControllerCase):
         self.assertEqual([p for _, p in edges], [p for _, p in expected])
         late = [t - e for (t, _), (e, _) in zip(edges, expected)]
         print("edges late by at most %.1f ms" % (1e3 * max(late)))
-        # Another program's turn on a shared processor may hold up an edge, not many.
+        # On a shared processor another program may delay single edges.
         off = sorted(map(abs, late))
         self.assertLess(off[int(0.9 * len(off))], 0.015)
         self.assertLess(off[-1], 0.1)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Axes that do not fit the mocap do not let the craft out of its room."""
+"""Wrong axes of the mocap do not let the craft leave its room."""
 
 import os
 import sys
@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
-HALF = 2.0  # width of the room [m]
-REST = 3.0  # until the craft has come to rest [s]
+HALF_WIDTH = 2.0  # half the width of the square room [m]
+REST = 3.0  # time until the craft is at rest [s]
 
 
 class RoomAxesTest(unittest.TestCase):
@@ -40,7 +40,7 @@ class RoomAxesTest(unittest.TestCase):
             % ("wrong axes at the fence", "stops", farthest, status.message.reason)
         )
         self.assertGreater(farthest, 0.5)
-        self.assertLess(farthest, HALF)
+        self.assertLess(farthest, HALF_WIDTH)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,15 @@ import harness
 MODEL = os.path.join(
     os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml"
 )
-HALF = 2.0  # width of the room [m]
-BIT = 1 / 15.0  # [s]
+HALF_WIDTH = 2.0  # half the width of the square room [m]
+BIT = 1 / 15.0  # length of a bit [s]
 
 
 STATES = ["IDLE", "WAITING", "LIFTING", "RUNNING", "DONE", "STOPPED", "RECOVERING"]
 
 
 def changes(stages):
-    """Times [s] since LIFTING began and names of the states from then on, losses of the mocap apart."""
+    """Times since the begin of LIFTING [s] and names of the states; RECOVERING counts as RUNNING."""
     names = [n.replace("RECOVERING", "RUNNING") for _, n in stages]
     first = names.index("LIFTING")
     found = [i for i in range(first, len(names)) if names[i] != names[i - 1]]
@@ -34,7 +34,7 @@ def changes(stages):
 
 
 def simulated():
-    """Stages (time [s], name) of the same experiment."""
+    """Stages (time [s], name) of the same experiment without ROS."""
     params = _core.ExcitationParams()
     params.room = _core.RoomPlan()
     model = _core.load_model(MODEL)
@@ -65,7 +65,7 @@ class RoomTest(unittest.TestCase):
 
         farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)
         print("farthest %.2f m, %d bursts" % (farthest, bursts.message.number))
-        self.assertLess(farthest, HALF)
+        self.assertLess(farthest, HALF_WIDTH)
         self.assertGreater(farthest, 0.5)
         marks = [(m.header.stamp.to_sec(), m.number, m.burst) for _, m in bursts.all]
         self.assertGreater(len(marks), 4)
@@ -73,19 +73,28 @@ class RoomTest(unittest.TestCase):
             [m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))]
         )
         self.assertTrue(all(m.reason for _, m in bursts.all))
-        # only returns home are decided by the state
+        # Only during returns home the controller decides by the state.
         decided = [m.header.stamp.to_sec() for _, m in decisions.all]
         spans = [(a, b) for (a, _, burst), (b, _, _) in zip(marks, marks[1:]) if burst]
         self.assertGreater(len(decided), 50)
         self.assertEqual([t for t in decided for a, b in spans if a + 0.02 < t < b - 0.02], [])
 
-        # Without ROS, the same objects go through the same states at the same times.
+        self.check_states(status)
+        self.check_edges(marks, controls)
+
+        walls = next(m for m in room.message.markers if m.id == 1)
+        self.assertEqual(len(walls.points), 8)
+        self.assertEqual(max(p.x for p in walls.points), HALF_WIDTH)
+
+    def check_states(self, status):
+        """The experiment without ROS has the same states at the same times."""
         names = {getattr(ControllerStatus, n): n for n in STATES}
         lived = [(m.header.stamp.to_sec(), names[m.state]) for _, m in status.all]
         self.assertEqual(changes(lived)[1], changes(simulated())[1])
         np.testing.assert_allclose(changes(lived)[0], changes(simulated())[0], atol=0.05)
 
-        # The bits of a burst begin on time, on the clock that stamps the commands.
+    def check_edges(self, marks, controls):
+        """Edges of the commands are at multiples of a bit from the begin of their burst."""
         late = []
         for (begin, _, burst), (end, _, _) in zip(marks, marks[1:]):
             if not burst:
@@ -103,10 +112,6 @@ class RoomTest(unittest.TestCase):
         self.assertGreater(len(late), 20)
         print("edges off by %.2f ms (median) of simulated time" % (1e3 * late[len(late) // 2]))
         self.assertLess(late[len(late) // 2], 0.005)
-
-        walls = next(m for m in room.message.markers if m.id == 1)
-        self.assertEqual(len(walls.points), 8)
-        self.assertEqual(max(p.x for p in walls.points), HALF)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Whom the sender talks to, what it makes of datagrams, and what may be changed while it runs."""
+"""The sender's peer, its handling of datagrams, and its live parameters."""
 import math
 import os
 import sys
@@ -44,7 +44,7 @@ class SenderLink(SenderTest):
         self.assertEqual((*first.acc, *first.gyro, *first.mag), raw)
         self.wait_status(lambda s: s.received >= len(heard), "received")
 
-    def test_a_second_sender_of_packets_cannot_take_over(self):
+    def test_packets_of_a_second_craft_are_ignored(self):
         self.start()
         craft = self.craft()
         intruder = self.craft(hello=False)
@@ -72,17 +72,17 @@ class SenderLink(SenderTest):
         self.arm_and_drive(craft)
         self.assertEqual(intruder.count(), 0)
 
-    def test_a_craft_that_would_leave_the_room_is_cut(self):
+    def test_a_craft_that_would_leave_the_room_is_stopped(self):
         self.start(room=ROOM)
         craft = self.craft()
-        # 2 m to the walls; at 1 m/s it comes to rest 0.1 m/s * 1 s + 0.5 m^2/s^2 / 1.5 m/s^2 ahead.
+        # Walls are at 2 m. At 1 m/s it stops after 1 m/s * 0.1 s + (1 m/s)^2 / (2 * 1.5 m/s^2) = 0.43 m.
         self.arm_and_drive(craft)
         self.feed.set(eta=(1.5, 0.0, 0.0), nu=(1.0, 0.0, 0.0))
         time.sleep(0.2)
         self.assertEqual(self.status.state, SenderStatus.ARMED)
         start = time.time()
         self.feed.set(eta=(1.6, 0.0, 0.0))  # pushed by somebody
-        self.assert_zero_within_limit(craft, start, "a craft on its way through the wall")
+        self.assert_zero_within_limit(craft, start, "a craft that would hit the wall")
         self.assert_fault("outside of the room if it were stopped later")
         self.feed.set(command=ZERO, eta=(2.2, 0.0, 0.0), nu=(0.0, 0.0, 0.0))
         self.assertTrue(self.arm(False).success)
@@ -102,7 +102,7 @@ class SenderLink(SenderTest):
         self.feed.set(command=ZERO)
         self.assertIn("2 nodes publish", self.arm().message)
         packets = {p[1:] for p in craft.packets}
-        self.assertEqual(packets, {ZERO, DRIVE})  # none of the second one's
+        self.assertEqual(packets, {ZERO, DRIVE})  # none from the second controller
 
     def test_reconfigure(self):
         self.start()
@@ -119,7 +119,7 @@ class SenderLink(SenderTest):
         self.assertEqual(craft.packets[-1][1:], DRIVE)
         packets = craft.since(start)
         rate = (len(packets) - 1) / (packets[-1].time - packets[0].time)
-        print("keepalive at %.1f packets/s, 200 asked for" % rate)
+        print("keepalive at %.1f packets/s, 200 wanted" % rate)
         self.assertGreater(rate, 150)
         self.assertLess(rate, 220)
         self.assert_fault("commands are stale")

@@ -1,4 +1,4 @@
-"""What the sender's tests share: a sender of their own, a craft, a room and a controller."""
+"""Helpers of the sender's tests: a sender for each test, crafts, states and commands."""
 import os
 import signal
 import subprocess
@@ -14,14 +14,14 @@ from std_srvs.srv import SetBool
 
 from fake_craft import FakeCraft, free_port, is_zero
 
-LIMIT = 0.25  # within which zeros must be on the wire [s]
+LIMIT = 0.25  # longest time until zeros are sent [s]
 DRIVE = (0.5, 0.25, 1.0)
 ZERO = (0.0, 0.0, 0.0)
 NODELET = roslib.packages.find_node("nodelet", "nodelet")[0]
 
 
 def refusal(nodelet, parameters):
-    """What a nodelet of ground prints that does not load with these parameters {name: value}."""
+    """Standard error of a nodelet that must not load with these parameters {name: value}."""
     command = [NODELET, "standalone", "ground/" + nodelet, "__name:=other"]
     command += ["_%s:=%s" % p for p in parameters.items()]
     other = subprocess.run(command, stderr=subprocess.PIPE, timeout=20)
@@ -31,7 +31,7 @@ def refusal(nodelet, parameters):
 
 
 def wait_for(condition, what, timeout=10.0):
-    """Waits until condition() holds and returns what it gives."""
+    """Waits until condition() is true and returns its value."""
     deadline = time.monotonic() + timeout
     while True:
         result = condition()
@@ -54,9 +54,9 @@ def controls_of(values, age=0.0):
 
 
 class Feed:
-    """Publishes state and controls at 100 Hz as mocap and controller do. Either may be set to None
-    to fall silent, and be stamped as older than it is; last_state and last_command are when what is
-    fit to drive with was published last."""
+    """Publishes state and controls at 100 Hz like mocap_state and controller. None for `valid` or
+    `command` stops the topic; state_age and command_age make its stamps older. last_state and last_command
+    are the times of the last good messages."""
 
     def __init__(self):
         self.command = ZERO
@@ -71,7 +71,7 @@ class Feed:
         threading.Thread(target=self._run, daemon=True).start()
 
     def set(self, **values):
-        """Takes effect whole: nothing of the old values is published after it returns."""
+        """Sets all values at once: no old value is published after it returns."""
         with self.lock:
             for name, value in values.items():
                 setattr(self, name, value)
@@ -84,7 +84,7 @@ class Feed:
                 )
 
     def leave_controls(self):
-        """Makes room for another controller: only one may publish."""
+        """Stops publishing controls: only one controller may."""
         with self.lock:
             self.controls.unregister()
             self.controls = None
@@ -109,7 +109,7 @@ class Feed:
 
 
 class SenderTest(unittest.TestCase):
-    """Gives each test a sender in a process of its own, and takes it away."""
+    """Each test gets a sender in a separate process, which is ended afterwards."""
 
     feed = None
     worst = {}
@@ -158,7 +158,7 @@ class SenderTest(unittest.TestCase):
         return process
 
     def start(self, *arguments, **parameters):
-        """Starts a sender and waits until it hears and is heard."""
+        """Starts a sender and waits until its topics are connected."""
         SenderTest.status = None
         parameters.setdefault("port", self.port)
         command = [NODELET, *(arguments or ("standalone", "ground/Sender")), "__name:=sender"]
@@ -170,7 +170,7 @@ class SenderTest(unittest.TestCase):
         wait_for(
             lambda: self.feed.controls.get_num_connections()
             and self.feed.states.get_num_connections(),
-            "a sender that listens",
+            "the sender's subscriptions",
             timeout=20,
         )
         wait_for(lambda: SenderTest.status, "a status", timeout=20)
@@ -194,7 +194,7 @@ class SenderTest(unittest.TestCase):
         return rospy.ServiceProxy("sender/arm", SetBool)(on)
 
     def arm_and_drive(self, craft, values=DRIVE):
-        """Arms as soon as it is granted and waits until the command is on the wire."""
+        """Arms as soon as possible and waits until the command is sent."""
         self.feed.set(command=ZERO, valid=True, command_age=0.0, state_age=0.0)
         wait_for(lambda: self.arm().success, "arming")
         self.wait_status(lambda s: s.state == SenderStatus.ARMED, "ARMED")
@@ -203,14 +203,14 @@ class SenderTest(unittest.TestCase):
 
     @staticmethod
     def wait_driving(craft, values=DRIVE):
-        # For some packets: the feed's last message is to be younger than the last zero before it.
+        # Five packets ensure that the feed's last message is younger than the last zero.
         craft.wait(
             lambda packets: len(packets) >= 5 and all(p[1:] == values for p in packets[-5:]),
             "driving",
         )
 
     def assert_zero_within_limit(self, craft, start, what):
-        """After `start` zeros must be on the wire in time, and stay."""
+        """Checks that after `start` zeros are sent in time, and nothing else after them."""
         zero = craft.wait(
             lambda packets: next((p for p in packets if p.time > start and is_zero(p)), None),
             "zero packet after " + what,
@@ -226,7 +226,7 @@ class SenderTest(unittest.TestCase):
     def assert_fault(self, reason):
         status = self.wait_status(lambda s: s.state == SenderStatus.FAULT and s, "FAULT")
         self.assertIn(reason, status.reason)
-        # Latched: neither a good feed nor arming leads out of it.
+        # The fault is latched: good messages and arming do not end it.
         self.feed.set(command=ZERO, valid=True)
         answer = self.arm()
         self.assertFalse(answer.success)
@@ -235,7 +235,7 @@ class SenderTest(unittest.TestCase):
 
 
 def publish_until_killed(values):
-    """A controller's process: zeros until the sender is armed, then `values`."""
+    """Publishes as a controller: zeros until the sender is armed, then `values`."""
     rospy.init_node("doomed_controller", anonymous=True)
     feed = rospy.Publisher("controls", Controls, queue_size=1, tcp_nodelay=True)
     armed = []
@@ -252,7 +252,7 @@ def spawn_controller(test, values):
 
 
 def kill(process, number=signal.SIGKILL):
-    """Returns when the signal was sent [s, time.time()]."""
+    """Sends a signal; returns the time [s, time.time()]."""
     process.send_signal(number)
     return time.time()
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""However the sender ends, the craft is told to stop, more than once."""
+"""However the sender ends, it sends zeros several times."""
 import shutil
 import signal
 import sys
@@ -13,8 +13,8 @@ from ground_msgs.msg import SenderStatus
 from fake_craft import is_zero
 from sender_rig import NODELET, SenderTest, kill
 
-END_LIMIT = 1.0  # roslaunch and roscpp look at signals every 0.1 s [s]
-REPEATS = 10
+END_LIMIT = 1.0  # longest time until zeros; roslaunch and roscpp check signals every 0.1 s [s]
+REPEATS = 10  # smallest number of zeros
 
 LAUNCH = """<launch>
   <node name="sender" pkg="nodelet" type="nodelet" args="standalone ground/Sender" required="true">
@@ -25,7 +25,7 @@ LAUNCH = """<launch>
 
 class SenderShutdown(SenderTest):
     def assert_ends_with_zeros(self, craft, process, start, what):
-        """The process was told to end at `start`, while it was driving and commands kept coming."""
+        """Checks zeros after the process got a signal at `start` while commands kept coming."""
         process.wait(timeout=20)
         zeros = craft.wait(
             lambda packets: [p for p in packets if p.time > start and is_zero(p)],
@@ -38,11 +38,11 @@ class SenderShutdown(SenderTest):
         self.assert_zero(craft.since(zeros[0].time))
         self.worst[what] = zeros[0].time - start
         self.assertLessEqual(zeros[0].time - start, END_LIMIT, what)
-        last = SenderTest.status  # the farewell, not the watchdog for commands that stopped to come
+        last = SenderTest.status  # zeros by the end, not by the watchdog for stale commands
         self.assertNotEqual(last.state, SenderStatus.FAULT, last.reason)
 
     def test_signals_while_driving(self):
-        # SIGHUP: the terminal is closed; SIGTERM: kill, systemd
+        # SIGHUP comes when a terminal is closed, SIGTERM from kill and systemd.
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             process = self.start()
             craft = self.craft()
@@ -64,8 +64,8 @@ class SenderShutdown(SenderTest):
         )
 
     def test_end_of_the_manager(self):
-        # With a bond to a loader that lives on, nodelet's own Loader crashes after it has destroyed
-        # the nodelets (it unloads once more from its bond's destructor): zeros are out by then.
+        # With a bond to a living loader, nodelet's Loader crashes after it has destroyed the nodelets,
+        # because its bond's destructor unloads them again. Zeros have been sent by then.
         for options in ((), ("--no-bond",)):
             manager = self.spawn(NODELET, "manager", "__name:=manager")
             self.start("load", "ground/Sender", "manager", *options)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Zeros go out in time when whatever drives the craft goes wrong."""
+"""Zeros are sent in time after faults of controller and state."""
 import math
 import sys
 import time
@@ -39,7 +39,7 @@ class SenderWatchdog(SenderTest):
         self.feed.set(command=(math.nan, 0.25, 1.0))
         self.assert_zero_within_limit(self.hovercraft, start, "commands of NaN only")
         self.wait_status(lambda s: s.refused >= refused + 10, "refused")
-        # Until then the last finite command was repeated, and nothing else.
+        # Until then only the last finite command was repeated.
         sent = {p[1:] for p in self.hovercraft.since(start)}
         self.assertEqual(sent, {DRIVE, ZERO})
         self.assert_fault("not finite")
@@ -80,7 +80,7 @@ class SenderWatchdog(SenderTest):
 if __name__ == "__main__":
     rospy.init_node("sender_watchdog", disable_signals=True)
     if rospy.get_param("/use_sim_time", False):
-        # One tick, and never another.
+        # Publish a single time.
         clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
         clock.publish(Clock(clock=rospy.Time(1000)))
         wait_for(lambda: not rospy.Time.now().is_zero(), "the clock")

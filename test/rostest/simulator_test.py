@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The simulator: its clock, the same run for the same seed, the craft's side of the protocol."""
+"""The simulator: its clock, repeatable runs, live changes, and the craft's side of the protocol."""
 
 import math
 import os
@@ -28,7 +28,7 @@ POSE = "vrpn_client_node/hovercraft/pose"
 
 
 def motors(left, right, lift):
-    """A Motors datagram; every value needs two bytes."""
+    """A Motors datagram; every value has two bytes."""
     data = b""
     for field, value in ((1, lift), (2, lift), (3, right), (4, left)):
         n = 1000 + int(round(1000 * value))
@@ -65,7 +65,7 @@ class SimulatorTest(unittest.TestCase):
         if self.process and self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             self.process.wait(timeout=10)
-        # parameters of one simulator are not those of the next
+        # The next simulator must not inherit parameters.
         if rospy.has_param("simulator"):
             rospy.delete_param("simulator")
 
@@ -116,7 +116,7 @@ class SimulatorTest(unittest.TestCase):
         other = set(runs[0]) & set(runs[2])
         self.assertTrue(any(runs[0][s] != runs[2][s] for s in other))
 
-    def test_a_battery_sags_from_the_first_lift_on_not_from_the_clocks_zero(self):
+    def test_battery_sag_counts_from_the_first_lift_not_from_time_zero(self):
         with open(rospy.get_param("~model")) as file:
             text = file.read()
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
@@ -124,10 +124,10 @@ class SimulatorTest(unittest.TestCase):
             model.flush()
             self.start(model=model.name, start_time=1000.0, real_time_factor=2.0)
         self.drive(1, 1, 1.0)
-        # 4.0 m/s without any sag, nothing at all after 1000 s of it
+        # 4.0 m/s without sag; no motion if the sag had lasted 1000 s
         self.assertGreater(max(m.nu[0] for _, m in self.truth.all), 3.0)
 
-    def test_the_craft_is_changed_while_it_moves(self):
+    def test_the_craft_can_be_changed_while_it_moves(self):
         self.start(watchdog=0.0, N_r_factor=2.0)
         changes = harness.Latest("live_changes", LiveChange, keep=True)
         harness.wait_for(changes.connections, 10, "a connection")
@@ -137,7 +137,7 @@ class SimulatorTest(unittest.TestCase):
         self.drive(1, 1, 0.1)
 
         def accelerates(k, m, x):
-            """By the thrust k, with the mass m and the damping x, within half a second."""
+            """Waits half a second for the acceleration by thrust k, mass m and damping x."""
 
             def near():
                 self.ground.sendto(motors(1, 1, 1.0), self.craft)
@@ -156,12 +156,12 @@ class SimulatorTest(unittest.TestCase):
             before = self.truth.message
             client.update_configuration(values)
             accelerates(*expected)
-            self.assertGreater(self.truth.message.nu[0], 0.8 * before.nu[0])  # it goes on as it was
+            self.assertGreater(self.truth.message.nu[0], 0.8 * before.nu[0])  # speed is continuous
         for bad in ({"k_factor": 20.0}, {"k_factor": math.nan}, {"m_factor": 0.0}):
             kept = client.update_configuration(bad)
             self.assertEqual((kept["k_factor"], kept["m_factor"]), (2.0, 2.0))
         accelerates(2 * thrust, 2 * mass, 8 * damping)
-        # another model, with the same factors
+        # The factors also apply to another model.
         with open(rospy.get_param("~model")) as file:
             text = file.read()
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
@@ -169,7 +169,7 @@ class SimulatorTest(unittest.TestCase):
             model.flush()
             self.assertTrue(load(model.name).success)
         accelerates(thrust, 2 * mass, 8 * damping)
-        # one that no craft can be with these factors is refused, and so are factors for one that is
+        # Factors that make the loaded model impossible are refused.
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
             model.write(text.replace("k: 0.062", "k: 1.5e-5").replace("N_r: 4.62e-5", "N_r: 1e-9"))
             model.flush()
@@ -177,18 +177,18 @@ class SimulatorTest(unittest.TestCase):
         kept = client.update_configuration({"k_factor": 0.1})
         self.assertEqual(kept["k_factor"], 2.0)
         client.close()
-        said = [(m.node, m.name, m.before, m.after) for _, m in changes.all]
-        self.assertIn(("simulator", "k_factor", "1", "0.5"), said)
-        self.assertIn(("simulator", "m_factor", "1", "2"), said)
-        self.assertNotIn("0.1", [m[3] for m in said])
+        changed = [(m.node, m.name, m.before, m.after) for _, m in changes.all]
+        self.assertIn(("simulator", "k_factor", "1", "0.5"), changed)
+        self.assertIn(("simulator", "m_factor", "1", "2"), changed)
+        self.assertNotIn("0.1", [m[3] for m in changed])
 
     def test_obeys_its_sender_alone_and_stops_without_it(self):
         self.start(position_noise=0.0, heading_noise=0.0)
         self.drive(1, 0, 0.4)
         moving = self.truth.message
-        self.assertGreater(moving.nu[2], 1.0, "left thrust turns clockwise: r grows")
+        self.assertGreater(moving.nu[2], 1.0, "left thrust turns the craft clockwise: r grows")
         self.assertGreater(moving.eta[2], 0.1)
-        # the same turn in OptiTrack's frame is a negative rotation about its y, which points up
+        # In OptiTrack's frame this is a negative rotation about y, which points up.
         self.assertLess(self.poses.message.pose.orientation.y, 0)
         harness.wait_for(lambda: abs(self.truth.message.nu_dot[2]) < 4, 2, "the craft's watchdog")
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -200,7 +200,7 @@ class SimulatorTest(unittest.TestCase):
         stranger.close()
         self.assertLess(self.truth.message.nu[2], rate + 0.1)
         data, _ = self.ground.recvfrom(2048)
-        yaw = struct.unpack("<f", data[11:15])[0]  # third of three floats behind a byte each
+        yaw = struct.unpack("<f", data[11:15])[0]  # third of three floats, each after a byte
         self.assertTrue(math.isfinite(yaw) and abs(yaw) <= 180)
 
 

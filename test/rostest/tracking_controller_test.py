@@ -26,7 +26,7 @@ DELAYED = os.path.join(HERE, "delayed_craft.yaml")
 
 
 def circle_file(points):
-    """A CSV file of a circle of 1.25 m in steps of 10 ms."""
+    """A CSV file of a circle with a radius of 1.25 m, in steps of 10 ms."""
     file = tempfile.NamedTemporaryFile("w", suffix=".csv")
     file.write("time,x,y\n")
     for i in range(points):
@@ -82,7 +82,7 @@ class TrackingTest(ControllerCase):
         client.update_configuration({"size": 2.0})
         client.close()
 
-    def test_a_reference_beyond_the_craft_is_said_so_before_the_start(self):
+    def test_a_reference_beyond_the_crafts_abilities_is_reported_at_the_start(self):
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)
         client.update_configuration({"rate_of_turn": 3.0})
         answer = self.start()
@@ -95,7 +95,7 @@ class TrackingTest(ControllerCase):
         self.assertEqual(self.start().message, "")
         client.close()
 
-    def test_effects_that_are_not_used_are_said_and_some_are_refused(self):
+    def test_effects_that_are_not_used_are_reported_or_refused(self):
         load = rospy.ServiceProxy("tracking/load_model", LoadModel)
         answer = load(file=TILTED)
         self.assertTrue(answer.success, answer.message)
@@ -111,15 +111,15 @@ class TrackingTest(ControllerCase):
         self.assertTrue(answer.success)
         self.assertNotIn("use", answer.message[answer.message.index(".yaml") :])
 
-    def test_what_it_cannot_use_does_not_start(self):
+    def test_controllers_with_unusable_parameters_end(self):
         for name in ("broken", "misled", "mistuned"):
             harness.wait_for(
                 lambda name=name: not rosnode.rosnode_ping(name, max_count=1),
                 10,
-                name + " is gone",
+                "the end of " + name,
             )
 
-    def test_a_craft_that_does_not_come_stops_it_with_the_reason(self):
+    def test_a_craft_that_stays_away_stops_the_controller_with_the_reason(self):
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)
         client.update_configuration({"max_error": 2.5})  # the craft stands 2 m from the circle
         self.run_it()
@@ -143,7 +143,7 @@ class TrackingTest(ControllerCase):
         states = {m.header.stamp for _, m in list(reference.all)}
         self.assertGreater(len(states & {m.state for m in found.values()}), 25)
 
-    def test_a_large_reference_is_built_while_commands_go_out(self):
+    def test_commands_continue_while_a_large_reference_is_built(self):
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)
         reference = harness.Latest("reference", Reference)
         self.run_it()

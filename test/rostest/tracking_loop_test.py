@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Both tracking controllers in closed loop through UDP: gains, reference and controller change
-live, and the mocap loses the craft in mid-track. No file holds what keeps it safe."""
+"""Both tracking controllers in closed loop through UDP: live changes of gains, reference, model and
+controller, and a loss of the mocap. Loading of files never blocks the sender."""
 import math
 import os
 import shutil
@@ -60,7 +60,7 @@ class TrackingLoopTest(unittest.TestCase):
             self.assertEqual(answer[name], value)
 
     def error(self, duration):
-        """Root mean square of the true error over the next `duration` seconds."""
+        """RMS of the true error over the next `duration` seconds [m]."""
         begin = rospy.Time.now().to_sec()
         harness.wait_for(
             lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time"
@@ -70,7 +70,7 @@ class TrackingLoopTest(unittest.TestCase):
             for heard, get in ((self.truth, lambda m: m.eta), (self.reference, lambda m: m.p))
         )
         reference = reference[(reference[:, 0] > begin) & (reference[:, 0] <= truth[-1, 0])]
-        self.assertGreater(len(reference), 25 * duration)  # of 50; a host at its limit loses some
+        self.assertGreater(len(reference), 25 * duration)  # 50 Hz; a busy host loses some
         off = [
             np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)
         ]
@@ -90,18 +90,25 @@ class TrackingLoopTest(unittest.TestCase):
                 return
         self.fail("%s: the error is %.3f m, not within %.3f m" % (what, error, bound))
 
-    def test_live(self):
+    def test_live_changes(self):
         self.expect("controller", S.RUNNING)
         self.settled(TUNED_BOUND, "tuned gains on the circle")
+        self.change_gains()
+        self.change_controller()
+        self.change("predictive", reference="rhodonea", size=1.5, rate_of_turn=0.4)
+        self.settled(PREDICTIVE_BOUND, "the predictive controller on the rhodonea")
+        self.change_models()
+        self.lose_the_mocap()
+        self.return_to_the_first_controller()
 
-        # gains: the thesis's saturate and keep within about half a metre
+    def change_gains(self):
+        """The thesis's gains saturate and give errors up to about 0.5 m; a limit on it stops the craft."""
         tuned = rospy.get_param("controller/k_phi_1"), rospy.get_param("controller/k_e")
         self.change("controller", k_e=4.0, k_phi_1=0.005, max_error=5.0)
         rough = self.error(6)
         print("other gains: %.1f mm" % (1e3 * rough))
         self.assertGreater(rough, 2 * PREDICTIVE_BOUND)
         self.assertEqual(self.status["controller"].message.state, S.RUNNING)
-        # that is enough to be stopped for
         self.change("controller", max_error=0.05)
         self.expect("controller", S.STOPPED, 20)
         self.assertRegex(
@@ -112,7 +119,8 @@ class TrackingLoopTest(unittest.TestCase):
         self.start("controller")
         self.expect("controller", S.RUNNING, 10)
 
-        # controller: the other takes over without a word to the sender
+    def change_controller(self):
+        """The other controller takes over without disarming."""
         self.start("predictive")
         self.expect("predictive", S.RUNNING, 5)
         self.expect("controller", S.STOPPED, 5)
@@ -122,11 +130,8 @@ class TrackingLoopTest(unittest.TestCase):
         self.assertEqual(len(drivers), 1, drivers)
         self.assertTrue(all(m.lift == 1 for _, m in self.controls.all[-50:]))
 
-        # reference
-        self.change("predictive", reference="rhodonea", size=1.5, rate_of_turn=0.4)
-        self.settled(PREDICTIVE_BOUND, "the predictive controller on the rhodonea")
-
-        # models: another floor for the craft, then for the controller; nonsense is refused
+    def change_models(self):
+        """Tilts the floor of the craft, then of the controller's model; bad files are refused."""
         self.assertTrue(self.load("simulator", TILTED).success)
         self.settled(PREDICTIVE_BOUND, "the craft on a tilted floor")
         self.assertTrue(self.load("predictive", TILTED).success)
@@ -134,12 +139,13 @@ class TrackingLoopTest(unittest.TestCase):
             refused = self.load(name, __file__)
             self.assertFalse(refused.success)
             self.assertIn("old model stays", refused.message)
-        self.settled(PREDICTIVE_BOUND, "the controller that knows of it")
+        self.settled(PREDICTIVE_BOUND, "the controller with the tilt in its model")
         self.assertEqual(self.status["predictive"].message.state, S.RUNNING)
         stopped = [m for _, m in self.status["predictive"].all if m.state == S.STOPPED]
         self.assertEqual(stopped, [])
 
-        # mocap: gone for 0.3 s
+    def lose_the_mocap(self):
+        """A loss of the mocap for 0.3 s does not stop the craft."""
         before = len(self.sender.all)
         began = rospy.Time.now().to_sec()
         self.change("simulator", loss=1.0)
@@ -150,7 +156,8 @@ class TrackingLoopTest(unittest.TestCase):
         states = {m.state for _, m in self.sender.all[before:]}
         self.assertEqual(states, {SenderStatus.ARMED}, self.sender.message.reason)
 
-        # and back, from where its circle begins: from far away backstepping may diverge
+    def return_to_the_first_controller(self):
+        """It takes over where its circle begins: backstepping may diverge from far away."""
         line = {"x": 1.9, "y": 0.0, "end_x": 2.0, "end_y": 0.0, "speed": 0.1}
         self.change("predictive", reference="line", **line)
         self.settled(PREDICTIVE_BOUND, "the predictive controller where the circle begins")
@@ -158,12 +165,12 @@ class TrackingLoopTest(unittest.TestCase):
         self.expect("predictive", S.STOPPED, 5)
         self.settled(TUNED_BOUND, "tuned gains again")
 
-    def test_no_file_holds_the_sender(self):
+    def test_loading_of_files_does_not_block_the_sender(self):
         folder = tempfile.mkdtemp()
         fifo, huge = os.path.join(folder, "fifo"), os.path.join(folder, "huge")
         os.mkfifo(fifo)
         with open(huge, "w") as file:
-            file.truncate(10**9)  # takes no room on the disk
+            file.truncate(10**9)  # sparse: needs no space on the disk
         wrong = {
             fifo: "not a regular file",
             "/dev/zero": "not a regular file",

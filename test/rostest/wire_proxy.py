@@ -1,4 +1,4 @@
-"""The wire between sender and craft, for tests that spoil it; remembers what went over it."""
+"""A proxy on the link between sender and craft that records packets and adds faults."""
 import random
 import select
 import socket
@@ -11,7 +11,7 @@ COUNT = 13  # field of a DroneState
 
 
 def without_count(telemetry):
-    """A DroneState as a craft sends it that does not count the commands it takes."""
+    """A DroneState without the number of taken commands, which some crafts do not send."""
     at, kept = 0, b""
     while at < len(telemetry):
         start = at
@@ -23,12 +23,11 @@ def without_count(telemetry):
 
 
 class WireProxy:
-    """Passes datagrams between a sender and the craft that believes this to be its sender.
+    """Passes datagrams between a sender and a craft; the craft uses the proxy as its sender.
 
-    drop, twice: shares of packets that are lost, that come twice; swap: share that comes after the
-    next one. deaf: nothing reaches the craft; silent: nothing comes from it; counts: whether its
-    telemetry says how many commands it has taken. packets: what the sender has sent, before it was
-    spoilt.
+    drop, twice, swap: shares of packets that are lost, duplicated, or swapped with the next. deaf: no
+    packet reaches the craft; silent: no telemetry comes from it; counts: whether telemetry has the number
+    of taken commands. packets: all packets of the sender, recorded before faults are added.
     """
 
     def __init__(self, sender_port, port, seed=1):
@@ -47,7 +46,7 @@ class WireProxy:
         self._thread.start()
 
     def move(self):
-        """From now on the craft speaks from another port."""
+        """Moves the craft to another port."""
         self._to_sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._to_sender.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._to_sender.bind(("127.0.0.1", 0))
@@ -79,7 +78,7 @@ class WireProxy:
         self._held = None
 
     def thrust_between(self, start, end):
-        """When packets with thrust were sent, [s, time.time()]."""
+        """Times of packets with thrust [s, time.time()]."""
         return [p.time for p in self.packets if start < p.time <= end and (p.left or p.right)]
 
     def close(self):

@@ -43,7 +43,7 @@ class WireTest(unittest.TestCase):
         self.assertTrue(self.start().success)
         self.expect(ControllerStatus.RUNNING, 15)
         self.expect(ControllerStatus.DONE, 10)
-        # the status may be here before the last packet
+        # The status may arrive before the last packet.
         harness.wait_for(lambda: is_zero(self.craft.since(0)[-1]), 0.5, "zero at the end")
         self.check_bits()
         self.check_loss_of_mocap()
@@ -56,7 +56,7 @@ class WireTest(unittest.TestCase):
             if inputs != last:
                 expected.append((i / CLOCK, inputs))
                 last = inputs
-        if expected[0][1] == (0, 0):  # as when lifting: start at the next edge
+        if expected[0][1] == (0, 0):  # like lifting: start at the next edge
             expected = expected[1:]
         edges, last = [], (0, 0)
         for packet in self.craft.since(0):
@@ -76,7 +76,7 @@ class WireTest(unittest.TestCase):
             % (len(errors), 1e3 * errors[len(errors) // 2], 1e3 * errors[-1])
         )
         self.assertLess(errors[len(errors) // 2], 0.002)
-        # Another program's turn on a shared processor may hold up an edge, not many.
+        # On a shared processor another program may delay single edges.
         self.assertLess(errors[int(0.9 * len(errors))], 0.02)
         self.assertLess(errors[-1], 0.1)
 
@@ -92,7 +92,7 @@ class WireTest(unittest.TestCase):
         time.sleep(0.2)
         after = self.craft.since(moment)
         delay = max((p.time for p in after if not is_zero(p)), default=moment) - moment
-        print("poses lost: the last packet that drives after %.0f ms" % (1e3 * delay))
+        print("poses lost: last packet with thrust after %.0f ms" % (1e3 * delay))
         self.assertLess(delay, 0.25)
         harness.wait_for(lambda: self.sender.message.state == SenderStatus.FAULT, 2, "FAULT")
         self.expect(ControllerStatus.STOPPED, 2)

@@ -1,4 +1,4 @@
-// The controllers' loops do not allocate: no iteration waits for memory.
+// Iterations of the controllers do not allocate memory.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -36,7 +36,7 @@ void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std
 namespace ground {
 namespace {
 
-/// Allocations of `count` iterations on a circle, once it has been going for a while.
+/// Number of allocations in `count` iterations on a circle, after 100 others.
 long allocationsOf(TrackingController& controller, const Model& model, int count) {
   ReferenceParams params;
   params.kind = "circle";
@@ -60,19 +60,19 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
   return allocations - before;
 }
 
-TEST(Allocations, AreSeenHere) {
+TEST(Allocations, AreCounted) {
   const long before = allocations;
   delete new int;
   EXPECT_EQ(allocations, before + 1);
 }
 
-TEST(Allocations, NoneOfTheTrackingLaw) {
+TEST(Allocations, NoneByTheTrackingLaw) {
   const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   BacksteppingControl controller(model, {});
   EXPECT_EQ(allocationsOf(controller, model, 200), 0);
 }
 
-TEST(Allocations, NoneOfThePredictiveControllerWithEffects) {
+TEST(Allocations, NoneByThePredictiveControllerWithEffects) {
   Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   for (const char* effect : {"motor_lag", "input_delay", "quadratic_drag", "marker_offset"})
     model.addEffect(makeEffect(effect));

@@ -1,4 +1,4 @@
-// The thesis's artificial data (3.3.2), shared by the tests of the fit and the benchmark.
+// The thesis's artificial data (3.3.2), for the tests of the fit and the benchmark.
 #pragma once
 
 #include <algorithm>
@@ -13,21 +13,21 @@
 
 namespace ground {
 
-inline const std::vector<std::string> kFive = {"I_z", "X_u", "Y_v", "N_r", "k"};
+inline const std::vector<std::string> kNominal = {"I_z", "X_u", "Y_v", "N_r", "k"};
 
 inline Model with(const std::vector<double>& five) {
   Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  for (std::size_t i = 0; i < kFive.size(); ++i) model.setValue(kFive[i], five[i]);
+  for (std::size_t i = 0; i < kNominal.size(); ++i) model.setValue(kNominal[i], five[i]);
   return model;
 }
 
 inline Model truth() { return with({1e-3, 5e-2, 5e-2, 1e-3, 0.1}); }  // table 3.1
 inline Model start() { return with({0.2, 0.2, 0.2, 0.2, 0.2}); }
 
-/// PRBS {0, 1} at 20 Hz from rest, sampled at 100 Hz. The noise's standard deviation is epsilon
-/// times that of each velocity, independent in every channel: (3.5) as it must be meant, for it
-/// divides by sigma and gives all channels the same random number.
-/// `memory` is the noise's correlation from one sample to the next.
+/// PRBS {0, 1} at 20 Hz from rest, sampled at 100 Hz. The noise is independent in each channel,
+/// with epsilon times the standard deviation of the velocity. (As printed, (3.5) divides by sigma
+/// and has the same random number in all channels.) `memory` is the noise's correlation between
+/// samples.
 inline RunData record(const Model& model, double duration, double epsilon, unsigned seed,
                       double memory = 0) {
   PrbsParams params;
@@ -70,11 +70,12 @@ inline SimulationError problem(const RunData& run, double window = 4.0) {
 
 inline FitOptions options(FitOptions::Objective objective = FitOptions::Objective::kLeastSquares) {
   FitOptions o;
-  o.free = kFive;
+  o.free = kNominal;
   o.objective = objective;
   return o;
 }
 
+/// Largest relative error of a parameter.
 inline double worst(const FitResult& result) {
   double largest = 0;
   for (const FittedParameter& p : result.parameters)
@@ -82,7 +83,7 @@ inline double worst(const FitResult& result) {
   return largest;
 }
 
-/// How many 95% intervals hold the truth.
+/// Number of 95% intervals that hold the truth.
 struct Coverage {
   int covered = 0, intervals = 0;
 
@@ -95,9 +96,9 @@ struct Coverage {
   double percent() const { return 100.0 * covered / intervals; }
 };
 
-/// One row of table 3.1, over many sequences and draws of noise instead of one.
+/// One row of table 3.1, over many PRBS sequences and draws of noise.
 struct NoiseStudy {
-  double median, largest;  ///< of the largest relative error of any parameter
+  double median, largest;  ///< over the runs, of the largest relative error of a parameter
   Coverage coverage;
 };
 

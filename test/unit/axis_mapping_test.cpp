@@ -1,4 +1,4 @@
-// Between the mocap's frame and world_ned.
+// Conversion between the mocap's frame and world_ned.
 #include "ground/estimation/axis_mapping.h"
 
 #include <gtest/gtest.h>
@@ -89,7 +89,7 @@ TEST(AxisMapping, RoundTripsAreExactInEveryFrame) {
         EXPECT_EQ(back->x(), eta.x()) << axes;
         EXPECT_EQ(back->y(), eta.y()) << axes;
         EXPECT_NEAR(wrapAngle(back->z() - eta.z()), 0, 4e-15) << axes;
-        // q and -q are the same turn.
+        // q and -q are the same rotation.
         orientation.coeffs() *= -1;
         EXPECT_NEAR(wrapAngle(mapping.toPlanar(position, orientation)->z() - eta.z()), 0, 4e-15);
       }
@@ -105,7 +105,7 @@ TEST(AxisMapping, SubtractsTheHeadingOffset) {
   EXPECT_NEAR(wrapped, 3.7 - 2 * M_PI, 1e-14);
 }
 
-TEST(AxisMapping, HeadingIsThatOfTheBowWhenTheCraftRollsAndPitches) {
+TEST(AxisMapping, HeadingIsTheDirectionOfTheBowWhenTheCraftRollsAndPitches) {
   const AxisMapping mapping("x, y, z");
   for (double tilt : {-0.2, 0.15}) {
     const Quaterniond pose = AngleAxisd(0.9, Vector3d::UnitZ()) *
@@ -115,13 +115,13 @@ TEST(AxisMapping, HeadingIsThatOfTheBowWhenTheCraftRollsAndPitches) {
   }
 }
 
-TEST(AxisMapping, SaysWhatIsWrongWithAPose) {
+TEST(AxisMapping, GivesTheReasonForABadPose) {
   const AxisMapping mapping;
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   const auto why = [&mapping](const Vector3d& position, const Quaterniond& orientation) {
     const char* reason = "";
-    EXPECT_FALSE(mapping.toPlanar(position, orientation));  // needs no reason
+    EXPECT_FALSE(mapping.toPlanar(position, orientation));  // the argument is optional
     EXPECT_FALSE(mapping.toPlanar(position, orientation, &reason));
     return std::string(reason);
   };
@@ -137,7 +137,7 @@ TEST(AxisMapping, SaysWhatIsWrongWithAPose) {
   EXPECT_NE(why({0, 0, 0}, upright).find("leans too far"), std::string::npos);
 }
 
-TEST(AxisMapping, BelievesACraftThatStandsOnAFloor) {
+TEST(AxisMapping, AcceptsTiltUpTo30Degrees) {
   const AxisMapping mapping("x, y, z");
   const auto leans = [](double degrees) {
     return Quaterniond(AngleAxisd(degrees * M_PI / 180, Vector3d(1, -1, 0).normalized()));
@@ -146,7 +146,7 @@ TEST(AxisMapping, BelievesACraftThatStandsOnAFloor) {
   EXPECT_FALSE(mapping.toPlanar(Vector3d::Zero(), leans(31)));
 }
 
-TEST(AxisMapping, RefusesWhatIsNoRightHandedFrame) {
+TEST(AxisMapping, RefusesAxesThatAreNotRightHanded) {
   for (const char* axes : {"", "x", "x, z", "x, z, -y, x", "x, z, -y,", "x, x, y", "a, b, c",
                            "x, z, --y", "x z -y", "x, z, -", "xx, z, -y", "X, Z, -Y"})
     EXPECT_FALSE(accepted(axes)) << axes;

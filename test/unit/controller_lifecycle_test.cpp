@@ -1,4 +1,4 @@
-// The life of a controller on a clock that the test moves.
+// The life cycle of a controller, on simulated clocks.
 #include "ground/control/controller_lifecycle.h"
 
 #include <gtest/gtest.h>
@@ -15,15 +15,15 @@ namespace {
 
 using State = ControllerLifecycle::State;
 
-constexpr double kFrame = 0.01;  // between states [s]
+constexpr double kFrame = 0.01;  // interval between states [s]
 
 struct FakePilot : Pilot {
   Vector2<double> inputs{0.4, 0.6};
-  std::string objects, refuses;
+  std::string objects, refuses;  ///< reasons of objection() and of activate(); empty: none
   double ends = std::numeric_limits<double>::infinity();
   double bit = 0;  ///< length of a bit of an open-loop signal; 0: closed loop [s]
   int activated = 0, deactivated = 0;
-  std::vector<double> updates;  ///< elapsed
+  std::vector<double> updates;  ///< elapsed times [s]
 
   void activate(double) override {
     if (!refuses.empty()) throw std::runtime_error(refuses);
@@ -59,12 +59,12 @@ class Lifecycle : public testing::Test {
     life.setParams(params);
   }
 
-  Instant now() const { return {time + 100, time}; }  // clocks need not agree
+  Instant now() const { return {time + 100, time}; }  // the clocks differ
   void see() {
     measured.stamp = time - 0.004;
     life.state(now(), measured);
   }
-  /// Time passes; whatever is due happens on time, and states come at every frame.
+  /// Lets time pass: due ticks happen on time, and with `seen` a state comes at every frame.
   void pass(double duration, bool seen = true) {
     const double until = time + duration;
     while (time < until) {
@@ -122,10 +122,10 @@ TEST_F(Lifecycle, WaitsLiftsDrivesAndEnds) {
     EXPECT_EQ(s.inputs.lift, lifts ? params.lift : 0) << s.time;
   }
   for (std::size_t i = 1; i < sent.size(); ++i)
-    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "nothing went out for long";
+    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "no command for long";
 }
 
-TEST_F(Lifecycle, ClosedLoopsDecideAtTheirRateAndRepeatThemselvesWithoutAState) {
+TEST_F(Lifecycle, ClosedLoopsDecideAtTheirRateAndUseTheLastStateDuringALoss) {
   drive();
   pilot.updates.clear();
   pass(1);
@@ -134,7 +134,7 @@ TEST_F(Lifecycle, ClosedLoopsDecideAtTheirRateAndRepeatThemselvesWithoutAState) 
   pass(0.19, false);
   EXPECT_EQ(life.current(), State::kRunning);
   EXPECT_GT(pilot.updates.size(), before + 2);
-  EXPECT_EQ(pilot.updates.back(), pilot.updates[before]) << "upon the state it has";
+  EXPECT_EQ(pilot.updates.back(), pilot.updates[before]) << "the time of the last state";
 }
 
 TEST_F(Lifecycle, OpenLoopsChangeTheirInputsOnTime) {
@@ -151,7 +151,7 @@ TEST_F(Lifecycle, OpenLoopsChangeTheirInputsOnTime) {
   }
 }
 
-TEST_F(Lifecycle, ALostStateTakesTheThrustAtOnceAndTheLiftWhenItDoesNotComeBack) {
+TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
   drive();
   pass(0.5, false);
   EXPECT_EQ(life.current(), State::kRecovering);
@@ -167,14 +167,14 @@ TEST_F(Lifecycle, ALostStateTakesTheThrustAtOnceAndTheLiftWhenItDoesNotComeBack)
   EXPECT_NEAR(stages.back().first, lost + params.state_timeout + params.recovery_time, kFrame);
 }
 
-TEST_F(Lifecycle, LiftingGoesOnThroughAShortLossAndDrivesByAStateOnly) {
+TEST_F(Lifecycle, LiftingContinuesDuringAShortLossAndDrivingNeedsAState) {
   life.start(now());
   pass(0.5);
   pass(0.6, false);
   EXPECT_EQ(life.current(), State::kLifting) << life.reason();
   EXPECT_EQ(sent.back().inputs.lift, params.lift);
   pass(0.02);
-  EXPECT_EQ(life.current(), State::kRunning) << "lift_time was over while the state was lost";
+  EXPECT_EQ(life.current(), State::kRunning) << "lift_time ended while the state was lost";
   life.stop(now(), "by hand");
   life.start(now());
   pass(0.1);
@@ -182,7 +182,7 @@ TEST_F(Lifecycle, LiftingGoesOnThroughAShortLossAndDrivesByAStateOnly) {
   expectStopped("the state is stale");
 }
 
-TEST_F(Lifecycle, APilotMayGoFromOpenLoopToTheStateAndBack) {
+TEST_F(Lifecycle, APilotMayChangeBetweenOpenAndClosedLoop) {
   pilot.bit = 0.1;
   drive();
   pass(0.2);
@@ -212,7 +212,7 @@ TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
   room.latency = 0.1;
   life.setFence(Fence(room, room.margin));
   drive();
-  // At 1 m/s the craft comes to rest 0.6 m on; walls are 2 m away.
+  // At 1 m/s the craft stops after 0.6 m; walls are 2 m away.
   measured.state.nu.x() = 1;
   double x = 0;
   while (x < 3 && life.current() == State::kRunning) {
@@ -231,7 +231,7 @@ TEST_F(Lifecycle, TheFenceCountsTheAgeOfALostState) {
   life.setFence(Fence(room, room.margin));
   measured.state.eta.x() = 1.0;
   drive();
-  measured.state.nu.x() = 1;  // it comes to rest at 1.6 m, and 0.1 m farther on every 0.1 s
+  measured.state.nu.x() = 1;  // it would stop at 1.6 m, later by 0.1 m every 0.1 s
   pass(0.05);
   EXPECT_EQ(life.current(), State::kRunning);
   pass(0.3, false);
@@ -247,7 +247,7 @@ TEST_F(Lifecycle, WithoutRecoveryTimeALostStateStopsIt) {
   expectStopped("the state is stale");
 }
 
-TEST_F(Lifecycle, StatesThatAreOldOrInvalidAreAsGoodAsLost) {
+TEST_F(Lifecycle, OldOrInvalidStatesCountAsLost) {
   drive();
   measured.valid = false;
   measured.problem = "markers hidden";
@@ -258,7 +258,7 @@ TEST_F(Lifecycle, StatesThatAreOldOrInvalidAreAsGoodAsLost) {
 
   measured.valid = true;
   drive();
-  for (int i = 0; i < 100; ++i) {  // on time, and of long ago
+  for (int i = 0; i < 100; ++i) {  // delivered on time with old stamps
     time += kFrame;
     next_frame = time + kFrame;
     measured.stamp = time - 0.3;
@@ -267,7 +267,7 @@ TEST_F(Lifecycle, StatesThatAreOldOrInvalidAreAsGoodAsLost) {
   expectStopped("the state is stale");
 }
 
-TEST_F(Lifecycle, StopsAtOnceForWhatNoCraftCanDo) {
+TEST_F(Lifecycle, StopsAtOnceForImpossibleStates) {
   drive();
   measured.state.eta.x() = 1;
   see();
@@ -284,7 +284,7 @@ TEST_F(Lifecycle, StopsAtOnceForWhatNoCraftCanDo) {
   expectStopped("the command is not finite");
 }
 
-TEST_F(Lifecycle, StopsWithTheReasonsOfOthers) {
+TEST_F(Lifecycle, StopsWithTheReasonOfPilotUserOrClock) {
   drive();
   pilot.objects = "too far off";
   pass(0.1);
@@ -339,7 +339,7 @@ TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   EXPECT_NEAR(stages[3].first, stages[2].first + 2, 1e-9);
   EXPECT_EQ(stages[3].second, State::kDone);
   for (std::size_t i = 1; i < sent.size(); ++i)
-    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "nothing went out for long";
+    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "no command for long";
 
   life.start(now());
   pass(1.5, false);
@@ -348,13 +348,13 @@ TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   expectStopped("the sender is not armed: disarmed by hand");
 }
 
-TEST_F(Lifecycle, WithoutAStateThoseThatComeAreIgnored) {
+TEST_F(Lifecycle, WithoutRequiredStateStatesAreIgnored) {
   params.require_state = false;
   life.setParams(params);
   RoomPlan room;
   life.setFence(Fence(room, room.margin));
   pilot.bit = 0.1;
-  measured.state.eta.x() = 50;  // outside, and then as if it had jumped, and lost
+  measured.state.eta.x() = 50;  // outside the room; then a jump, NaN, and a loss
   drive();
   measured.state.eta.x() = 0;
   pass(0.1);
@@ -365,7 +365,7 @@ TEST_F(Lifecycle, WithoutAStateThoseThatComeAreIgnored) {
   EXPECT_EQ(life.current(), State::kRunning) << life.reason();
 }
 
-TEST_F(Lifecycle, WithoutAStateWhoGoesByItIsRefused) {
+TEST_F(Lifecycle, WithoutRequiredStateClosedLoopsAreRefused) {
   const std::string needs = "it drives by the state, and require_state is false";
   params.require_state = false;
   life.setParams(params);
@@ -375,22 +375,22 @@ TEST_F(Lifecycle, WithoutAStateWhoGoesByItIsRefused) {
   EXPECT_EQ(pilot.activated, 0);
   pilot.bit = 0.1;
   drive();
-  pilot.bit = 0;  // a pilot that changes its mind
+  pilot.bit = 0;  // the pilot changes to closed loop
   pass(0.2);
   expectStopped(needs);
 }
 
 TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
-  for (int i = 0; i < 20; ++i) {  // another drives: not a word of this one
+  for (int i = 0; i < 20; ++i) {  // another controller drives: this one sends nothing
     life.otherDrives(now(), "other", 0.8);
     pass(0.02);
   }
   EXPECT_TRUE(std::all_of(sent.begin(), sent.end(), [](const Sent& s) { return s.time < 0.02; }));
   life.start(now());
   pass(0.05);
-  EXPECT_EQ(life.current(), State::kRunning) << "without lifting for a second time";
+  EXPECT_EQ(life.current(), State::kRunning) << "it does not lift again";
   life.otherDrives(now(), "other", 0.8);
-  EXPECT_EQ(life.current(), State::kRunning) << "the last word of the one that was replaced";
+  EXPECT_EQ(life.current(), State::kRunning) << "a late command of the replaced controller";
   pass(0.3);
   sent.clear();
   life.otherDrives(now(), "third", 0.8);
@@ -399,12 +399,12 @@ TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
   EXPECT_TRUE(sent.empty());
 }
 
-TEST_F(Lifecycle, NeverPushesOnAStateThatItMustNotTrust) {
+TEST_F(Lifecycle, ThrustNeedsATrustedState) {
   std::mt19937 random(7);
   const auto chance = [&](double p) { return std::uniform_real_distribution<double>()(random) < p; };
   params.require_armed = true;
   life.setParams(params);
-  double trusted = -1e9;  // newest valid, finite state
+  double trusted = -1e9;  // time of the newest valid, finite state
   bool armed = false, finite = true;
   for (int i = 0; i < 200000; ++i) {
     time += 0.005;

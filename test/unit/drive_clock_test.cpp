@@ -1,4 +1,4 @@
-// The origin of the model's t: when a drive begins, and that all who run a model agree on it.
+// The origin of the model's time t: the begin of a drive, the same wherever a model is simulated.
 #include "ground/model/drive_clock.h"
 
 #include <gtest/gtest.h>
@@ -41,13 +41,13 @@ TEST(DriveClock, ADriveBeginsWithTheFirstLift) {
   EXPECT_EQ(clock.since(1013), 10);
 }
 
-TEST(DriveClock, AShortPauseOfTheLiftDoesNotEndADriveAndALongOneDoes) {
+TEST(DriveClock, OnlyALongPauseOfTheLiftEndsADrive) {
   DriveClock clock;
   clock.command(10, 1);
   clock.command(20, 0);
   EXPECT_FALSE(clock.command(20 + DriveClock::kPause, 1));
   EXPECT_EQ(clock.since(25), 15);
-  // A command is held until the next: silence is no pause of the lift.
+  // A command is held until the next: a time without commands is not a pause of the lift.
   EXPECT_FALSE(clock.command(60, 1));
   clock.command(70, 0);
   EXPECT_EQ(clock.since(80), 70);
@@ -57,8 +57,8 @@ TEST(DriveClock, AShortPauseOfTheLiftDoesNotEndADriveAndALongOneDoes) {
   EXPECT_EQ(clock.starts(), std::vector<double>({10, 80}));
 }
 
-TEST(DriveClock, ARecordTellsOfADriveThatBeganBefore) {
-  DriveClock late;  // it hears the commands from the middle of a drive on
+TEST(DriveClock, ARecordGivesTheBeginOfAnEarlierDrive) {
+  DriveClock late;  // gets commands from the middle of a drive on
   EXPECT_TRUE(late.command(3, 1));
   late.record(-40, 3.4);
   EXPECT_EQ(late.since(5), 45);
@@ -69,7 +69,7 @@ TEST(DriveClock, ARecordTellsOfADriveThatBeganBefore) {
   early.record(-40, 0);
   EXPECT_FALSE(early.command(0.1, 1));
   EXPECT_EQ(early.since(5), 45);
-  // One that is older than a new drive does not touch it.
+  // A record that is older than a new drive does not change it.
   late.command(10, 0);
   EXPECT_TRUE(late.command(20, 1));
   late.record(-40, 19.9);
@@ -78,7 +78,7 @@ TEST(DriveClock, ARecordTellsOfADriveThatBeganBefore) {
   EXPECT_EQ(late.starts(), std::vector<double>({-40, 20.001}));
 }
 
-TEST(DriveClock, NonsenseIsLeftOut) {
+TEST(DriveClock, BadRecordsAreIgnored) {
   DriveClock clock;
   clock.command(10, 1);
   for (const double bad : {std::nan(""), kInfinity, -kInfinity, 30.0}) clock.record(bad, 20);
@@ -88,17 +88,17 @@ TEST(DriveClock, NonsenseIsLeftOut) {
   EXPECT_THROW(DriveClock({std::nan("")}), std::invalid_argument);
 }
 
-TEST(DriveClock, AClockThatIsSetBackForgetsTheDrivesOfLater) {
+TEST(DriveClock, AClockThatIsSetBackForgetsLaterDrives) {
   DriveClock clock;
   clock.command(50, 1);
-  clock.command(49.95, 1);  // two controllers in disorder
+  clock.command(49.95, 1);  // commands of two controllers in wrong order
   EXPECT_EQ(clock.since(60), 10);
   EXPECT_TRUE(clock.command(1, 1));
   EXPECT_EQ(clock.starts(), std::vector<double>({1}));
 }
 
-/// A sagging craft's run: rest until 3 s, then lift, then a PRBS. Perfect mocap, whose room begins
-/// at a time that has nothing to do with the drive.
+/// Run of a craft with battery sag: rest until 3 s, then lift, then a PRBS; exact mocap. The room
+/// starts at an arbitrary time.
 struct DrivenRun {
   static constexpr double kLift = 3.0, kEnd = 23.0;
   Model truth = sagging(20);
@@ -133,7 +133,7 @@ struct DrivenRun {
     }
   }
 
-  /// What a recording that was started at `from` [s], on its own clock, has of it.
+  /// The part that a recording started at `from` [s] has, on its own clock.
   RunData recordedFrom(double from) const {
     RunData part;
     part.name = "late";
@@ -159,12 +159,12 @@ TEST(OneOriginOfTime, IdentificationFindsTheSagOfTheSimulatedCraft) {
     options.free = {"k", "battery_sag.tau"};
     const Model found = problem.fit(sagging(100), options).model;
     EXPECT_NEAR(found.value("battery_sag.tau"), 20, 0.1) << run.name;
-    // A wrong origin would go into k, by 5% a second.
+    // An origin that is wrong by 1 s changes k by 5%.
     EXPECT_NEAR(found.value("k"), driven.truth.body.k, 1e-4) << run.name;
   }
 }
 
-TEST(OneOriginOfTime, PredictionAndMissingWrenchAreThoseOfTheSimulatedCraft) {
+TEST(OneOriginOfTime, PredictionAndMissingWrenchAgreeWithTheSimulatedCraft) {
   const DrivenRun driven;
   for (const double from : {0.0, 13.0}) {
     const RunData run = driven.recordedFrom(from);
@@ -177,7 +177,7 @@ TEST(OneOriginOfTime, PredictionAndMissingWrenchAreThoseOfTheSimulatedCraft) {
       const auto measured = run.nu.middleRows(windows[w].first, found.nu[w].rows());
       EXPECT_LT((found.nu[w] - measured).cwiseAbs().maxCoeff(), 1e-4) << windows[w].first;
     }
-    // Without noise nothing is missing: a wrong origin by a second is a twentieth of the thrust.
+    // Nothing is missing; an origin that is wrong by 1 s would be 5% of the thrust.
     const WrenchFilter filter(driven.truth, run);
     const InferredWrench missing = filter.smooth({0.01, 1e-3, 1e-4, 1e-3});
     EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().bottomRows(500).maxCoeff(), 1e-4);
@@ -187,7 +187,7 @@ TEST(OneOriginOfTime, PredictionAndMissingWrenchAreThoseOfTheSimulatedCraft) {
   }
 }
 
-TEST(OneOriginOfTime, ALiveComparisonThatIsStartedInTheMiddlePredictsTheSimulatedCraft) {
+TEST(OneOriginOfTime, ALiveComparisonStartedDuringADrivePredictsTheSimulatedCraft) {
   const DrivenRun driven;
   for (const double from : {0.0, 13.0}) {
     const RunData run = driven.recordedFrom(from);
@@ -206,12 +206,12 @@ TEST(OneOriginOfTime, ALiveComparisonThatIsStartedInTheMiddlePredictsTheSimulate
     }
     ASSERT_TRUE(last);
     EXPECT_LT(last->error, 0.01);
-    EXPECT_LT(wrench, 2e-3);  // a wrong origin: 0.06 N
+    EXPECT_LT(wrench, 2e-3);  // 0.06 N with a wrong origin
   }
 }
 
-TEST(OneOriginOfTime, APlanReckonsWithTheThrustOfThatTime) {
-  // A steady motion against drag takes more input late in a drive than at its beginning.
+TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
+  // With battery sag, steady motion against drag needs more input late in a drive.
   Model model = sagging(20);
   model.setValue("X_u", 0.05);
   ReferenceParams line;
@@ -234,7 +234,7 @@ TEST(OneOriginOfTime, APlanReckonsWithTheThrustOfThatTime) {
   }
 }
 
-TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
+TEST(OneOriginOfTime, EachLaneHasItsOwnTime) {
   // Two drives in a run, and two lanes of which one begins in the second drive.
   const Model model = sagging(5);
   InputSequence inputs;
@@ -259,7 +259,7 @@ TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
       EXPECT_NEAR(u[lane][i], simulation.state().nu.x(), 1e-12) << lane << " " << i;
     }
   }
-  // The second drive begins with full thrust, as if it were alone.
+  // The second drive begins with full thrust, like a first one.
   InputSequence only;
   only.add(8, 0.5, 1, 1);
   Simulation<double> fresh(alone, only, {}, 7);
@@ -267,7 +267,7 @@ TEST(OneOriginOfTime, EightSimulationsSideBySideHaveATimeEach) {
   EXPECT_NEAR(u[1][2], fresh.state().nu.x(), 1e-12);
 }
 
-TEST(OneOriginOfTime, FormulasSeeTheSameT) {
+TEST(OneOriginOfTime, FormulasUseTheSameT) {
   ExpressionDefinition definition;
   definition.name = "clockwork";
   definition.X = "a*t";

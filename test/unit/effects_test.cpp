@@ -20,7 +20,7 @@ Model with(const std::string& effect) {
   return model;
 }
 
-/// Commands with edges off every grid.
+/// Commands with edges that are not on a grid.
 InputSequence excitation() {
   InputSequence inputs;
   std::mt19937 random(7);
@@ -61,7 +61,7 @@ TEST_P(EveryEffect, IsExactlyAbsentAtItsNeutralValue) {
 }
 
 TEST_P(EveryEffect, ChangesTheMotionInEachOfItsParameters) {
-  // Somewhere in the room: the floor's friction is a matter of the place.
+  // Several places: the floor's friction depends on the place.
   const Model neutral = with(GetParam());
   const auto infos = neutral.parameters();
   for (std::size_t p = bodyParameters().size(); p < infos.size(); ++p) {
@@ -92,7 +92,7 @@ TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
       jets[p].v[3] = 1.0;
       const auto exact = run(neutral, jets);
       const double h = 1e-5 * infos[p].scale(neutral.body);
-      // At its neutral value an effect may be at its bound: only the inner side exists.
+      // A neutral value may be a bound: then differences are one-sided.
       const bool bounded =
           own && at_neutral &&
           (infos[p].lower == infos[p].neutral || infos[p].coordinate == Coordinate::kReciprocal);
@@ -136,8 +136,8 @@ TEST_P(EveryEffect, IsDocumented) {
 INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
                          [](const auto& test) { return test.param; });
 
-TEST(EffectLibrary, HasTheContractedNames) {
-  const std::vector<std::string> contract = {"added_mass",
+TEST(EffectLibrary, HasTheSpecifiedNames) {
+  const std::vector<std::string> specified = {"added_mass",
                                              "battery_sag",
                                              "body_force_bias",
                                              "com_offset",
@@ -162,7 +162,7 @@ TEST(EffectLibrary, HasTheContractedNames) {
                                              "wind",
                                              "yaw_bias"};
   const auto names = effectNames();
-  for (const auto& name : contract)
+  for (const auto& name : specified)
     EXPECT_NE(std::find(names.begin(), names.end(), name), names.end()) << name;
   EXPECT_THROW(makeEffect("friction"), std::invalid_argument);
 }
@@ -173,8 +173,8 @@ RigidState<double> acceleration(const Model& model, const RigidState<double>& st
 }
 
 TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
-  // A craft whose thrust axis misses the centre of mass, described about the centre of mass: the
-  // thrust has the lever, damping acts at the offset point. Force-free motion must agree exactly.
+  // Force-free motion must agree whether described about the centre of mass or about an offset
+  // point.
   Model offset = with("com_offset"), plain = tinyWhoover();
   offset.setValue("com_offset.xg", 0.02);
   offset.setValue("com_offset.yg", -0.013);
@@ -200,9 +200,9 @@ TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
 
 TEST(Physics, ComOffsetGivesThrustALever) {
   Model model = with("com_offset");
-  model.setValue("com_offset.yg", 0.01);  // mass to starboard, thrust passes to port: turns right
+  model.setValue("com_offset.yg", 0.01);  // mass to starboard of the thrust: turns right
   EXPECT_GT(acceleration(model, {}, {1, 1}).nu.z(), 0);
-  // about the centre of mass: I_z r' = F y_g
+  // About the centre of mass: I_z r' = F y_g.
   EXPECT_NEAR(acceleration(model, {}, {1, 1}).nu.z(), 2 * model.body.k * 0.01 / model.body.I_z,
               1e-9);
 }
@@ -256,7 +256,7 @@ TEST(Physics, MeasurementOffsetsCommute) {
   state.nu << 0.5, -0.2, 3;
   const auto a = Dynamics<double>(one).measure(state), b = Dynamics<double>(other).measure(state);
   EXPECT_LT(difference(a, b), 1e-14);
-  // and the measured velocity is the derivative of the measured pose
+  // The measured velocity is the derivative of the measured pose.
   const double h = 1e-6;
   const RigidState<double> rate = acceleration(one, state);
   const auto at = [&](double dt) {
@@ -267,14 +267,14 @@ TEST(Physics, MeasurementOffsetsCommute) {
   EXPECT_LT((body - a.nu.head<2>()).norm(), 1e-8);
 }
 
-TEST(Physics, DirectionalYawDampingAddsClockwiseAndTakesOffTheOtherWay) {
+TEST(Physics, DirectionalYawDampingIsLargerClockwise) {
   Model model = with("directional_yaw_damping");
   model.setValue("directional_yaw_damping.na", 2.5e-5);
   RigidState<double> clockwise, other;
   clockwise.nu.z() = 8;
   other.nu.z() = -8;
   const double damping = model.body.N_r / model.body.I_z, more = 2.5e-5 / model.body.I_z;
-  // The smooth passage through zero takes (0.1/8)^2/2 off.
+  // The smooth transition at zero reduces it by (0.1/8)^2/2.
   EXPECT_NEAR(acceleration(model, clockwise).nu.z(), -8 * (damping + more), 2e-4 * more * 8);
   EXPECT_NEAR(acceleration(model, other).nu.z(), 8 * (damping - more), 2e-4 * more * 8);
 }
@@ -295,14 +295,14 @@ TEST(Physics, SkirtFrictionIsDryFrictionThatVanishesWithLift) {
   EXPECT_EQ(at(skirt, 1.0), at(tinyWhoover(), 1.0));
 }
 
-/// Damping that the floor adds at a place, seen in the acceleration [N s/m].
+/// Damping that the floor adds at a place, from the acceleration [N s/m].
 double floorDamping(const Model& model, double x, double y) {
   RigidState<double> state;
   state.eta << x, y, 0.3;
   state.nu << 0.5, 0.25, 0;
   const Vector3<double> change =
       acceleration(tinyWhoover(), state).nu - acceleration(model, state).nu;
-  EXPECT_NEAR(change.y(), 0.5 * change.x(), 1e-12);  // against the velocity
+  EXPECT_NEAR(change.y(), 0.5 * change.x(), 1e-12);  // opposite to the velocity
   EXPECT_EQ(change.z(), 0);
   return model.body.m * change.x() / 0.5;
 }
@@ -318,11 +318,11 @@ TEST(Physics, FloorFrictionIsInterpolatedBetweenTheNodesOfItsGrid) {
   const double south = 0.5 * 0.01 + 0.5 * 0.02, north = 0.5 * -0.03;
   EXPECT_NEAR(floorDamping(model, 1.5, -0.25), 0.25 * south + 0.75 * north, 1e-12);
   EXPECT_NEAR(floorDamping(model, 0.5, -1.5), 0.25 * 0.01, 1e-12);
-  EXPECT_NEAR(floorDamping(model, 7, -1), 0.02, 1e-12);  // as at the edge
+  EXPECT_NEAR(floorDamping(model, 7, -1), 0.02, 1e-12);  // the value at the edge
   EXPECT_EQ(floorDamping(model, -1, 1), 0.0);
 }
 
-TEST(Physics, FloorFrictionKnowsItsDerivativeByThePlaceAlsoOnANode) {
+TEST(Physics, FloorFrictionHasItsDerivativeByThePlaceEvenOnANode) {
   Model model = with("floor_friction_map");
   model.setValue("floor_friction_map.c_2_2", 0.01);
   model.setValue("floor_friction_map.c_3_2", 0.03);
@@ -335,7 +335,7 @@ TEST(Physics, FloorFrictionKnowsItsDerivativeByThePlaceAlsoOnANode) {
   }
 }
 
-TEST(Penalty, BindsNeighboursOnTheFloorAndNothingElse) {
+TEST(Penalty, CouplesNeighboursOnTheFloorOnly) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));
   model.addEffect(makeEffect("floor_friction_map"));
@@ -347,7 +347,7 @@ TEST(Penalty, BindsNeighboursOnTheFloorAndNothingElse) {
   EXPECT_TRUE(W.topRows(8).isZero(0)) << "body and motor_lag have no prior";
   const Eigen::Index first = 8, count = 25;
   const double scale = model.parameters().back().scale(model.body);
-  // What the prior says of a floor: differences along x and along y, and values, in scales.
+  // Cost of a floor: its differences along x and y and its values, in units of the scale.
   const auto cost = [&](const Eigen::MatrixXd& floor) {
     Eigen::VectorXd x = Eigen::VectorXd::Zero(W.rows());
     for (Eigen::Index i = 0; i < 5; ++i)
@@ -364,7 +364,7 @@ TEST(Penalty, BindsNeighboursOnTheFloorAndNothingElse) {
     }
   EXPECT_NEAR(cost(slope), 0.5 * (20 * 1.0 + slope.squaredNorm() / 9), 1e-9);
   EXPECT_NEAR(cost(ruts), 0.5 * (20 * 4.0 + ruts.squaredNorm() / 9), 1e-9);
-  // of some parameters, in their own order
+  // The penalty of some parameters has their order.
   const Eigen::MatrixXd some = model.penalty(
       {"floor_friction_map.c_0_1", "k", "floor_friction_map.c_0_0", "floor_friction_map.c_2_2"});
   const double unit = 1 / (scale * scale);
@@ -426,7 +426,7 @@ ParameterInfo parameter(const std::string& name, const std::string& unit, double
   return info;
 }
 
-/// A skirt that fills with a time constant and pushes ahead as long as it does.
+/// A skirt pressure that follows the lift with a time constant and pushes ahead.
 ExpressionDefinition skirtPressure() {
   ExpressionDefinition definition;
   definition.name = "skirt";
@@ -454,14 +454,14 @@ TEST(StatesOfEffects, FollowAFirstOrderLagInClosedForm) {
   Simulation<double> simulation(dynamics, inputs, {}, 0);
   for (double t = 0.2; t < 2; t += 0.31) {
     simulation.advance(t);
-    const double on = t - 0.1037, left = std::exp(-on / 0.2);
+    const double on = t - 0.1037, decay = std::exp(-on / 0.2);
     const double gain = 0.8 * 0.02 / model.body.m;
-    EXPECT_NEAR(simulation.derivative().nu.x(), gain * (1 - left), 1e-7 * gain);
-    EXPECT_NEAR(simulation.state().nu.x(), gain * (on - 0.2 * (1 - left)), 1e-7 * gain);
+    EXPECT_NEAR(simulation.derivative().nu.x(), gain * (1 - decay), 1e-7 * gain);
+    EXPECT_NEAR(simulation.state().nu.x(), gain * (on - 0.2 * (1 - decay)), 1e-7 * gain);
   }
 }
 
-TEST(StatesOfEffects, StartSettledToTheCommandsBefore) {
+TEST(StatesOfEffects, StartSettledToEarlierCommands) {
   const Model model = withSkirt(skirtPressure(), 0.02, 0.2);
   const Dynamics<double> dynamics(model);
   const auto pressure = [&](double since, double start) {
@@ -472,7 +472,7 @@ TEST(StatesOfEffects, StartSettledToTheCommandsBefore) {
   };
   EXPECT_NEAR(pressure(30, 0), 0.8, 1e-9);
   EXPECT_NEAR(pressure(0.3, 0), 0.8 * (1 - std::exp(-0.3 / 0.2)), 1e-6);
-  EXPECT_EQ(pressure(-1, 0), 0);  // nothing has been commanded
+  EXPECT_EQ(pressure(-1, 0), 0);  // no command before the start
   ExpressionDefinition full = skirtPressure();
   full.states[0].initial = 0.5;
   const Dynamics<double> from_half(withSkirt(full, 0.02, 0.2));
@@ -481,7 +481,7 @@ TEST(StatesOfEffects, StartSettledToTheCommandsBefore) {
   EXPECT_NEAR(simulation.derivative().nu.x(), 0.5 * 0.02 / model.body.m, 1e-12);
 }
 
-/// A spring that the craft winds up by moving ahead: its state is driven by the motion.
+/// A spring that motion ahead stretches: its state depends on the motion.
 ExpressionDefinition spring() {
   ExpressionDefinition definition = skirtPressure();
   definition.X = "-c*way";
@@ -489,7 +489,7 @@ ExpressionDefinition spring() {
   return definition;
 }
 
-TEST(StatesOfEffects, AreIntegratedWithTheMotionByTheFourthOrder) {
+TEST(StatesOfEffects, AreIntegratedWithTheMotionAtFourthOrder) {
   Model model = withSkirt(spring(), 5.0, 0.4);
   model.setValue("X_u", 0.0);
   const Dynamics<double> dynamics(model);
@@ -506,7 +506,7 @@ TEST(StatesOfEffects, AreIntegratedWithTheMotionByTheFourthOrder) {
   EXPECT_NEAR(std::log2(error(0.02) / error(0.01)), 4, 0.3);
 }
 
-TEST(StatesOfEffects, SettleUnderTheMotionOfTheStartAndKnowTheirDerivativeByIt) {
+TEST(StatesOfEffects, SettleWithTheInitialMotionAndHaveDerivativesByIt) {
   ExpressionDefinition wake = skirtPressure();
   wake.X = "c*p";
   wake.states = {{"p", "(u - p)/tau", 0}};
@@ -524,7 +524,7 @@ TEST(StatesOfEffects, SettleUnderTheMotionOfTheStartAndKnowTheirDerivativeByIt) 
   EXPECT_NEAR(surge.v[0], (share * 0.02 - b.X_u) / b.m, 1e-6);
 }
 
-TEST(StatesOfEffects, StayWithoutDerivativesWhenASimulationGoesOnFromAnotherState) {
+TEST(StatesOfEffects, KeepValuesWithoutDerivativesWhenASimulationRestarts) {
   ExpressionDefinition wake = skirtPressure();
   wake.X = "c*p";
   wake.states = {{"p", "(u - p)/tau", 0}};
@@ -540,11 +540,11 @@ TEST(StatesOfEffects, StayWithoutDerivativesWhenASimulationGoesOnFromAnotherStat
   simulation.restart(other);
   const Jet after = simulation.derivative().nu.x();
   EXPECT_TRUE(after.isConstant());
-  EXPECT_GT(after.a, 0.1 * 0.02 / tinyWhoover().body.m);  // of the wake alone
+  EXPECT_GT(after.a, 0.1 * 0.02 / tinyWhoover().body.m);  // acceleration by the wake alone
 }
 
 TEST(StatesOfEffects, SettleToACommandThatHasBeenHeldForLonger) {
-  // Of the lag of a motor, too: its command has not been repeated for a minute.
+  // The same holds for motor_lag; the command was last sent a minute ago.
   Model model = with("motor_lag");
   model.setValue("motor_lag.tau", 0.1);
   const Dynamics<double> dynamics(model);
@@ -556,7 +556,7 @@ TEST(StatesOfEffects, SettleToACommandThatHasBeenHeldForLonger) {
 }
 
 TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
-  // Driven by inputs behind a delay and a lag, by the motion, by the place and by another state.
+  // States that depend on delayed and lagged inputs, on motion, place and another state.
   ExpressionDefinition definition = skirtPressure();
   definition.X = "c*p + c*q*u";
   definition.N = "0.01*c*q";
@@ -574,8 +574,7 @@ TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
     std::vector<Jet> jets(at.begin(), at.end());
     jets[p].v[3] = 1.0;
     const auto exact = run(model, jets);
-    // The closed form of a lag has a jump of 1e-10 where it turns into another one for short steps:
-    // a short step of the delay would magnify it.
+    // The lag's formula for short steps differs by 1e-10; a small h for the delay would amplify it.
     const double share = infos[p].name == "input_delay.delay" ? 1e-3 : 1e-5;
     const double h = share * infos[p].scale(model.body);
     std::vector<double> up = at, down = at;
@@ -594,7 +593,7 @@ TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
   }
 }
 
-TEST(StatesOfEffects, MayActOnTheThrustOfEachThruster) {
+TEST(StatesOfEffects, MayActOnEachThruster) {
   ExpressionDefinition droop = skirtPressure();
   droop.X = "";
   droop.thrust_L = "-c*p*u_L";
@@ -610,7 +609,7 @@ TEST(StatesOfEffects, MayActOnTheThrustOfEachThruster) {
   EXPECT_NEAR(change.z(), -0.01 * model.body.l / model.body.I_z, 1e-9);
 }
 
-TEST(StatesOfEffects, RefusesWhatIsNotAStateWithItsReason) {
+TEST(StatesOfEffects, RefusesBadStatesWithTheReason) {
   const auto refusal = [](const auto& change) -> std::string {
     ExpressionDefinition definition = skirtPressure();
     change(definition);
@@ -624,7 +623,7 @@ TEST(StatesOfEffects, RefusesWhatIsNotAStateWithItsReason) {
   using D = ExpressionDefinition;
   EXPECT_EQ(refusal([](D&) {}), "");
   const struct {
-    std::string said, expected;
+    std::string error, expected;
   } cases[] = {
       {refusal([](D& d) { d.states[0].rate = "(lift - pp)/tau"; }), "state p = '(lift - pp)/tau'"},
       {refusal([](D& d) { d.X = "c*pressure"; }), "formula X = 'c*pressure'"},
@@ -643,11 +642,11 @@ TEST(StatesOfEffects, RefusesWhatIsNotAStateWithItsReason) {
        }),
        "more than 4 states"},
   };
-  for (const auto& [said, expected] : cases)
-    EXPECT_NE(said.find(expected), std::string::npos) << expected << " not in: " << said;
+  for (const auto& [error, expected] : cases)
+    EXPECT_NE(error.find(expected), std::string::npos) << expected << " not in: " << error;
 }
 
-TEST(ExpressionEffect, RefusesWhatIsNotAFormula) {
+TEST(ExpressionEffect, RefusesBadFormulas) {
   for (const char* formula : {"c*", "unknown*u", "u=3", "c*u, v", "c*system(1)", "1 + c*u"}) {
     ExpressionDefinition definition = cubicDamping();
     definition.N = formula;

@@ -1,4 +1,4 @@
-// Excitation inside a room: bursts of an input design between returns home, and walls that hold.
+// Excitation inside a room: bursts of an input design between returns home.
 #include "ground/control/excitation_pilot.h"
 
 #include <gtest/gtest.h>
@@ -21,12 +21,12 @@ namespace {
 using Mark = ExcitationPilot::Mark;
 using Stage = ControllerLifecycle::State;
 
-constexpr double kBegins = 1.5;  // after 0.5 s of rest and 1 s of lift alone [s]
-constexpr double kSame = 1e-6;   // instants that are the same [s]
+constexpr double kDriveBegin = 1.5;  // after 0.5 s of rest and 1 s of lift alone [s]
+constexpr double kTolerance = 1e-6;  // tolerance of equal times [s]
 
 Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
-/// The craft with mass, inertia, thrust and lever wrong by a fifth, each up or down.
+/// The craft with mass, inertia, thrust and lever arm times 0.8 or 1.2.
 Model wrongCraft(unsigned long seed) {
   Model model = tinyWhoover();
   std::mt19937_64 random(seed);
@@ -37,7 +37,7 @@ Model wrongCraft(unsigned long seed) {
 
 RoomPlan square() { return loadRoomPlan("cfg/room/room_4x4.yaml"); }
 
-/// An L of 4 x 4 m; home is in its corner.
+/// An L-shaped room of 4 x 4 m; home is in its corner.
 RoomPlan angled() {
   RoomPlan room;
   room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
@@ -71,7 +71,7 @@ double leastClearance(const ExperimentLog& log, const RoomPlan& room) {
   return least;
 }
 
-/// When the controller stops to drive [s].
+/// Time at which the controller ends [s].
 double drivenUntil(const ExperimentLog& log) {
   for (const auto& stage : log.stages)
     if (stage.state == Stage::kDone || stage.state == Stage::kStopped) return stage.time;
@@ -84,17 +84,18 @@ bool recovering(const ExperimentLog& log, double time) {
   for (const auto& stage : log.stages) {
     if (stage.state == Stage::kRecovering) since = stage.time;
     if (stage.state == Stage::kRunning) {
-      if (time >= since - kSame && time <= stage.time + kSame) return true;
+      if (time >= since - kTolerance && time <= stage.time + kTolerance) return true;
       since = std::numeric_limits<double>::infinity();
     }
   }
-  return time >= since - kSame;
+  return time >= since - kTolerance;
 }
 
-/// Bursts and returns take turns, numbered from 1 on, with a reason each; times ascend.
+/// Checks that bursts and returns alternate, are numbered from 1 on, and have reasons and ascending
+/// times; and that decisions are made during returns only.
 void expectTurns(const ExperimentLog& log) {
   ASSERT_FALSE(log.marks.empty());
-  EXPECT_NEAR(log.marks.front().time, kBegins, 0.02);
+  EXPECT_NEAR(log.marks.front().time, kDriveBegin, 0.02);
   EXPECT_EQ(log.marks.front().reason, "the first one");
   for (std::size_t i = 0; i < log.marks.size(); ++i) {
     const Mark& mark = log.marks[i];
@@ -105,7 +106,7 @@ void expectTurns(const ExperimentLog& log) {
       EXPECT_GE(mark.time, log.marks[i - 1].time) << i;
     }
   }
-  EXPECT_LT(log.marks.back().time, drivenUntil(log) + kSame);
+  EXPECT_LT(log.marks.back().time, drivenUntil(log) + kTolerance);
   for (const auto& decision : log.decisions) {
     const auto next = std::find_if(log.marks.begin(), log.marks.end(), [&](const Mark& mark) {
       return mark.time > decision.time;
@@ -116,9 +117,9 @@ void expectTurns(const ExperimentLog& log) {
   }
 }
 
-/// In every burst the commands are rows of the design at their instants. Rows go on from burst to
-/// burst, and from the last to the first; only what a return cuts off is left out. Gives how many rows
-/// were played.
+/// Checks that the commands in every burst are the rows of the design at their times. Rows continue
+/// from burst to burst, and from the last to the first; a return skips the rest of a row. Returns
+/// the number of rows played.
 std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, double spacing) {
   std::size_t row = 0, edges = 0, missed = 0;
   double latest = 0;
@@ -126,14 +127,15 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
     const double begin = log.marks[i].time;
     const double end = i + 1 < log.marks.size() ? log.marks[i + 1].time : drivenUntil(log);
     const auto rowAt = [&](double time) {
-      const auto since = static_cast<std::size_t>(std::floor((time - begin) / spacing + kSame));
+      const auto since = static_cast<std::size_t>(
+          std::floor((time - begin) / spacing + kTolerance));
       return (row + since) % signal.inputs.size();
     };
     std::vector<double> seen;
     for (std::size_t k = 0; k < log.commands.size(); ++k) {
       const auto& command = log.commands[k];
       if (command.time < begin || command.time >= end || recovering(log, command.time)) continue;
-      // What the return commanded at the instant of its end comes first.
+      // At its end, the last command of a return precedes the first of the burst.
       if (k + 1 < log.commands.size() && log.commands[k + 1].time == command.time) continue;
       const std::size_t now = rowAt(command.time);
       EXPECT_EQ(command.left, signal.inputs[now].left) << command.time << " row " << now;
@@ -141,13 +143,13 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
       EXPECT_EQ(command.lift, 1) << command.time;
       seen.push_back(command.time);
     }
-    for (double edge = begin; edge < end - kSame; edge += spacing) {
+    for (double edge = begin; edge < end - kTolerance; edge += spacing) {
       if (recovering(log, edge)) continue;
       ++edges;
       const auto met = std::find_if(seen.begin(), seen.end(),
-                                    [&](double time) { return time > edge - kSame; });
+                                    [&](double time) { return time > edge - kTolerance; });
       const double late = (met == seen.end() ? end : *met) - edge;
-      missed += late > kSame;
+      missed += late > kTolerance;
       latest = std::max(latest, late);
     }
     row = (rowAt(end) + 1) % signal.inputs.size();
@@ -162,7 +164,7 @@ TEST(Excitation, ATrueCraftStaysInsideAndPlaysTheDesign) {
     const ExcitationParams params = inRoom(square(), seed);
     const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(seed));
     EXPECT_EQ(log.stopped, "");
-    EXPECT_NEAR(drivenUntil(log), kBegins + 20, 0.02);
+    EXPECT_NEAR(drivenUntil(log), kDriveBegin + 20, 0.02);
     EXPECT_GT(leastClearance(log, square()), 0.2);
     EXPECT_GT(log.marks.size(), 6u) << "several bursts and returns";
     expectTurns(log);
@@ -196,7 +198,7 @@ TEST(Excitation, EveryDesignStaysInside) {
     params.design.hold = 0.5;
     const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(2));
     EXPECT_EQ(log.stopped, "");
-    EXPECT_NEAR(drivenUntil(log), kBegins + 5, 0.02) << "as long as asked";
+    EXPECT_NEAR(drivenUntil(log), kDriveBegin + 5, 0.02) << "the requested duration";
     EXPECT_GT(leastClearance(log, square()), 0.2);
     expectTurns(log);
     const bool clocked = std::count(info.takes.begin(), info.takes.end(), "clock") > 0;
@@ -205,10 +207,10 @@ TEST(Excitation, EveryDesignStaysInside) {
   }
 }
 
-TEST(Excitation, ABurstLastsNoLongerThanAsked) {
+TEST(Excitation, ABurstIsNotLongerThanRequested) {
   ExcitationParams params = inRoom(square(), 4, 12);
   params.returns.burst = 0.8;
-  params.design.kind = "differential-prbs";  // it stays about home
+  params.design.kind = "differential-prbs";  // it stays near home
   params.design.levels = {0, 0.2};
   const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(4));
   EXPECT_EQ(log.stopped, "");
@@ -219,7 +221,7 @@ TEST(Excitation, ABurstLastsNoLongerThanAsked) {
     EXPECT_LT(lasted, 0.8 + ExcitationPilot::kCheck + 0.02) << "burst " << log.marks[i].number;
     if (log.marks[i].reason != "the burst has lasted long enough") continue;
     ++full;
-    EXPECT_GE(lasted, 0.8 - kSame);
+    EXPECT_GE(lasted, 0.8 - kTolerance);
   }
   EXPECT_GE(full, 3);
 }
@@ -280,11 +282,11 @@ TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
     ASSERT_LT((a.eta - b.eta).norm() + (a.nu - b.nu).norm(), 1e-4) << open.truth[i].time;
     moved = std::max(moved, a.eta.head<2>().norm());
   }
-  EXPECT_GT(moved, 1) << "it goes somewhere";
+  EXPECT_GT(moved, 1) << "the craft moves";
 }
 
-TEST(Excitation, RowsBeginInTimeAlsoWhenAStateComesAtThatInstant) {
-  // Frames that come in without delay meet the edge of every third row.
+TEST(Excitation, RowsBeginOnTimeEvenIfAStateComesAtTheSameTime) {
+  // Without delay, frames coincide with the edge of every third row.
   ExcitationParams params;
   params.duration = 10;
   ExperimentParams where = place(5);
@@ -293,7 +295,7 @@ TEST(Excitation, RowsBeginInTimeAlsoWhenAStateComesAtThatInstant) {
   int meet = 0;
   for (const MocapFrame& frame : log.frames) {
     const double rows = 15 * (frame.delivered - log.marks.front().time);
-    meet += std::abs(rows - std::round(rows)) < kSame;
+    meet += std::abs(rows - std::round(rows)) < kTolerance;
   }
   EXPECT_GT(meet, 40);
   const InputSignal signal = makeDesign(params.design, 10);
@@ -315,8 +317,8 @@ TEST(Excitation, AnLShapedRoomWorks) {
   }
 }
 
-/// Excites with long rows, which the returns cut off, until there are none left; the exit status says
-/// whether it ended.
+/// Excites with long rows, which the returns cut off, until none is left. Exits with 0 if it ended
+/// as done, 1 if not, 2 if memory ran out.
 [[noreturn]] void exciteUntilRowsEnd(const std::string& kind) {
   const rlimit memory{1000000000u, 1000000000u}, time{10, 10};  // [bytes], [s]
   setrlimit(RLIMIT_AS, &memory);
@@ -351,20 +353,20 @@ TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
   const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
   EXPECT_EQ(log.stopped, "");
   EXPECT_EQ(log.stages.back().state, Stage::kDone);
-  EXPECT_NEAR(drivenUntil(log), kBegins + 1.2, 0.03);
+  EXPECT_NEAR(drivenUntil(log), kDriveBegin + 1.2, 0.03);
   const double begins = log.marks.front().time;
   int played = 0;
   for (const auto& command : log.commands) {
     const double at = command.time - begins;
-    if (at < 0 || at > 1.2 - kSame) continue;
+    if (at < 0 || at > 1.2 - kTolerance) continue;
     ++played;
-    EXPECT_EQ(command.lift, at < 0.4 - kSame ? 0.9 : at < 0.8 - kSame ? 0.8 : 0.7) << at;
-    EXPECT_EQ(command.left, at < 0.4 - kSame || at > 0.8 - kSame ? 0.1 : 0.05) << at;
+    EXPECT_EQ(command.lift, at < 0.4 - kTolerance ? 0.9 : at < 0.8 - kTolerance ? 0.8 : 0.7) << at;
+    EXPECT_EQ(command.left, at < 0.4 - kTolerance || at > 0.8 - kTolerance ? 0.1 : 0.05) << at;
   }
   EXPECT_GT(played, 55);
 }
 
-/// The log of a craft that starts at x, y with a velocity to the east.
+/// Log of a craft that starts at x, y with a velocity along x.
 ExperimentLog exciteFrom(double x, double y, double velocity) {
   ExperimentParams where = place(1);
   where.initial.eta << x, y, 0;
@@ -394,7 +396,7 @@ TEST(Excitation, APushTowardsAWallStopsTheCraftWithTheReason) {
   EXPECT_NE(fast.stopped.find("outside of the room"), std::string::npos) << fast.stopped;
   EXPECT_EQ(mostThrust(fast), 0);
   EXPECT_EQ(fast.commands.back().lift, 0) << "the floor brakes it";
-  // At 2 m/s from the far side it can be stopped inside, and is.
+  // At 2 m/s from the far side it can be stopped inside.
   const ExperimentLog saved = exciteFrom(-1.5, 0, 2);
   EXPECT_NE(saved.stopped.find("would come to rest"), std::string::npos) << saved.stopped;
   EXPECT_GT(leastClearance(saved, square()), 0.2);
@@ -404,7 +406,7 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
   int stopped = 0, late = 0;
   for (unsigned long seed = 1; seed <= 6; ++seed) {
     ExperimentParams where = place(seed);
-    where.disturbance.sigma << 0.1, 0.1, 0;  // of 0.124 N of full thrust
+    where.disturbance.sigma << 0.1, 0.1, 0;  // full thrust is 0.124 N
     where.disturbance.time.setConstant(1.0);
     const ExperimentLog log =
         excite(tinyWhoover(), tinyWhoover(), inRoom(square(), seed, 8), where);
@@ -420,7 +422,7 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
       late += truth.time <= after && square().clearance(truth.state.eta.head<2>()) < 0;
   }
   EXPECT_GT(stopped, 1);
-  EXPECT_EQ(late, 0) << "it was stopped before it was outside";
+  EXPECT_EQ(late, 0) << "it must be stopped inside";
 }
 
 TEST(Excitation, RefusesBadParameters) {
@@ -454,7 +456,7 @@ TEST(ModelPredictive, TracksACircleInARoomFromItsMiddle) {
     for (const auto& reference : log.references) last = reference.point.p.norm();
     EXPECT_NEAR(last, 1.5, 1e-9);
     const double radius = log.truth.back().state.eta.head<2>().norm();
-    EXPECT_NEAR(radius, 1.5, 0.15) << "it is on the circle";
+    EXPECT_NEAR(radius, 1.5, 0.15) << "the craft is on the circle";
   }
 }
 

@@ -1,4 +1,4 @@
-// Whole experiments in process: determinism, the controllers' life, the mocap in between.
+// Whole experiments without ROS: determinism, life cycle of controllers, mocap.
 #include "ground/simulation/experiment.h"
 
 #include <gtest/gtest.h>
@@ -88,7 +88,7 @@ TEST(Experiment, SameArgumentsGiveTheSameLog) {
   EXPECT_NE(tracked.truth.back().state.eta, other.truth.back().state.eta);
 }
 
-TEST(Experiment, PlaysTheScheduleAtItsInstantsAndRepeatsIt) {
+TEST(Experiment, PlaysTheScheduleOnTimeAndRepeatsCommands) {
   const InputSequence schedule = prbs(5);
   const ExperimentLog log = playSchedule(tinyWhoover(), schedule, 5, {});
   std::size_t due = 0;
@@ -108,7 +108,7 @@ TEST(Experiment, PlaysTheScheduleAtItsInstantsAndRepeatsIt) {
   EXPECT_NEAR(last, 5, 0.03);
 }
 
-TEST(Experiment, TruthIsTheModelUnderTheCommandsOfTheLog) {
+TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));
   model.setValue("motor_lag.tau", 0.06);
@@ -138,7 +138,7 @@ TEST(Experiment, InputsAreSharesOfTheLargestInput) {
               (2 * b.k * b.input_max - b.X_u * log.truth.back().state.nu.x()) / b.m, 1e-9);
 }
 
-TEST(Experiment, FramesAreTheTruthWithTheNoiseAskedFor) {
+TEST(Experiment, FramesAreTheTruthWithTheGivenNoise) {
   ExperimentParams params;
   params.mocap.position_noise = 2e-3;
   params.mocap.heading_noise = 0.02;
@@ -167,7 +167,7 @@ TEST(Experiment, FramesAreTheTruthWithTheNoiseAskedFor) {
   EXPECT_LT((mean / n).cwiseQuotient(sigma).norm(), 5 / std::sqrt(n));
 }
 
-TEST(Experiment, TheScheduleGoesOnWhileTheMocapIsLost) {
+TEST(Experiment, TheScheduleContinuesWhileTheMocapIsLost) {
   ExperimentParams params;
   params.mocap.gap_rate = 0.3;
   params.mocap.gap_length = 0.6;
@@ -214,26 +214,26 @@ TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
   }
 }
 
-TEST(Experiment, TracksACircleAsWithTheExactStateWhenTheMocapIsExact) {
+TEST(Experiment, WithAnExactMocapTheErrorEqualsThatWithTheExactState) {
   ExperimentParams params;
   params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
   params.mocap.rate = 1000;
   TrackingParams tracking = mvwtCircle();
   tracking.life.rate = 500;
   const double right = worst(trackReference(mvwt(), mvwt(), tracking, params), 40);
-  EXPECT_NEAR(right, 11.588e-3, 0.1e-3);  // tracking_test
+  EXPECT_NEAR(right, 11.588e-3, 0.1e-3);  // as in tracking_test
   Model wrong = mvwt();
   wrong.setValue("Y_v", 3.0);
   EXPECT_GT(worst(trackReference(mvwt(), wrong, tracking, params), 40), 3 * right);
 }
 
-TEST(Experiment, TracksACircleOnWhatTheMocapDelivers) {
-  // With delta_1 of (4.10), -0.01 m/s, the law answers noise of the velocity with wild turns.
+TEST(Experiment, TracksACircleWithANoisyMocap) {
+  // With delta_1 of (4.10), -0.01 m/s, noise of the velocity makes the craft turn wildly.
   TrackingParams tracking = mvwtCircle();
   tracking.controller.gains.delta_1 = -0.1;
   EXPECT_LT(worst(trackReference(mvwt(), mvwt(), tracking, {}), 40), 0.1);
 
-  // The Tiny Whoover's gains (4.11) saturate all the time: within the size of its circle.
+  // The Tiny Whoover's gains (4.11) always saturate: its error is up to the size of the circle.
   tracking = {};
   tracking.duration = 60;
   tracking.max_error = INFINITY;
@@ -269,7 +269,7 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   EXPECT_TRUE(blind.frames.empty());
 }
 
-/// The craft of the README's fit to the recordings of the real one.
+/// The model that the README fits to the recordings of the real craft.
 Model realCraft() {
   Model model = tinyWhoover();
   const std::vector<std::pair<std::string, double>> fitted = {
@@ -292,13 +292,13 @@ TEST(Experiment, ACraftThatLosesTheCircleIsStoppedWithTheReason) {
     }
   tracking.max_error = INFINITY;
   EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
-  // With a model that is wrong by a quarter the predictive controller does not lose it.
+  // The predictive controller follows even with a model that is wrong by a quarter.
   tracking.max_error = 0;
   tracking.controller.kind = "ModelPredictive";
   const ExperimentLog kept = trackReference(realCraft(), tinyWhoover(), tracking, {});
   EXPECT_EQ(kept.stopped, "");
   EXPECT_LT(worst(kept, 20), 0.05);
-  // Who plays a sequence follows nothing.
+  // An open-loop controller is never stopped for its error.
   tracking.controller.kind = "OpenLoopPRBS";
   tracking.controller.prbs.duration = 60;
   EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
@@ -315,7 +315,7 @@ TEST(Experiment, OffsetsOfTheMeasurementDoNotMisleadThePredictiveController) {
   tracking.controller.kind = "ModelPredictive";
   tracking.reference.size = 1;
   tracking.duration = 25;
-  tracking.max_error = 0.1;  // of the craft's centre, not of the marker
+  tracking.max_error = 0.1;  // limits the error of the craft's centre, not of the marker
   for (bool estimate : {false, true}) {
     tracking.estimate = estimate;
     ExperimentParams params;

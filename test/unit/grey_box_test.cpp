@@ -1,4 +1,4 @@
-// The stochastic likelihood on runs whose disturbance is known.
+// The stochastic likelihood on runs with a known disturbance.
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
@@ -16,11 +16,11 @@
 namespace ground {
 namespace {
 
-constexpr double kPosition = 3e-4, kHeading = 5e-3;
+constexpr double kPosition = 3e-4, kHeading = 5e-3;  // noise of the poses [m], [rad]
 
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
-/// A share of full thrust in every channel, correlated over 0.3 s, and trims of half of it.
+/// Disturbance with sigma a share of full thrust, correlated over 0.3 s, and trims of half of it.
 Disturbance pushes(const Model& model, double share) {
   Disturbance disturbance;
   const double force = typical::force(model.body), moment = typical::moment(model.body);
@@ -30,7 +30,7 @@ Disturbance pushes(const Model& model, double share) {
   return disturbance;
 }
 
-/// Poses at 120 Hz of the model under a disturbance that pushes it every millisecond.
+/// Poses at 120 Hz of the model with a disturbance in steps of 1 ms.
 RunData disturbedRun(const Model& model, const Disturbance& disturbance, unsigned seed,
                      double duration = 8) {
   constexpr double kStep = 1e-3;
@@ -77,7 +77,8 @@ std::vector<RunData> disturbedRuns(const Model& model, double share, int count,
   return runs;
 }
 
-GreyBoxOptions far(std::vector<std::string> free = kFive) {
+/// Options for a start far from the optimum.
+GreyBoxOptions far(std::vector<std::string> free = kNominal) {
   GreyBoxOptions options;
   options.free = std::move(free);
   options.far = true;
@@ -88,7 +89,7 @@ TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   const Model truth = craft();
   const GreyBox box(disturbedRuns(truth, 0.03, 6), truth.body);
   Model away = truth;
-  for (const std::string& name : kFive) away.setValue(name, 1.2 * truth.value(name));
+  for (const std::string& name : kNominal) away.setValue(name, 1.2 * truth.value(name));
   const GreyBoxFit fit = box.fit(box.start(away), far());
   EXPECT_TRUE(fit.converged);
   for (const FittedParameter& p : fit.parameters) {
@@ -105,14 +106,14 @@ TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   EXPECT_NEAR(levels.heading, 1, 0.05);
 }
 
-TEST(GreyBox, NodesOfAFloorThatNoRunComesNearFollowTheirNeighbours) {
+TEST(GreyBox, UnvisitedNodesOfTheFloorFollowTheirNeighbours) {
   constexpr int kNodes = 5;
   const auto name = [](int i, int j) {
     return "floor_friction_map.c_" + std::to_string(i) + "_" + std::to_string(j);
   };
   Model truth = craft();
   truth.addEffect(makeEffect("floor_friction_map"));
-  std::vector<std::string> free = kFive;
+  std::vector<std::string> free = kNominal;
   const double drag = 0.2 * typical::force(truth.body) / typical::speed(truth.body);
   Model start = truth;
   for (int i = 0; i < kNodes; ++i)
@@ -130,12 +131,12 @@ TEST(GreyBox, NodesOfAFloorThatNoRunComesNearFollowTheirNeighbours) {
     EXPECT_LT(std::abs(p.value - truth.value(p.name)), 4 * p.deviation) << p.name;
     if (p.deviation < 0.3 * drag) ++seen;
   }
-  EXPECT_GE(seen, 3) << "the runs tell little of the floor";
-  // Where a craft has not been, only the prior acts: its slope is zero.
+  EXPECT_GE(seen, 3) << "the runs visit too little of the floor";
+  // At unvisited nodes only the prior acts: its gradient is zero.
   const auto unvisited = [&](int i, int j) {
     for (const RunData& run : runs)
       for (Eigen::Index k = 0; k < run.poses.rows(); ++k) {
-        const double x = std::clamp(run.poses(k, 0), -2.0, 2.0);  // as at the edge beyond it
+        const double x = std::clamp(run.poses(k, 0), -2.0, 2.0);  // beyond the edge its value holds
         const double y = std::clamp(run.poses(k, 1), -2.0, 2.0);
         if (std::abs(x - (i - 2)) < 1 && std::abs(y - (j - 2)) < 1) return false;
       }
@@ -156,7 +157,7 @@ TEST(GreyBox, NodesOfAFloorThatNoRunComesNearFollowTheirNeighbours) {
   EXPECT_GE(alone, 1);
 }
 
-TEST(GreyBox, NoNeighbourIsLikelier) {
+TEST(GreyBox, TheFitIsALocalMaximum) {
   const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
   const GreyBoxFit fit = box.fit(box.start(craft()), far());
   GreyBoxOptions held;
@@ -183,8 +184,8 @@ TEST(GreyBox, NoNeighbourIsLikelier) {
   }
 }
 
-TEST(GreyBox, EndsWhereTheLikelihoodIsLargestFromFarLevels) {
-  // What an effect leaves when it is added: levels that are much too high for it.
+TEST(GreyBox, FindsTheMaximumFromFarLevels) {
+  // After an effect is added, the levels of the fit without it are much too high.
   const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
   const GreyBoxFit fit = box.fit(box.start(craft()), far());
   GreyBoxPoint loud = fit.point;
@@ -212,7 +213,7 @@ TEST(GreyBox, IntervalsHoldTheTruth) {
       ++count;
     }
   }
-  // Of 100 intervals, five of a run together: three deviations of the share.
+  // The bound is three standard deviations of the share below 95%; intervals of a fit depend.
   EXPECT_GE(held, 0.85 * count);
   EXPECT_GT(wider / count, 1.0);
   EXPECT_LT(wider / count, 1.5);
@@ -226,12 +227,12 @@ TEST(GreyBox, IntervalsNeedFittedLevels) {
   EXPECT_THROW(box.intervals(fit, options), std::invalid_argument);
 }
 
-TEST(GreyBox, WhatMotionCannotTellStaysAsItWas) {
-  // Masses, dampings and thrust that are all larger by the same factor move alike.
+TEST(GreyBox, UnidentifiableParametersKeepTheirValues) {
+  // A common factor on masses, dampings and thrust does not change the motion.
   Model model = craft();
   const GreyBox box(disturbedRuns(model, 0.02, 4), model.body);
   model.addEffect(makeEffect("added_mass"));
-  std::vector<std::string> free = kFive;
+  std::vector<std::string> free = kNominal;
   free.push_back("added_mass.mx");
   free.push_back("added_mass.my");
   model.setValue("added_mass.my", 0.1 * model.body.m);
@@ -241,8 +242,8 @@ TEST(GreyBox, WhatMotionCannotTellStaysAsItWas) {
   EXPECT_NEAR(fit.point.model.value("k") / craft().value("k"), 1, 0.1);
 }
 
-TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
-  // Of the free-signed effects below, one parameter each: the gain is chi squared of one degree.
+TEST(GreyBox, ScoreTestsOfAbsentEffectsHaveTheirDistribution) {
+  // Each effect has one parameter of either sign: its gain is chi squared of one degree of freedom.
   const std::vector<std::string> effects = {"thrust_asymmetry", "thrust_sway_moment", "yaw_bias",
                                             "differential_side_force"};
   double sum = 0;
@@ -251,7 +252,7 @@ TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
     const GreyBox box(disturbedRuns(craft(), 0.02, 4, seed), craft().body);
     const GreyBoxFit fit = box.fit(box.start(craft()), far());
     GreyBoxPoint point = fit.point;
-    std::vector<std::string> names = kFive;
+    std::vector<std::string> names = kNominal;
     for (const std::string& effect : effects) {
       point.model.addEffect(makeEffect(effect));
       const ParameterInfo info = makeEffect(effect)->info().parameters[0];
@@ -277,7 +278,7 @@ TEST(GreyBox, ScoreTestsOfWhatIsNotThereAreChance) {
   EXPECT_NEAR(sum / count, 1, 0.75);
 }
 
-TEST(GreyBox, TrimsAreToldAndAGapIsPassed) {
+TEST(GreyBox, FindsTrimsAndAcceptsAGap) {
   const Model model = craft();
   std::vector<RunData> runs;
   const double moment = 0.04 * typical::moment(model.body);
@@ -285,7 +286,7 @@ TEST(GreyBox, TrimsAreToldAndAGapIsPassed) {
     RunData run = disturbedRun(model, pushes(model, 0.002), 20 + i);
     runs.push_back(run);
   }
-  // A steady turn of one craft only, and half a second without poses in another.
+  // A yaw trim in one run, and half a second without poses in another.
   Disturbance turning = pushes(model, 0.002);
   turning.trim << 0, 0, moment;
   runs[1] = disturbedRun(model, turning, 31);
@@ -309,7 +310,7 @@ TEST(GreyBox, TrimsAreToldAndAGapIsPassed) {
     EXPECT_LT(std::abs(p.value - model.value(p.name)), 4.5 * p.deviation) << p.name;
 }
 
-/// Levels as the filter has them of what pushes a craft in these tests.
+/// The filter's levels for a disturbance.
 DisturbanceLevels levelsOf(const Disturbance& disturbance) {
   DisturbanceLevels levels;
   levels.sigma = disturbance.sigma.cwiseMax(1e-9);
@@ -325,9 +326,9 @@ int sampleAt(const RunData& run, double time) {
                           run.times.begin());
 }
 
-TEST(GreyBoxForecast, IsThatOfABruteForceSimulation) {
-  // White pushes and nearly exact poses: the filter knows where the craft is when poses end, and
-  // what follows is independent of what was before.
+TEST(GreyBoxForecast, AgreesWithAMonteCarloSimulation) {
+  // With white noise and nearly exact poses the filter knows the state at the start, and the
+  // disturbance after it is independent of the one before.
   const Model model = craft();
   Disturbance disturbance = pushes(model, 0.04);
   disturbance.white = std::sqrt(0.1) * disturbance.sigma;
@@ -365,8 +366,9 @@ TEST(GreyBoxForecast, IsThatOfABruteForceSimulation) {
   const GreyBox box({run}, model.body);
   const Forecast found = box.forecast({model, levelsOf(disturbance), {}}, 0, options).at(0);
   EXPECT_EQ(found.first, first);
-  // A deviation of so many motions is known to 1.1%, an end of the band to 3.3% of it. The filter
-  // knows the yaw rate at the start to 7% of the deviation after 0.5 s: means differ by as much.
+  // With 4000 motions the deviation is known to 1.1%, an end of the band to 3.3% of it. The
+  // filter's yaw rate at the start is uncertain by 7% of the deviation after 0.5 s: means differ by
+  // as much.
   for (std::size_t h = 0; h < horizons.size(); ++h) {
     const int row = sampleAt(run, kStart + horizons[h]) - first;
     for (int c = 0; c < 6; ++c) {
@@ -404,7 +406,7 @@ TEST(GreyBoxForecast, BeginsWithThePredictionOfTheFilter) {
   }
 }
 
-TEST(GreyBoxForecast, HoldsNineInTenOfWhatComes) {
+TEST(GreyBoxForecast, BandsHoldNineOfTenMeasurements) {
   const Model model = craft();
   const Disturbance disturbance = pushes(model, 0.04);
   int held[6] = {}, count = 0;
@@ -431,12 +433,12 @@ TEST(GreyBoxForecast, HoldsNineInTenOfWhatComes) {
     none.trim.setConstant(1e-9);
     blind += box.forecast({model, none, {}}, 0, options).back().deviation.bottomRows<1>()(2);
   }
-  // Shares of 120 have a standard deviation of 2.7%.
+  // A share of 120 has a standard deviation of 2.7%.
   for (int c = 0; c < 6; ++c) EXPECT_NEAR(held[c] / static_cast<double>(count), 0.9, 0.085) << c;
   EXPECT_GT(wide / 2, 5 * blind);
 }
 
-TEST(GreyBoxForecast, LearnsHowLoudARunIs) {
+TEST(GreyBoxForecast, EstimatesTheLoudnessOfARun) {
   const Model model = craft();
   const Disturbance disturbance = pushes(model, 0.02);
   Disturbance louder = disturbance;
@@ -459,7 +461,7 @@ TEST(GreyBoxForecast, LearnsHowLoudARunIs) {
 }
 
 TEST(GreyBoxForecast, IsAsUncertainAsItsParameters) {
-  // A calm craft: what a parameter changes, the filter's belief at the start included, is seen.
+  // A weak disturbance shows the influence of a parameter, also on the state at the start.
   const Model model = craft();
   const Disturbance disturbance = pushes(model, 5e-4);
   const RunData run = disturbedRun(model, disturbance, 7, 6);
@@ -513,7 +515,7 @@ TEST(GreyBoxForecast, EndsAtAGap) {
   EXPECT_EQ(found[3].mean.rows(), 480 - 260);
 }
 
-TEST(GreyBox, RefusesWhatCannotBe) {
+TEST(GreyBox, RefusesBadArguments) {
   const Model model = craft();
   const RunData run = disturbedRun(model, pushes(model, 0.01), 1, 2);
   RunData descending = run;

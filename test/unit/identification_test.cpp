@@ -31,8 +31,8 @@ TEST(Fit, MinimisesTheThesisObjective) {
   const FitOptions thesis = options(FitOptions::Objective::kThesis);
   const FitResult fit = p.fit(start(), thesis);
   EXPECT_LT(fit.objective, p.fit(start(), options()).objective);
-  // No step of any parameter makes it smaller, the initial velocity following along.
-  for (const std::string& name : kFive)
+  // No step of a parameter makes it smaller, even with the best initial velocity.
+  for (const std::string& name : kNominal)
     for (const double factor : {0.9, 0.97, 0.99, 1.01, 1.03, 1.1}) {
       Model other = fit.model;
       other.setValue(name, factor * other.value(name));
@@ -41,7 +41,7 @@ TEST(Fit, MinimisesTheThesisObjective) {
     }
 }
 
-/// How many 95% intervals of 40 fits hold the truth.
+/// Coverage of the 95% intervals over 40 fits.
 Coverage coverage(FitOptions::Objective objective, double duration, double window, double memory) {
   Coverage result;
   for (unsigned seed = 1; seed <= 40; ++seed) {
@@ -65,8 +65,8 @@ TEST(Intervals, HoldTheTruthWithTheThesisObjective) {
   EXPECT_LE(covered, 99.5);
 }
 
-TEST(Intervals, AreTheWholeRangeWhereTheDataSayNothing) {
-  // A spin that runs down without thrust tells N_r / I_z and no more.
+TEST(Intervals, AreTheWholeRangeOfUnidentifiableParameters) {
+  // A spin without thrust identifies only the ratio N_r / I_z in yaw.
   Model spinning = truth();
   RunData run = record(spinning, 4, 0, 1);
   run.inputs = InputSequence();
@@ -94,12 +94,12 @@ TEST(Intervals, AreTheWholeRangeWhereTheDataSayNothing) {
       EXPECT_TRUE(std::isinf(p.upper)) << p.name;
     }
   }
-  EXPECT_DOUBLE_EQ(result.model.value("k"), 0.2) << "not moved without a reason";
+  EXPECT_DOUBLE_EQ(result.model.value("k"), 0.2) << "k keeps its start value";
   EXPECT_NEAR(result.model.value("N_r") / result.model.value("I_z"), 1.0, 0.01);
 }
 
-TEST(Fit, EndsAtOnePointAlsoWhereAParameterIsAtItsBound) {
-  // The craft has more than no damping in surge: less than the model can have.
+TEST(Fit, EndsAtOnePointEvenIfAParameterIsAtItsBound) {
+  // Thrust that grows with speed acts like a negative damping, which the model does not allow.
   Model driven = truth();
   driven.setValue("X_u", 0);
   driven.addEffect(makeEffect("thrust_speed_loss"));
@@ -112,7 +112,7 @@ TEST(Fit, EndsAtOnePointAlsoWhereAParameterIsAtItsBound) {
       {1e-3, 0, 0.05, 1e-3, 0.1}, {2e-3, 0.1, 0.1, 2e-3, 0.2}, {5e-4, 0.02, 0.02, 1e-3, 0.07}};
   for (const std::vector<double>& from : starts) {
     const FitResult other = p.fit(with(from), options());
-    for (const std::string& name : kFive)
+    for (const std::string& name : kNominal)
       EXPECT_NEAR(other.model.value(name), given.model.value(name),
                   1e-4 * given.model.value(name) + 1e-12)
           << name;
@@ -132,7 +132,7 @@ TEST(Fit, TakesTheBestOfSeveralStarts) {
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
 }
 
-TEST(Fit, SaysSoWhenTheModelCannotBeSimulated) {
+TEST(Fit, ThrowsIfTheModelCannotBeSimulated) {
   const RunData run = record(truth(), 4, 0.1, 1);
   Model wild = truth();
   wild.setValue("I_z", 1e-300);
@@ -156,7 +156,7 @@ TEST(Fit, FitsSeveralRunsAndWindowsAtOnce) {
   EXPECT_TRUE(result.converged) << result.message;
 }
 
-TEST(Fit, FitsEffectsToo) {
+TEST(Fit, FitsParametersOfEffects) {
   Model model = truth();
   model.addEffect(makeEffect("motor_lag"));
   model.addEffect(makeEffect("battery_sag"));
@@ -174,7 +174,7 @@ TEST(Fit, FitsEffectsToo) {
   EXPECT_LT(result.objective, 0.06);
 }
 
-TEST(Fit, RefusesWhatCannotBeToldApart) {
+TEST(Fit, RefusesBadFreeParameters) {
   const SimulationError p = problem(record(truth(), 4, 0, 1));
   FitOptions o = options();
   o.free.push_back("m");
@@ -187,7 +187,7 @@ TEST(Fit, RefusesWhatCannotBeToldApart) {
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
 }
 
-TEST(Identification, HeaderAloneServesItsExample) {
+TEST(Identification, TheHeaderSufficesForItsExample) {
   RunData run = record(truth(), 6, 0.02, 1);
   const SimulationError problem({run}, cutWindows(run, 0, 0, run.times.back(), 1.5));
   FitOptions options;
@@ -196,13 +196,13 @@ TEST(Identification, HeaderAloneServesItsExample) {
   ASSERT_EQ(fit.parameters.size(), 2u);
   EXPECT_NEAR(fit.parameters[0].value, 0.1, 0.005);
   EXPECT_NEAR(fit.parameters[1].value, 1e-3, 5e-5);
-  // The run has no noise in its poses, and nothing is missing.
+  // Poses have no noise, and no wrench is missing.
   const WrenchFilter filter(fit.model, run);
   const InferredWrench missing = filter.smooth(filter.likeliestNoise(WrenchNature::kRandomWalk));
   EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().mean(), 0.05 * fit.parameters[0].value);
 }
 
-TEST(Windows, CoverTheRunAndSpareItsGaps) {
+TEST(Windows, CoverTheRunWithoutItsGaps) {
   RunData run = record(truth(), 4, 0, 1);
   EXPECT_EQ(cutWindows(run, 0, 0, 1e9, 4.0).size(), 1u);
   EXPECT_EQ(cutWindows(run, 0, 0, 1e9, 1.0).size(), 4u);

@@ -1,4 +1,4 @@
-// The missing wrench of a model, from poses with noise, and predictions from a measured state.
+// The missing wrench of a model from noisy poses, and predictions from a measured state.
 #include "ground/identification/inferred_wrench.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ Model with(const std::string& effects) {
   return parseModel(text.substr(0, text.find("effects:")) + "effects:\n" + effects, "test");
 }
 
-/// True motion, which the filter linearises along, and noisy poses.
+/// A run with the true motion, along which the filter linearises, and noisy poses.
 RunData record(const Model& model, double noise, unsigned seed = 1, double duration = 12) {
   RunData run;
   run.name = "artificial";
@@ -85,7 +85,7 @@ TEST(Prediction, FollowsTheModelFromAMeasuredState) {
                std::invalid_argument);
 }
 
-TEST(InferredWrench, IsNoneWhenTheModelIsTrue) {
+TEST(InferredWrench, IsZeroWithTheTrueModel) {
   const RunData recorded = record(nominal(), 1);
   const WrenchFilter filter(nominal(), recorded);
   const WrenchNoise noise = filter.likeliestNoise(WrenchNature::kRandomWalk);
@@ -96,8 +96,8 @@ TEST(InferredWrench, IsNoneWhenTheModelIsTrue) {
   EXPECT_LT(inferred.wrench.col(2).cwiseAbs().maxCoeff(), 3e-5);
 }
 
-TEST(InferredWrench, InnovationsOfTheTruthAreWhiteAndOfVarianceOne) {
-  // One model whose forces depend on place takes the second pass of derivatives.
+TEST(InferredWrench, InnovationsOfTheTrueModelAreWhiteWithUnitVariance) {
+  // Forces that depend on the place need the second pass of derivatives.
   const std::string tilt =
       "  - name: bowl\n"
       "    expression: {X: \"-c*(x*cos(psi)+y*sin(psi))\", Y: \"c*(x*sin(psi)-y*cos(psi))\"}\n"
@@ -123,7 +123,7 @@ TEST(InferredWrench, InnovationsOfTheTruthAreWhiteAndOfVarianceOne) {
   }
 }
 
-TEST(InferredWrench, FindsAConstantOneWithItsUncertainty) {
+TEST(InferredWrench, FindsAConstantWrench) {
   const Model truth = with(
       "  - {name: body_force_bias, x0: 0.01, y0: -0.02}\n"
       "  - {name: yaw_bias, n0: 2.0e-4}\n");
@@ -136,7 +136,7 @@ TEST(InferredWrench, FindsAConstantOneWithItsUncertainty) {
         << "channel " << c;
 }
 
-TEST(InferredWrench, FollowsOneThatChanges) {
+TEST(InferredWrench, FollowsAVaryingWrench) {
   const Model truth = with(
       "  - name: swell\n"
       "    expression: {X: \"a*sin(3*t)\", Y: \"a*cos(2*t)\", N: \"0.01*a*sin(4*t)\"}\n"
@@ -160,7 +160,7 @@ TEST(InferredWrench, FollowsOneThatChanges) {
 }
 
 TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
-  // A force that toggles faster than the smoother follows.
+  // The force changes faster than the smoother can follow.
   const Model truth = with(
       "  - name: buzz\n"
       "    expression: {Y: \"a*(sin(12*t) > 0 ? 1 : -1)\"}\n"
@@ -179,12 +179,12 @@ TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
   const InferredWrench inferred = filter.smooth(noise, acting, {1});
   const Eigen::VectorXd found = inferred.wrench.col(1), predicted = inferred.responses.col(0);
   EXPECT_LT((found - predicted).norm(), 0.1 * found.norm());
-  // and it is not simply the force: the smoother weakens it
+  // The smoother attenuates the force.
   EXPECT_LT(found.norm(), 0.8 * acting.norm());
   EXPECT_GT(found.norm(), 0.2 * acting.norm());
 }
 
-TEST(InferredWrench, StartsAnewAfterAGap) {
+TEST(InferredWrench, RestartsAfterAGap) {
   RunData recorded = record(nominal(), 1);
   for (std::size_t i = 600; i < recorded.times.size(); ++i) recorded.times[i] += 0.5;
   const WrenchFilter filter(nominal(), recorded);
@@ -196,7 +196,7 @@ TEST(InferredWrench, StartsAnewAfterAGap) {
   EXPECT_TRUE(found.valid[599]);
 }
 
-TEST(InferredWrench, KnowsWhatTheModelPutsDownToTheInputs) {
+TEST(InferredWrench, GivesTheModelsThrust) {
   const RunData recorded = record(nominal(), 0, 1, 2);
   const double k = nominal().body.k, l = nominal().body.l;
   const auto thrustOf = [&](const Model& model) {
@@ -218,7 +218,7 @@ TEST(InferredWrench, KnowsWhatTheModelPutsDownToTheInputs) {
   }
 }
 
-TEST(InferredWrench, RefusesWhatItCannotUse) {
+TEST(InferredWrench, RefusesBadArguments) {
   RunData recorded = record(nominal(), 1, 1, 1);
   RunData bad = recorded;
   bad.poses(3, 1) = std::nan("");

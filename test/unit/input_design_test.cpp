@@ -1,4 +1,4 @@
-// Input designs: what every one of them promises, and what each of them is.
+// Input designs: the properties of all, and the pattern of each.
 #include "ground/control/input_design.h"
 
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ DesignParams inputFile(const std::string& text) {
   return params;
 }
 
-/// All designs by their names, and the kinds of files.
+/// All designs except file, by name.
 std::map<std::string, DesignParams> designs() {
   std::map<std::string, DesignParams> all;
   for (const DesignInfo& info : designTable())
@@ -60,7 +60,7 @@ Rows repeatedRows(const Rows& rows, std::size_t count) {
   return all;
 }
 
-/// What every signal promises.
+/// Checks the properties of every signal.
 void expectSound(const InputSignal& signal) {
   ASSERT_FALSE(signal.times.empty());
   ASSERT_EQ(signal.times.size(), signal.inputs.size());
@@ -73,19 +73,19 @@ void expectSound(const InputSignal& signal) {
       ASSERT_TRUE(input >= 0 && input <= 1) << input;
 }
 
-/// Steps through a signal by nextChange() as a controller does.
+/// Checks a signal by stepping with nextChange() like a controller.
 void expectPlays(const InputSignal& signal) {
   double t = 0;
   for (std::size_t i = 0; i < signal.times.size(); ++i) {
     const double next = i + 1 < signal.times.size() ? signal.times[i + 1] : signal.end;
-    if (next == signal.times[i]) break;  // the last row of a file only says when it ends
+    if (next == signal.times[i]) break;  // the last row of a file only marks its end
     for (double at : {t, 0.5 * (t + next), next - 1e-6}) {
       ASSERT_EQ(signal.at(at).left, signal.inputs[i].left) << at;
       ASSERT_EQ(signal.at(at).right, signal.inputs[i].right) << at;
       ASSERT_EQ(signal.at(at).lift, signal.inputs[i].lift) << at;
       ASSERT_EQ(signal.nextChange(at), next) << at;
     }
-    // An instant that a rounding error puts before an edge has the inputs of that edge.
+    // A time just before an edge by rounding has the inputs after the edge.
     if (t > 0) {
       ASSERT_EQ(signal.at(t - 1e-12).left, signal.inputs[i].left) << t;
       ASSERT_EQ(signal.at(t - 1e-12).right, signal.inputs[i].right) << t;
@@ -100,7 +100,7 @@ void expectPlays(const InputSignal& signal) {
   EXPECT_EQ(signal.nextChange(signal.end), std::numeric_limits<double>::infinity());
 }
 
-TEST(InputDesign, TheTableHasEveryDesignOnceWithWhatItTakes) {
+TEST(InputDesign, TheTableHasEveryDesignOnceWithItsParameters) {
   std::set<std::string> names;
   const std::set<std::string> members = {"clock", "levels", "order",       "seed",
                                          "hold",  "file",   "rows_per_bit"};
@@ -146,13 +146,13 @@ TEST(InputDesign, EdgesAreAtTheClockOrTheHold) {
   }
 }
 
-TEST(InputDesign, InputsKeepWithinTheLevelsAndReachThem) {
+TEST(InputDesign, InputsStayWithinTheLevelsAndReachThem) {
   for (auto [name, params] : designs()) {
     params.levels = {0.2, 0.7};
     double low = 1, high = 0;
     for (const Row& row : rowsOf(makeDesign(params, 60)))
       for (double input : row) {
-        // single-thruster leaves the other one off
+        // single-thruster keeps the other thruster off
         if (name == "single-thruster" && input == 0) continue;
         low = std::min(low, input);
         high = std::max(high, input);
@@ -183,7 +183,7 @@ TEST(InputDesign, SameSeedSameRowsOtherSeedsOtherRows) {
   }
 }
 
-TEST(InputDesign, PrbsIsTheMaximumLengthSequenceFromSomewhereInItsPeriod) {
+TEST(InputDesign, PrbsIsAMaximumLengthSequenceWithAnyStartInItsPeriod) {
   for (int order : {5, 9}) {
     const std::size_t period = (std::size_t{1} << order) - 1;
     for (unsigned long seed : {0ul, 1ul, 2ul, 17ul}) {
@@ -205,7 +205,7 @@ TEST(InputDesign, PrbsIsTheMaximumLengthSequenceFromSomewhereInItsPeriod) {
 }
 
 TEST(InputDesign, NeighbouringSeedsOfAPrbsStartFarApart) {
-  // Where in the period the rows of seed + 1 are found in those of seed.
+  // The shift in the period between the sequences of neighbouring seeds.
   DesignParams params = design("prbs");
   constexpr std::size_t kPeriod = 511;
   for (unsigned long seed = 1; seed <= 10; ++seed) {
@@ -217,7 +217,7 @@ TEST(InputDesign, NeighbouringSeedsOfAPrbsStartFarApart) {
     while (shift < kPeriod && !std::equal(next.begin(), next.begin() + kPeriod,
                                           here.begin() + static_cast<std::ptrdiff_t>(shift)))
       ++shift;
-    ASSERT_LT(shift, kPeriod) << "both are the same sequence";
+    ASSERT_LT(shift, kPeriod) << "both must be the same sequence";
     EXPECT_GT(std::min(shift, kPeriod - shift), 150u) << seed;
   }
 }
@@ -255,7 +255,7 @@ TEST(InputDesign, MultilevelDrawsAllLevelsEquallyForEachThruster) {
       EXPECT_NEAR(times, n / 5, 5 * std::sqrt(n * 0.16)) << level;
     }
   }
-  const double variance = 0.125;  // of the five levels
+  const double variance = 0.125;  // variance of five equally likely levels
   EXPECT_LT(std::abs(correlation / n), 5 * variance / std::sqrt(n));
   EXPECT_LT(std::abs(follows / n), 5 * variance / std::sqrt(n));
   params.levels = {0.3, 0.1, 0.9};
@@ -265,7 +265,7 @@ TEST(InputDesign, MultilevelDrawsAllLevelsEquallyForEachThruster) {
   EXPECT_EQ(seen, (std::set<double>{0.1, 0.3, 0.9}));
 }
 
-/// One period of a multisine at `clock` [Hz]: push, turn as shares of the reach of the levels.
+/// One period of a multisine at `clock` [Hz]: sum (push) and difference (turn) of the inputs.
 Rows pushAndTurn(double clock, unsigned long seed) {
   DesignParams params = design("multisine");
   params.clock = clock;
@@ -291,7 +291,7 @@ TEST(InputDesign, PushAndTurnOfAMultisineAreUncorrelatedOverAPeriod) {
       EXPECT_LT(std::abs(both), 1e-9 * std::sqrt(push * turn));
       EXPECT_NEAR(means[0], 0, 1e-9);
       EXPECT_NEAR(means[1], 0, 1e-9);
-      // Schroeder's phases keep the peaks low: the root mean square of a sine is 0.71 of its peak.
+      // Schroeder's phases keep the peaks low. (The RMS of a single sine is 0.71 of its peak.)
       EXPECT_GT(std::sqrt(push / static_cast<double>(rows.size())), 0.4 * 0.5);
       EXPECT_GT(std::sqrt(turn / static_cast<double>(rows.size())), 0.4 * 0.5);
     }
@@ -334,7 +334,7 @@ TEST(InputDesign, AMultisineHasEqualSinesUpToASixthOfTheClockAndNoneBeyond) {
   }
 }
 
-TEST(InputDesign, PatternsAreWhatTheyAreDocumentedToBe) {
+TEST(InputDesign, PatternsAgreeWithTheirDocumentation) {
   const auto rows = [](DesignParams params, double duration) {
     params.hold = 0.5;
     return rowsOf(makeDesign(params, duration));
@@ -385,7 +385,7 @@ TEST(InputFile, BitsAreFoundAndPlayedAtTheClock) {
   }
   params.rows_per_bit = 1;
   const InputSignal slow = makeDesign(params, 1);
-  EXPECT_EQ(slow.times.size(), 20u) << "as told: a row is a bit";
+  EXPECT_EQ(slow.times.size(), 20u) << "rows_per_bit is used";
   EXPECT_EQ(slow.description.rfind("189 rows, 1 row per bit", 0), 0u) << slow.description;
 }
 
@@ -406,7 +406,7 @@ TEST(InputFile, TimedRowsAreHeldUntilTheNext) {
   EXPECT_EQ(late.at(1).left, 0.5);
 }
 
-TEST(InputFile, AColumnLiftIsAPartOfTheInput) {
+TEST(InputFile, AColumnLiftIsPartOfTheInput) {
   const InputSignal signal = makeDesign(inputFile(kLifted), 20);
   expectSound(signal);
   expectPlays(signal);
@@ -431,10 +431,10 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       {"time,left,right,lift\n0,0,0\n", ", line 2: ", "3 values for 4 columns"},
       {"time,left,right\n0,0,nan\n1,0,0\n", ", line 2: ", "a value is not finite"},
       {"time,left,right\ninf,0,0\n", ", line 2: ", "a value is not finite"},
-      {"time,left,right\n-1,0,0\n1,0,0\n", ", line 2: ", "times have to grow from 0 or more on"},
-      {"time,left,right\n0,0,0\n1,0,0\n1,0,0\n", ", line 4: ", "times have to grow"},
-      {"time,left,right\n0,0,0\n1,1.1,0\n", ", line 3: ", "inputs have to be between 0 and 1"},
-      {"time,left,right,lift\n0,0,0,-1\n1,0,0,0\n", ", line 2: ", "inputs have to be between"},
+      {"time,left,right\n-1,0,0\n1,0,0\n", ", line 2: ", "times must ascend from 0 or later"},
+      {"time,left,right\n0,0,0\n1,0,0\n1,0,0\n", ", line 4: ", "times must ascend"},
+      {"time,left,right\n0,0,0\n1,1.1,0\n", ", line 3: ", "inputs must be between 0 and 1"},
+      {"time,left,right,lift\n0,0,0,-1\n1,0,0,0\n", ", line 2: ", "inputs must be between"},
       {"time,left,right\n0,0,0\n3601,0,0\n", ", line 3: ", "inputs may last 3600 s"},
       {"time,left,right\n", ": ", "only 0 rows"},
       {"time,left,right\n0,0,0\n", ": ", "only 1 rows"},
@@ -446,9 +446,9 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       makeDesign(inputFile(bad.text), 20);
       ADD_FAILURE() << bad.text;
     } catch (const std::runtime_error& error) {
-      const std::string said = error.what();
-      EXPECT_NE(said.find("input_design_test.csv" + bad.place), std::string::npos) << said;
-      EXPECT_NE(said.find(bad.words), std::string::npos) << said;
+      const std::string message = error.what();
+      EXPECT_NE(message.find("input_design_test.csv" + bad.place), std::string::npos) << message;
+      EXPECT_NE(message.find(bad.words), std::string::npos) << message;
     }
   }
   try {
@@ -464,7 +464,7 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
   EXPECT_THROW(makeDesign(none, 20), std::invalid_argument);
 }
 
-TEST(DesignParams, RefuseNonsense) {
+TEST(DesignParams, RefuseBadValues) {
   const double nan = std::nan("");
   const auto complaint = [](const std::string& kind, auto change) {
     DesignParams params = design(kind);

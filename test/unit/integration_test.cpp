@@ -74,7 +74,7 @@ TEST(Simulation, LeftThrustAloneTurnsClockwiseSeenFromAbove) {
   simulation.advance(0.3);
   EXPECT_GT(simulation.state().eta.z(), 0.1);  // z down: positive yaw is clockwise from above
   EXPECT_GT(simulation.state().eta.x(), 0);
-  EXPECT_GT(simulation.state().eta.y(), 0);  // and so it drifts to starboard
+  EXPECT_GT(simulation.state().eta.y(), 0);  // therefore it drifts to starboard
 }
 
 TEST(Simulation, SettlesAtTheSpeedWhereThrustEqualsDamping) {
@@ -87,8 +87,8 @@ TEST(Simulation, SettlesAtTheSpeedWhereThrustEqualsDamping) {
   EXPECT_NEAR(simulation.state().nu.x(), model.body.k / model.body.X_u, 1e-6);
 }
 
-TEST(Simulation, EndsStepsAtInstantsAskedForAndAtChangesOfTheCommand) {
-  // A command that changes off the grid: the craft gains exactly impulse / mass without damping.
+TEST(Simulation, EndsStepsAtRequestedTimesAndAtChangesOfTheCommand) {
+  // The command changes between grid points; without damping the speed is impulse / mass.
   Model model = tinyWhoover();
   for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);
   const Dynamics<double> dynamics(model);
@@ -104,7 +104,7 @@ TEST(Simulation, EndsStepsAtInstantsAskedForAndAtChangesOfTheCommand) {
               1e-14);
 }
 
-TEST(Simulation, DoesNotDependOnHowOftenItIsAsked) {
+TEST(Simulation, DoesNotDependOnTheNumberOfCalls) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));
   model.addEffect(makeEffect("input_delay"));
@@ -130,8 +130,8 @@ TEST(Simulation, RefusesToRunBackwards) {
   EXPECT_THROW(simulation.advance(NAN), std::invalid_argument);
 }
 
-TEST(MotorLag, GivesTheExactImpulseHoweverShortItIs) {
-  // Without damping the impulse of a switched-on lag is k (T - tau (1 - exp(-T/tau))).
+TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
+  // Without damping the impulse after switching on is k (T - tau (1 - exp(-T/tau))).
   for (double tau : {0.0, 1e-6, 1e-4, 1e-3, 0.005, 0.05, 0.5}) {
     Model model = tinyWhoover();
     for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, 0.0);

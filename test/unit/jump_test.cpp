@@ -1,4 +1,4 @@
-// What a craft cannot have done between two states.
+// Jumps between two states that are impossible for a craft.
 #include "ground/estimation/jump.h"
 
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@ RigidState<double> at(double x, double y, double psi, double u = 0, double v = 0
   return {{x, y, psi}, {u, v, r}};
 }
 
-TEST(Jump, IsMeasuredFromWhereTheCraftWasGoing) {
-  // Looking along y, 1 m/s ahead and 0.5 m/s to starboard: along y, and against x.
+TEST(Jump, IsMeasuredFromThePredictedPose) {
+  // Bow along y: 1 m/s ahead is along y, 0.5 m/s to starboard is along -x.
   const RigidState<double> from = at(1, 2, M_PI / 2, 1, 0.5, 0.4);
   const Jump none(from, at(0.95, 2.1, M_PI / 2 + 0.04), 0.1);
   EXPECT_NEAR(none.way, 0, 1e-12);
@@ -22,7 +22,7 @@ TEST(Jump, IsMeasuredFromWhereTheCraftWasGoing) {
   EXPECT_NEAR(some.turn, 0.1, 1e-12);
 }
 
-TEST(Jump, KnowsThatHeadingsGoRound) {
+TEST(Jump, WrapsHeadings) {
   EXPECT_NEAR(Jump(at(0, 0, 3.1), at(0, 0, -3.1), 0.01).turn, 2 * M_PI - 6.2, 1e-12);
   EXPECT_NEAR(Jump(at(0, 0, 0.1), at(0, 0, 0.1 + 4 * M_PI), 0.01).turn, 0, 1e-12);
 }

@@ -1,4 +1,4 @@
-// Eight simulations side by side are those of one after the other: every effect, every derivative.
+// Simulations in lanes agree with single simulations, for every effect and every derivative.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace ground {
 namespace {
 
-/// What one lane does: commands and samples off every grid, other ones in each.
+/// Commands and samples of one lane at random times, different for each seed.
 struct Run {
   InputSequence inputs;
   std::vector<double> samples;
@@ -24,7 +24,6 @@ struct Run {
     std::uniform_real_distribution<double> uniform(0, 1);
     double t = -1 + uniform(random);
     for (int i = 0; i < 25 + static_cast<int>(seed % 7); ++i) {
-      // Switched off now and then.
       const bool off = i % 6 == 5;
       inputs.add(t, off ? 0 : uniform(random), off ? 0 : uniform(random), uniform(random));
       t += 0.12 * uniform(random);
@@ -76,13 +75,32 @@ std::vector<T> coordinates(const Model& model) {
   return result;
 }
 
-/// Derivatives of formulas are differences over a step of 6e-6: they magnify rounding.
-constexpr double kByDifferences = 1e-10;
+/// Derivatives of formulas are differences over a step of 6e-6, which amplify rounding.
+constexpr double kDifferencesTolerance = 1e-10;
 
 double scaleOf(double a, double b) { return std::max({1.0, std::abs(a), std::abs(b)}); }
 
-/// Simulates `count` runs with and without lanes and compares all measurements; derivatives may
-/// differ by so much.
+/// Measurements of a run at its samples, simulated without lanes.
+template <typename One>
+std::vector<Measurement<One>> simulateAlone(const Dynamics<One>& dynamics, const Run& run,
+                                            bool pose) {
+  RigidState<One> state;
+  for (int c = 0; c < 3; ++c) {
+    valueIn(state.eta(c)) = run.start.eta(c);
+    valueIn(state.nu(c)) = run.start.nu(c);
+  }
+  Simulation<One> simulation(dynamics, run.inputs, state, run.samples[0]);
+  if (!pose) simulation.forgetPose();
+  std::vector<Measurement<One>> seen;
+  for (const double t : run.samples) {
+    simulation.advance(t);
+    seen.push_back(simulation.measure());
+  }
+  return seen;
+}
+
+/// Simulates `count` runs with and without lanes and compares all measurements; `tolerance` is
+/// that of derivatives.
 template <typename One, typename Many>
 void compare(const Model& model, int count, bool pose, double tolerance) {
   std::vector<Run> runs;
@@ -95,7 +113,7 @@ void compare(const Model& model, int count, bool pose, double tolerance) {
   if (alone.usesPose() && !pose) return;
   const auto varies = [](const auto& delay) {
     if constexpr (std::is_same_v<One, double>)
-      return delay > 0;  // a plan for derivatives is good for values, too
+      return delay > 0;  // a plan for derivatives also works for values
     else
       return !delay.isConstant();
   };
@@ -108,20 +126,8 @@ void compare(const Model& model, int count, bool pose, double tolerance) {
       valueIn(start.eta(c))[i] = runs[static_cast<std::size_t>(i)].start.eta(c);
       valueIn(start.nu(c))[i] = runs[static_cast<std::size_t>(i)].start.nu(c);
     }
-  std::vector<std::vector<Measurement<One>>> seen(runs.size());
-  for (std::size_t i = 0; i < runs.size(); ++i) {
-    RigidState<One> state;
-    for (int c = 0; c < 3; ++c) {
-      valueIn(state.eta(c)) = runs[i].start.eta(c);
-      valueIn(state.nu(c)) = runs[i].start.nu(c);
-    }
-    Simulation<One> simulation(alone, runs[i].inputs, state, runs[i].samples[0]);
-    if (!pose) simulation.forgetPose();
-    for (const double t : runs[i].samples) {
-      simulation.advance(t);
-      seen[i].push_back(simulation.measure());
-    }
-  }
+  std::vector<std::vector<Measurement<One>>> seen;
+  for (const Run& run : runs) seen.push_back(simulateAlone(alone, run, pose));
   std::vector<int> next(runs.size(), 0);
   const auto check = [&](const LanePlan::Sample& sample, const Vector3<Many>& eta,
                          const Vector3<Many>& nu) {
@@ -160,32 +166,32 @@ void compareAll(const Model& model, double tolerance = 1e-12) {
     }
 }
 
-TEST(Lanes, AreTheCraftSimulatedOneByOne) { compareAll(craftWith({})); }
+TEST(Lanes, AgreeWithSingleSimulations) { compareAll(craftWith({})); }
 
-TEST(Lanes, AreEveryEffectSimulatedOneByOne) {
+TEST(Lanes, AgreeWithSingleSimulationsOfEveryEffect) {
   std::vector<std::string> names = effectNames();
   names.push_back("expression");
   names.push_back("memory");
   for (const std::string& name : names) {
     SCOPED_TRACE(name);
-    compareAll(craftWith({name}), name == "memory" ? kByDifferences : 1e-12);
+    compareAll(craftWith({name}), name == "memory" ? kDifferencesTolerance : 1e-12);
   }
 }
 
-TEST(Lanes, AreManyEffectsSimulatedOneByOne) {
+TEST(Lanes, AgreeWithSingleSimulationsOfSeveralEffects) {
   compareAll(craftWith({"motor_lag", "input_delay", "wind", "quadratic_drag", "marker_offset"}));
-  compareAll(craftWith({"motor_lag", "memory", "input_delay"}), kByDifferences);
+  compareAll(craftWith({"motor_lag", "memory", "input_delay"}), kDifferencesTolerance);
   compareAll(craftWith({"com_offset", "thrust_curve", "floor_tilt", "heading_offset"}));
 }
 
-TEST(Lanes, DecideEachForItself) {
+TEST(Lanes, ChooseIndividually) {
   Lanes x;
   for (int i = 0; i < Lanes::kCount; ++i) x[i] = i - 3.5;
   const Lanes size = choose(x < Lanes(0.0), [&] { return -x; }, [&] { return x; });
   for (int i = 0; i < Lanes::kCount; ++i) EXPECT_EQ(size[i], std::abs(i - 3.5));
-  int asked = 0;
-  choose(x < Lanes(9.0), [&] { return ++asked, x; }, [&] { return asked += 100, x; });
-  EXPECT_EQ(asked, 1);  // what no lane needs is not worked out
+  int calls = 0;
+  choose(x < Lanes(9.0), [&] { return ++calls, x; }, [&] { return calls += 100, x; });
+  EXPECT_EQ(calls, 1);  // a branch that no lane needs is not evaluated
 }
 
 TEST(Lanes, TakeTheirFunctionsFromTheVectorLibrary) {

@@ -1,4 +1,4 @@
-// Normal equations of all windows against those of each window, row by row.
+// Normal equations of all windows, compared with those summed row by row for each window.
 #include "../../src/ground/src/identification/linearisation.h"
 
 #include <gtest/gtest.h>
@@ -14,15 +14,15 @@
 namespace ground::detail {
 namespace {
 
-/// Windows of several lengths, more than fit into the lanes of two groups, of two runs of which one
-/// has two samples of one instant; a model with a delay, actuators and a marker off the centre.
-struct Everything {
+/// Windows of several lengths, more than fit into two groups of lanes, from two runs. One run has
+/// two samples at the same time. The model has a delay, a motor lag and a marker off the centre.
+struct Problem {
   Model model = truth();
   std::vector<RunData> runs;
   std::vector<Window> windows;
   const std::vector<int> free = {2, 3, 4, 5, 6, 7, 8, 9};
 
-  Everything() {
+  Problem() {
     for (const char* effect : {"input_delay", "motor_lag", "marker_offset"})
       model.addEffect(makeEffect(effect));
     model.setValue("input_delay.delay", 0.013);
@@ -40,8 +40,8 @@ struct Everything {
   }
 };
 
-/// What a window's rows say, summed up plainly.
-NormalEquations plainly(const WindowResiduals& rows, int columns, int first, int last,
+/// Normal equations of a window's rows, summed directly.
+NormalEquations sumRows(const WindowResiduals& rows, int columns, int first, int last,
                         const RobustLoss& robust) {
   NormalEquations sum{Eigen::MatrixXd::Zero(columns, columns), Eigen::VectorXd::Zero(columns)};
   for (int i = first; i < last; ++i) {
@@ -68,7 +68,7 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
   const Vector3<double> nu(0.1, -0.05, 0.3);
   const WindowResiduals exact = residualsOf(p, model, model.coordinates(), free, 0, nu, true);
   ASSERT_TRUE(exact.finite);
-  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, made a multiple of eight
+  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, padded to a multiple of eight
   EXPECT_TRUE(exact.derivatives.rightCols(6).isZero(0.0));
   for (int j = 0; j < 10; ++j) {
     std::vector<double> up = model.coordinates(), down = up;
@@ -86,8 +86,8 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
   }
 }
 
-TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
-  const Everything all;
+TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
+  const Problem all;
   ASSERT_GT(all.windows.size(), 16u);
   ASSERT_LT(all.windows.size() % 8, 4u) << "some windows should be simulated alone";
   for (const Target target : {Target::kVelocities, Target::kPoses}) {
@@ -118,7 +118,7 @@ TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
           double loss = 0;
           for (int part = 0; part < in; ++part, ++count) {
             ASSERT_EQ(found.count({w, part}), 1u);
-            const NormalEquations expected = plainly(alone, columns, 3 * (samples * part / in),
+            const NormalEquations expected = sumRows(alone, columns, 3 * (samples * part / in),
                                                      3 * (samples * (part + 1) / in), {delta});
             expectSame(found.at({w, part}), expected);
             loss += expected.loss;
@@ -130,8 +130,8 @@ TEST(Linearisation, OfAllWindowsIsThatOfEachAlone) {
   }
 }
 
-TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
-  const Everything all;
+TEST(Linearisation, ReusesSimulationsOfTheSamePointOnly) {
+  const Problem all;
   const SimulationError problem(all.runs, all.windows);
   const auto initial = all.initial(problem);
   std::vector<double> here = all.model.coordinates(), there = here;
@@ -152,7 +152,7 @@ TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
     }
     return sum;
   };
-  const auto anew = [&](const std::vector<double>& at, const std::vector<int>& free) {
+  const auto freshSumAt = [&](const std::vector<double>& at, const std::vector<int>& free) {
     Linearisation once(problem, all.model, 1);
     return sumAt(once, at, free);
   };
@@ -169,8 +169,8 @@ TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
   EXPECT_EQ(first.A, again.A);
   EXPECT_EQ(first.b, again.b);
   EXPECT_NEAR(lossesAt(here), first.loss, 1e-12 * first.loss);
-  expectSame(sumAt(windows, here, other), anew(here, other));
-  expectSame(sumAt(windows, there, all.free), anew(there, all.free));
+  expectSame(sumAt(windows, here, other), freshSumAt(here, other));
+  expectSame(sumAt(windows, there, all.free), freshSumAt(there, all.free));
   EXPECT_NEAR(lossesAt(there), loss, 1e-12 * loss);
   EXPECT_EQ(windows.residuals({there, all.free, initial}).size(),
             3 * std::size_t(std::accumulate(
@@ -178,8 +178,8 @@ TEST(Linearisation, KeepsWhatWasSimulatedAndNoMore) {
                     [](int n, const Window& w) { return n + w.last - w.first + 1; })));
 }
 
-TEST(Linearisation, SaysWhichWindowsAreNotFinite) {
-  const Everything all;
+TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
+  const Problem all;
   const SimulationError problem(all.runs, all.windows);
   auto initial = all.initial(problem);
   const std::vector<double> at = all.model.coordinates();

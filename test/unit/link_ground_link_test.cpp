@@ -1,4 +1,4 @@
-// The state machine and the peer rules of the link, on a clock that the test turns.
+// The state machine and the peer rules of the link, on a simulated clock.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -17,7 +17,7 @@ using State = GroundLink::State;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 const UdpAddress kCraft = UdpAddress::parse("10.0.0.2:4000");
-const UdpAddress kReborn = UdpAddress::parse("10.0.0.2:4001");
+const UdpAddress kRestarted = UdpAddress::parse("10.0.0.2:4001");
 const UdpAddress kStranger = UdpAddress::parse("10.0.0.3:4000");
 const MotorCommand kZero{};
 const MotorCommand kDrive{0.5, 0.25, 1};
@@ -58,7 +58,7 @@ class GroundLinkTest : public testing::Test {
   }
   void state(bool valid = true, double age = 0) { link().state(now_, age, valid, "lost"); }
   std::string arm() { return link().arm(now_); }
-  /// Turns the clock in steps of a millisecond.
+  /// Advances the clock in steps of a millisecond.
   void wait(double duration) {
     const double until = now_ + duration;
     while (now_ < until - 1e-9) {
@@ -66,7 +66,7 @@ class GroundLinkTest : public testing::Test {
       link().tick(now_);
     }
   }
-  /// Lets craft, state and a command come at 100 Hz for a while.
+  /// Sends states and a command at 100 Hz for `duration` [s].
   void feed(double duration, const MotorCommand& c) {
     for (const double until = now_ + duration; now_ < until - 1e-9; wait(0.01)) {
       state();
@@ -153,11 +153,11 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   EXPECT_EQ(arm(), "");
   EXPECT_EQ(link().current(), State::kArmed);
   EXPECT_EQ(link().reason(), "armed with commands of /a");
-  EXPECT_EQ(arm(), "");  // once more does no harm
+  EXPECT_EQ(arm(), "");  // arming again has no effect
   EXPECT_TRUE(allZeroSince(0));
 }
 
-TEST_F(GroundLinkTest, ArmsWithoutStateWhereNoneIsRequired) {
+TEST_F(GroundLinkTest, ArmsWithoutStateIfNoneIsRequired) {
   GroundLinkParams params;
   params.require_state = false;
   make({}, params);
@@ -172,7 +172,7 @@ TEST_F(GroundLinkTest, ArmsWithoutStateWhereNoneIsRequired) {
   EXPECT_EQ(link().current(), State::kArmed);
 }
 
-TEST_F(GroundLinkTest, OnABenchAllButTheStateIsWatched) {
+TEST_F(GroundLinkTest, OnABenchEverythingExceptTheStateIsWatched) {
   GroundLinkParams params;
   params.require_state = params.require_lift = false;
   make({}, params);
@@ -217,11 +217,11 @@ TEST_F(GroundLinkTest, OnABenchAllButTheStateIsWatched) {
   EXPECT_TRUE(lastIs(kZero));
 
   ASSERT_EQ(rearmed(), "");
-  for (int i = 0; i < 120; ++i, wait(0.01)) {  // it hears no command any more
+  for (int i = 0; i < 120; ++i, wait(0.01)) {  // commands no longer reach the craft
     counted(7);
     command(push);
   }
-  EXPECT_NE(link().reason().find("does not do as it is told"), std::string::npos);
+  EXPECT_NE(link().reason().find("does not follow its commands"), std::string::npos);
 }
 
 TEST_F(GroundLinkTest, ArmedSendsEachCommandAtOnceAndRepeatsIt) {
@@ -255,7 +255,7 @@ TEST_F(GroundLinkTest, RefusesCommandsThatAreNotFinite) {
   EXPECT_EQ(packets_.size(), sent);
   EXPECT_EQ(link().counters().refused, 4u);
   EXPECT_EQ(link().current(), State::kArmed);
-  // Without a finite one it ends as if none came.
+  // A series of them ends as if no command came.
   const double since = now_;
   while (link().current() == State::kArmed && now_ < since + 1) {
     state();
@@ -267,7 +267,7 @@ TEST_F(GroundLinkTest, RefusesCommandsThatAreNotFinite) {
   EXPECT_EQ(link().reason(), "commands are stale: a command of /a is not finite");
 }
 
-TEST_F(GroundLinkTest, RefusesThrustWithoutLiftUnlessToldOtherwise) {
+TEST_F(GroundLinkTest, RefusesThrustWithoutLiftUnlessAllowed) {
   armed();
   feed(0.1, kDrive);
   const std::size_t before = packets_.size();
@@ -311,7 +311,7 @@ TEST_F(GroundLinkTest, ACraftThatFallsSilentIsAFault) {
   feed(10, kDrive);
   EXPECT_EQ(link().current(), State::kArmed);
 
-  make();  // one that has never said anything but hello
+  make();  // a craft that has sent only its hello
   garbage(kCraft);
   feed(0.1, kZero);
   ASSERT_EQ(arm(), "");
@@ -333,10 +333,10 @@ TEST_F(GroundLinkTest, ACraftThatCountsNoMoreCommandsIsAFault) {
   }
   EXPECT_NEAR(now_ - last, 1.0, 0.03);
   EXPECT_EQ(link().reason(),
-            "the craft does not do as it is told: it counts the commands that reach it, and none "
-            "does any more");
+            "the craft does not follow its commands: its count of received commands stands "
+            "still");
   EXPECT_TRUE(lastIs(kZero));
-  // When it hears again, it is not driven on.
+  // When commands reach it again, there is no thrust.
   const std::size_t sent = packets_.size();
   for (std::uint32_t i = 300; i < 350; ++i) {
     counted(i);
@@ -358,7 +358,7 @@ TEST_F(GroundLinkTest, ACraftThatIsSilentOrDoesNotCountIsNotDeaf) {
   EXPECT_EQ(link().current(), State::kArmed);
 }
 
-TEST_F(GroundLinkTest, OneThatIsRestartedCountsAnew) {
+TEST_F(GroundLinkTest, ARestartedCraftMayCountFromZero) {
   armed();
   for (std::uint32_t i = 0; i < 300; ++i) {
     counted(i % 90);
@@ -376,11 +376,11 @@ TEST_F(GroundLinkTest, DisobedienceIsAFaultWhileArmedOnly) {
   EXPECT_EQ(link().sent().left, kDrive.left);
   link().disobeyed(now_, "it moves as without thrust");
   EXPECT_EQ(link().current(), State::kFault);
-  EXPECT_EQ(link().reason(), "the craft does not do as it is told: it moves as without thrust");
+  EXPECT_EQ(link().reason(), "the craft does not follow its commands: it moves as without thrust");
   EXPECT_TRUE(lastIs(kZero));
 }
 
-TEST_F(GroundLinkTest, ACraftThatLeavesTheRoomIsAFaultAndBarsArming) {
+TEST_F(GroundLinkTest, ACraftThatLeavesTheRoomIsAFaultAndPreventsArming) {
   telemetry(kCraft);
   link().confine(now_, "the craft is 0.10 m outside of the room");
   EXPECT_EQ(link().current(), State::kDisarmed);
@@ -448,10 +448,10 @@ TEST_F(GroundLinkTest, AgeCountsTowardsTheTimeout) {
   EXPECT_EQ(link().current(), State::kFault);
 }
 
-TEST_F(GroundLinkTest, CommandAfterAMissedWatchDoesNotDriveOn) {
+TEST_F(GroundLinkTest, CommandAfterMissedTicksGivesNoThrust) {
   armed();
   command(kDrive);
-  now_ += 0.3;  // nobody ticked
+  now_ += 0.3;  // without a tick
   command(kDrive);
   EXPECT_EQ(link().current(), State::kFault);
   EXPECT_TRUE(lastIs(kZero));
@@ -486,7 +486,7 @@ TEST_F(GroundLinkTest, InvalidStateIsAFaultAtOnce) {
   EXPECT_TRUE(lastIs(kZero));
 }
 
-TEST_F(GroundLinkTest, AClockThatIsSetIsAFaultAndMakesAllBeforeItOld) {
+TEST_F(GroundLinkTest, ATimeJumpIsAFaultAndDiscardsStateAndCommand) {
   armed();
   feed(0.1, kDrive);
   link().timeJumped(now_, "time jumped back by 2.0 s");
@@ -501,7 +501,7 @@ TEST_F(GroundLinkTest, AClockThatIsSetIsAFaultAndMakesAllBeforeItOld) {
   EXPECT_EQ(arm(), "");
 }
 
-TEST_F(GroundLinkTest, AClockThatIsSetWhileDisarmedIsNoFault) {
+TEST_F(GroundLinkTest, ATimeJumpWhileDisarmedIsNoFault) {
   telemetry(kCraft);
   feed(0.1, kZero);
   link().timeJumped(now_, "time jumped ahead by 2.0 s");
@@ -510,7 +510,7 @@ TEST_F(GroundLinkTest, AClockThatIsSetWhileDisarmedIsNoFault) {
   EXPECT_EQ(arm(), "");
 }
 
-TEST_F(GroundLinkTest, StampsOfTheFutureAreOfAnotherClock) {
+TEST_F(GroundLinkTest, StampsFromTheFutureAreRefused) {
   armed();
   feed(0.1, kDrive);
   const double before = now_;
@@ -523,14 +523,14 @@ TEST_F(GroundLinkTest, StampsOfTheFutureAreOfAnotherClock) {
   EXPECT_EQ(link().reason(),
             "commands are stale: a command of /a has a stamp from the future: the clocks differ");
   link().disarm(now_, "by hand");
-  command(kZero, "/a", -0.1);  // clocks are never quite alike
+  command(kZero, "/a", -0.1);  // clocks always differ slightly
   state(true, -1.5);
   EXPECT_NE(arm(), "");
   state(true, -0.1);
   EXPECT_EQ(arm(), "");
 }
 
-TEST_F(GroundLinkTest, FaultIsLatchedAndLeftByHandOnly) {
+TEST_F(GroundLinkTest, FaultLastsUntilDisarmedByHand) {
   fault();
   packets_.clear();
   feed(1, kDrive);
@@ -583,7 +583,7 @@ TEST_F(GroundLinkTest, FailingToSendIsAFaultWhenItLasts) {
   feed(0.1, kDrive);
   broken_ = "Network is unreachable";
   feed(0.15, kDrive);
-  EXPECT_EQ(link().current(), State::kArmed);  // counted anew
+  EXPECT_EQ(link().current(), State::kArmed);  // the count starts again
   feed(0.1, kDrive);
   EXPECT_EQ(link().current(), State::kFault);
   EXPECT_EQ(link().reason(), "packets cannot be sent: Network is unreachable");
@@ -603,7 +603,7 @@ TEST_F(GroundLinkTest, OneControllerAtATime) {
   command({1, 1, 1}, "/b");
   EXPECT_TRUE(lastIs(kDrive));
   EXPECT_EQ(link().counters().refused, 1u);
-  // The other one's commands do not keep it armed either.
+  // Commands of the other controller do not keep it armed either.
   for (int i = 0; i < 25; ++i) {
     state();
     command(kDrive, "/b");
@@ -621,7 +621,7 @@ TEST_F(GroundLinkTest, OneControllerAtATime) {
   EXPECT_EQ(arm(), "");
 }
 
-TEST_F(GroundLinkTest, ASilentSecondPublisherBarsArming) {
+TEST_F(GroundLinkTest, ASilentSecondPublisherPreventsArming) {
   telemetry(kCraft);
   feed(0.1, kZero);
   link().setPublishers(2);
@@ -671,7 +671,7 @@ TEST_F(GroundLinkTest, RequiringStateWhileArmedWithoutOneIsAFault) {
   EXPECT_EQ(link().current(), State::kFault);
 }
 
-TEST_F(GroundLinkTest, RevisionTellsOfEveryChange) {
+TEST_F(GroundLinkTest, RevisionChangesWithEveryChange) {
   auto revision = link().revision();
   const auto changed = [&] {
     const bool result = link().revision() != revision;
@@ -691,7 +691,7 @@ TEST_F(GroundLinkTest, RevisionTellsOfEveryChange) {
   EXPECT_TRUE(changed());
 }
 
-TEST_F(GroundLinkTest, LearnsTheCraftFromItsFirstDatagramWhateverItIs) {
+TEST_F(GroundLinkTest, LearnsTheCraftFromAnyFirstDatagram) {
   garbage(kCraft);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().counters().malformed, 1u);
@@ -701,7 +701,7 @@ TEST_F(GroundLinkTest, LearnsTheCraftFromItsFirstDatagramWhateverItIs) {
   EXPECT_EQ(arm(), "");  // the real craft may never send telemetry
 }
 
-TEST_F(GroundLinkTest, TelemetryOutdoesAStrayFirstDatagram) {
+TEST_F(GroundLinkTest, TelemetryReplacesAStrayFirstDatagram) {
   garbage(kStranger);
   telemetry(kCraft);
   EXPECT_EQ(link().peer(), kCraft);
@@ -716,12 +716,12 @@ TEST_F(GroundLinkTest, GarbageDoesNotReplaceACraftKnownByItsHello) {
   garbage(kCraft);
   wait(10);
   garbage(kStranger);
-  garbage(kReborn);
+  garbage(kRestarted);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().counters().foreign, 2u);
 }
 
-TEST_F(GroundLinkTest, NobodyTakesOverWhileArmedOrAfter) {
+TEST_F(GroundLinkTest, NoOtherPeerTakesOverWhileArmedOrLater) {
   garbage(kCraft);
   state();
   command(kZero);
@@ -731,7 +731,7 @@ TEST_F(GroundLinkTest, NobodyTakesOverWhileArmedOrAfter) {
   link().disarm(now_, "by hand");
   wait(10);
   telemetry(kStranger);
-  telemetry(kReborn);  // a craft that never spoke cannot be known to have gone
+  telemetry(kRestarted);  // a craft that never sent telemetry cannot be known to have gone
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().counters().foreign, 3u);
 }
@@ -746,33 +746,33 @@ TEST_F(GroundLinkTest, ARestartedCraftComesBackOnAnotherPort) {
       link().disarm(now_, "by hand");
     }
     wait(1.9);
-    telemetry(kReborn);
+    telemetry(kRestarted);
     EXPECT_EQ(link().peer(), kCraft);
     wait(0.2);
-    garbage(kReborn);
+    garbage(kRestarted);
     telemetry(kStranger);
     EXPECT_EQ(link().peer(), kCraft);
-    telemetry(kReborn);
-    EXPECT_EQ(link().peer(), kReborn);
+    telemetry(kRestarted);
+    EXPECT_EQ(link().peer(), kRestarted);
     EXPECT_EQ(link().counters().foreign, 3u);
     packets_.clear();
     wait(0.1);
-    EXPECT_EQ(packets_.back().to, kReborn);
-    telemetry(kCraft);  // the old one is a stranger now
-    EXPECT_EQ(link().peer(), kReborn);
+    EXPECT_EQ(packets_.back().to, kRestarted);
+    telemetry(kCraft);  // the old port is a stranger now
+    EXPECT_EQ(link().peer(), kRestarted);
   }
 }
 
-TEST_F(GroundLinkTest, ARestartWhileArmedIsAFaultAndFollowedOnlyThen) {
+TEST_F(GroundLinkTest, ARestartWhileArmedIsAcceptedOnlyAfterTheFault) {
   armed();
   feed(1.5, kDrive);
-  telemetry(kReborn);
+  telemetry(kRestarted);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().current(), State::kArmed);
   feed(1, kDrive);
   EXPECT_EQ(link().current(), State::kFault);
-  telemetry(kReborn);
-  EXPECT_EQ(link().peer(), kReborn);
+  telemetry(kRestarted);
+  EXPECT_EQ(link().peer(), kRestarted);
   feed(0.5, kDrive);
   EXPECT_TRUE(lastIs(kZero));
 }
@@ -784,7 +784,7 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   armed();
   feed(0.1, kDrive);
   EXPECT_EQ(packets_.back().command.left, kDrive.left);
-  // The state goes invalid, commands go on: zeros at once, and no fault.
+  // The state becomes invalid while commands continue: zeros at once, and no fault.
   state(false);
   link().tick(now_);
   EXPECT_EQ(packets_.back().command.left, 0);
@@ -796,11 +796,11 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   EXPECT_EQ(link().current(), State::kArmed);
   ASSERT_FALSE(packets_.empty());
   for (const Packet& p : packets_) EXPECT_EQ(p.command.left + p.command.right, 0);
-  // It is back in time: the craft drives on.
+  // The state returns in time: the craft drives on.
   feed(0.05, kDrive);
   EXPECT_EQ(link().current(), State::kArmed);
   EXPECT_EQ(packets_.back().command.left, kDrive.left);
-  // The next loss has the whole time again, and then it is a fault that stays.
+  // The next loss may last the whole time again; after that it is a lasting fault.
   state(false);
   for (int i = 0; i < 49; ++i) {
     command(kDrive);
@@ -815,23 +815,23 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   EXPECT_EQ(packets_.back().command.left, 0);
 }
 
-/// What a craft may be told gently enough for a silence.
-const MotorCommand kGentle{0.2, 0.2, 0.6};
+/// A command weak enough for a silence.
+const MotorCommand kWeak{0.2, 0.2, 0.6};
 
 TEST_F(GroundLinkTest, ASilenceSendsNothingAndThenDisarms) {
   armed();
-  feed(0.5, kGentle);
+  feed(0.5, kWeak);
   packets_.clear();
   ASSERT_EQ(link().silence(now_, 1.5), "");
   const double began = now_;
-  ASSERT_EQ(packets_.size(), 1u);  // the command once more: the last packet
-  EXPECT_TRUE(lastIs(kGentle));
+  ASSERT_EQ(packets_.size(), 1u);  // the last packet repeats the command
+  EXPECT_TRUE(lastIs(kWeak));
   EXPECT_EQ(link().current(), State::kArmed);
   EXPECT_EQ(link().reason(), "silent: nothing is sent, to see whether the craft stops by itself");
-  EXPECT_EQ(link().lift(), kGentle.lift);
+  EXPECT_EQ(link().lift(), kWeak.lift);
   feed(1.49, kDrive);
   EXPECT_EQ(packets_.size(), 1u);
-  EXPECT_EQ(link().lift(), kGentle.lift);
+  EXPECT_EQ(link().lift(), kWeak.lift);
   feed(0.02, kDrive);
   ASSERT_GT(packets_.size(), 1u);
   EXPECT_NEAR(packets_[1].time, began + 1.5, 0.0011);
@@ -842,29 +842,29 @@ TEST_F(GroundLinkTest, ASilenceSendsNothingAndThenDisarms) {
   EXPECT_TRUE(allZeroSince(1));
 }
 
-TEST_F(GroundLinkTest, WhateverEndsASilenceSendsZerosAtOnceAndNeverThrust) {
+TEST_F(GroundLinkTest, EveryEndOfASilenceSendsZerosAtOnceAndNeverThrust) {
   GroundLinkParams params;
   params.recovery_time = 0.5;
   const std::vector<std::pair<std::function<void()>, State>> ends = {
       {[this] { link().disarm(now_, "by hand"); }, State::kDisarmed},
       {[this] { link().stop(now_, "the end"); }, State::kDisarmed},
-      {[this] { state(false); }, State::kFault},  // there is nothing to bridge
+      {[this] { state(false); }, State::kFault},  // a silence is not bridged
       {[this] { link().timeJumped(now_, "time jumped"); }, State::kFault},
-      {[this] { now_ += 3; }, State::kDisarmed},  // nobody ticked
+      {[this] { now_ += 3; }, State::kDisarmed},  // without a tick
   };
   for (const auto& [end, after] : ends) {
     make({}, params);
     armed();
-    feed(0.5, kGentle);
+    feed(0.5, kWeak);
     ASSERT_EQ(link().silence(now_, 2), "");
-    feed(0.5, kGentle);
+    feed(0.5, kWeak);
     const std::size_t sent = packets_.size();
     end();
     link().tick(now_);
     EXPECT_EQ(link().current(), after);
     ASSERT_GT(packets_.size(), sent);
     EXPECT_EQ(packets_[sent].time, now_);
-    feed(3, kGentle);
+    feed(3, kWeak);
     EXPECT_GE(packets_.size(), sent + 140);
     EXPECT_TRUE(allZeroSince(sent));
   }
@@ -872,7 +872,7 @@ TEST_F(GroundLinkTest, WhateverEndsASilenceSendsZerosAtOnceAndNeverThrust) {
 
 TEST_F(GroundLinkTest, StaleCommandsEndASilence) {
   armed();
-  feed(0.1, kGentle);
+  feed(0.1, kWeak);
   ASSERT_EQ(link().silence(now_, 2), "");
   const double began = now_;
   const std::size_t sent = packets_.size();
@@ -889,7 +889,7 @@ TEST_F(GroundLinkTest, StaleCommandsEndASilence) {
 TEST_F(GroundLinkTest, InASilenceACraftIsNeitherDeafNorDisobedient) {
   armed();
   counted(7);
-  feed(0.1, kGentle);
+  feed(0.1, kWeak);
   ASSERT_EQ(link().silence(now_, 2), "");
   for (int i = 0; i < 190; ++i) {
     counted(7);
@@ -906,18 +906,18 @@ TEST_F(GroundLinkTest, ASilenceIsRefusedWithAReason) {
   feed(0.1, kZero);
   EXPECT_EQ(link().silence(now_, 1), "not armed: not armed yet");
   armed();
-  feed(0.1, kGentle);
+  feed(0.1, kWeak);
   for (const double duration : {0.0, -1.0, 2.01, kNan, kInf})
     EXPECT_EQ(link().silence(now_, duration), "a silence must be longer than 0 s and at most 2 s");
   command({0.2, 0.51, 1});
   EXPECT_EQ(link().silence(now_, 1),
             "the thrust is above 0.5, too much for a craft that may not stop");
-  command(kGentle);
+  command(kWeak);
   broken_ = "Network is unreachable";
   EXPECT_EQ(link().silence(now_, 1), "packets cannot be sent: Network is unreachable");
   broken_.clear();
   const std::size_t sent = packets_.size();
-  feed(0.1, kGentle);
+  feed(0.1, kWeak);
   EXPECT_GT(packets_.size(), sent) << "a silence that was refused has begun";
   EXPECT_EQ(link().silence(now_, 2), "");
   EXPECT_NE(link().silence(now_, 2), "") << "silences would follow each other";
@@ -946,33 +946,33 @@ TEST_F(GroundLinkTest, ARemarkOnTheCraftIsPartOfTheReasonWhileArmed) {
 TEST_F(GroundLinkTest, AFixedPeerIsTheOnlyOne) {
   make(kCraft);
   wait(0.1);
-  EXPECT_EQ(packets_.back().to, kCraft);  // it need not speak first
+  EXPECT_EQ(packets_.back().to, kCraft);  // it need not send first
   garbage(kStranger);
   telemetry(kStranger);
   wait(5);
-  telemetry(kReborn);
+  telemetry(kRestarted);
   EXPECT_EQ(link().peer(), kCraft);
   EXPECT_EQ(link().counters().foreign, 3u);
   telemetry(kCraft);
   EXPECT_EQ(link().counters().received, 1u);
 }
 
-TEST_F(GroundLinkTest, AFixedHostSpeaksFromItsOwnPort) {
+TEST_F(GroundLinkTest, AFixedHostMaySendFromAnyPort) {
   make(UdpAddress::parse("10.0.0.2"));
   wait(0.1);
   EXPECT_TRUE(packets_.empty());
   EXPECT_EQ(arm(), "no craft is connected");
   telemetry(kStranger);
   EXPECT_EQ(link().counters().foreign, 1u);
-  garbage(kReborn);
-  EXPECT_EQ(link().peer(), kReborn);
-  telemetry(kCraft);  // speaks the protocol: a better guess
+  garbage(kRestarted);
+  EXPECT_EQ(link().peer(), kRestarted);
+  telemetry(kCraft);  // a peer that sends telemetry is more likely the craft
   EXPECT_EQ(link().peer(), kCraft);
   wait(5);
   telemetry(kStranger);
   EXPECT_EQ(link().peer(), kCraft);
-  telemetry(kReborn);
-  EXPECT_EQ(link().peer(), kReborn);
+  telemetry(kRestarted);
+  EXPECT_EQ(link().peer(), kRestarted);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What arming says of a craft by the records of its own stop.
+// The remark at arming on whether the craft has been shown to stop by itself.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -29,7 +29,7 @@ class OwnStopTest : public testing::Test {
   const std::string path_ = testing::TempDir() + "own_stop_" + std::to_string(getpid()) + ".yaml";
 };
 
-TEST_F(OwnStopTest, NothingIsProvenWithoutATrialOfThisCraft) {
+TEST_F(OwnStopTest, IsUnprovenWithoutATrialOfThisCraft) {
   EXPECT_EQ(ownStopRemark(path_, "Tiny Whoover"), kUnproven);
   EXPECT_EQ(ownStopRemark("/", "Tiny Whoover"), kUnproven);
   for (const char* text : {"", "{}", "[]", "3", "Tiny Whoover: 3", "Tiny Whoover: [3]", "a: [",
@@ -38,7 +38,7 @@ TEST_F(OwnStopTest, NothingIsProvenWithoutATrialOfThisCraft) {
   EXPECT_EQ(remark("Another:\n" + trial("passed")), kUnproven);
 }
 
-TEST_F(OwnStopTest, TheNewestDecidedTrialOfTheRealCraftCounts) {
+TEST_F(OwnStopTest, UsesTheNewestDecidedTrialOfTheRealCraft) {
   const std::string craft = "Tiny Whoover:\n";
   const std::string failed = "this craft FAILED to stop by itself on 2026-01-02T03:04:05 "
                              "(rosrun ground prove_stop)";

@@ -47,7 +47,7 @@ TEST(Motors, SaturatesAndRounds) {
   EXPECT_EQ(encodeMotors({0.0004, 0.0006, 0.9996}), encodeMotors({0, 0.001, 1}));
 }
 
-TEST(Motors, RefusesToEncodeWhatIsNotFinite) {
+TEST(Motors, RefusesToEncodeValuesThatAreNotFinite) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   EXPECT_THROW(encodeMotors({nan, 0, 0}), std::invalid_argument);
@@ -69,14 +69,14 @@ TEST(Motors, EveryTruncationIsRefused) {
   for (std::size_t n = 0; n < whole.size(); ++n) EXPECT_NE(refusal(whole.substr(0, n)), "");
 }
 
-TEST(Motors, RefusesGarbageAndSaysWhy) {
+TEST(Motors, RefusesGarbageWithAReason) {
   EXPECT_EQ(refusal("\xff\xff\xff\xff"), "it is cut or garbled");
   EXPECT_EQ(refusal("hello"), "it is cut or garbled");
   EXPECT_EQ(refusal(""), "a motor is missing");
   EXPECT_EQ(refusal(encodeTelemetry({})), "it has fields of another message");
   const std::string zero = encodeMotors({});
   EXPECT_EQ(refusal(zero + bytes({0x28, 0x01})), "it has fields of another message");
-  EXPECT_EQ(refusal(zero + zero), "a motor stands twice");
+  EXPECT_EQ(refusal(zero + zero), "a motor is given twice");
   for (int field = 0; field < 4; ++field) {
     std::string low = zero, high = encodeMotors({1, 1, 1});
     low[3 * field + 1] = '\xe7';   // 999
@@ -134,7 +134,7 @@ TEST(DroneState, MayCountTheCommandsThatReachedTheCraft) {
   EXPECT_FALSE(read.commands);
 }
 
-TEST(DroneState, RefusesGarbageAndSaysWhy) {
+TEST(DroneState, RefusesGarbageWithAReason) {
   CraftTelemetry t;
   t.roll = 42;
   const auto refused = [&t](const std::string& datagram) {
@@ -189,7 +189,7 @@ TEST(UdpSocket, CarriesDatagramsAndTheirSender) {
   EXPECT_FALSE(a.receive(0.001, data, from));
 }
 
-TEST(UdpSocket, SaysWhatFails) {
+TEST(UdpSocket, ReportsFailures) {
   UdpSocket a(UdpAddress::parse("127.0.0.1"));
   try {
     UdpSocket b(UdpAddress::parse("127.0.0.1", a.port()));

@@ -17,10 +17,10 @@
 #include "ground/model/simulation.h"
 
 namespace {
-bool link_fails = false;  // as on a file system without hard links
+bool link_fails = false;  // simulates a file system without hard links
 }
 
-/// The C library's, in place of which the library under test takes this one.
+/// Replaces link() of the C library in the library under test.
 extern "C" int link(const char* from, const char* to) noexcept {
   if (!link_fails) return linkat(AT_FDCWD, from, AT_FDCWD, to, 0);
   errno = EPERM;
@@ -63,7 +63,7 @@ std::string complaint(const std::string& yaml) {
   return "";
 }
 
-TEST(ModelFile, ReadsTheCraftsThatCome) {
+TEST(ModelFile, ReadsTheShippedCrafts) {
   const Model tiny = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   EXPECT_EQ(tiny.values(),
             (std::vector<double>{0.0583, 0.0325, 8.8e-5, 0.0055, 0.0271, 4.62e-5, 0.062}));
@@ -82,7 +82,7 @@ TEST(ModelFile, ReadsEffects) {
   EXPECT_EQ(model.coordinates()[model.index("battery_sag.tau")], 0.0);
 }
 
-TEST(ModelFile, ComesBackAsItWasWritten) {
+TEST(ModelFile, RoundTrip) {
   Model model = parseModel(kGood, "good");
   model.setValue("k", 0.0612345678901234);
   model.provenance.date = "2026-01-02T03:04:05Z";
@@ -119,7 +119,7 @@ constexpr char kStates[] = R"yaml(  - name: skirt
       tau: {value: 0.4, unit: s, neutral: 0.4, lower: 0.01}
 )yaml";
 
-TEST(ModelFile, StatesOfEffectsComeBackAsTheyWereWritten) {
+TEST(ModelFile, RoundTripOfEffectStates) {
   const Model model = parseModel(std::string(kGood) + kStates, "good");
   EXPECT_EQ(model.stateCount(), 4);
   const std::string text = formatModel(model);
@@ -142,15 +142,15 @@ TEST(ModelFile, StatesOfEffectsComeBackAsTheyWereWritten) {
 }
 
 TEST(ModelFile, StatesOfEffectsAreRefusedWithTheirLine) {
-  const auto said = [](const std::string& from, const std::string& to) {
+  const auto complaintWith = [](const std::string& from, const std::string& to) {
     std::string text = std::string(kGood) + kStates;
     const std::size_t at = text.find(from);
     EXPECT_NE(at, std::string::npos) << from;
     return complaint(text.replace(at, from.size(), to));
   };
-  EXPECT_EQ(said("p - q", "p - q"), "");
+  EXPECT_EQ(complaintWith("p - q", "p - q"), "");
   const struct {
-    const char *from, *to, *says;
+    const char *from, *to, *expected;
   } cases[] = {
       {"p: \"(lift - p)/tau\"", "p: [1, 2]", "line 16: p must be a string"},
       {"initial: 0.25", "initial: much", "line 17: initial must be a number"},
@@ -165,9 +165,9 @@ TEST(ModelFile, StatesOfEffectsAreRefusedWithTheirLine) {
       {"thrust_R", "thrust", "unknown key 'thrust' in expression of skirt; allowed are X, Y, N, "},
   };
   for (const auto& bad : cases) {
-    const std::string message = said(bad.from, bad.to);
-    EXPECT_NE(message.find(bad.says), std::string::npos) << bad.to << " gave: " << message;
-    EXPECT_EQ(message.empty(), std::string(bad.says).empty()) << message;
+    const std::string message = complaintWith(bad.from, bad.to);
+    EXPECT_NE(message.find(bad.expected), std::string::npos) << bad.to << " gave: " << message;
+    EXPECT_EQ(message.empty(), std::string(bad.expected).empty()) << message;
   }
 }
 
@@ -178,7 +178,7 @@ constexpr char kDisturbance[] = R"yaml(disturbance:
   trim: {N: 2.0e-5, thrust: 0.02}
 )yaml";
 
-TEST(ModelFile, ADisturbanceComesBackAsItWasWritten) {
+TEST(ModelFile, RoundTripOfADisturbance) {
   const Model model = parseModel(std::string(kGood) + kDisturbance, "good");
   const Disturbance& read = model.disturbance;
   EXPECT_FALSE(read.empty());
@@ -197,7 +197,7 @@ TEST(ModelFile, ADisturbanceComesBackAsItWasWritten) {
   EXPECT_EQ(back.disturbance.trim_thrust, 0.02);
   EXPECT_TRUE(parseModel(kGood, "good").disturbance.empty());
   EXPECT_EQ(formatModel(parseModel(kGood, "good")).find("disturbance"), std::string::npos);
-  // The deterministic motion does not know of it.
+  // It does not change the deterministic motion.
   const auto rate = [](const Model& m) {
     return Dynamics<double>(m).derivative(0, {}, {1, 0.5}, 1).nu;
   };
@@ -205,14 +205,14 @@ TEST(ModelFile, ADisturbanceComesBackAsItWasWritten) {
 }
 
 TEST(ModelFile, ABadDisturbanceIsRefusedWithItsLine) {
-  const auto said = [](const std::string& from, const std::string& to) {
+  const auto complaintWith = [](const std::string& from, const std::string& to) {
     std::string text = std::string(kGood) + kDisturbance;
     const std::size_t at = text.find(from);
     EXPECT_NE(at, std::string::npos) << from;
     return complaint(text.replace(at, from.size(), to));
   };
   const struct {
-    const char *from, *to, *says;
+    const char *from, *to, *expected;
   } cases[] = {
       {"X: 0.01", "X: -0.01", "sigma of X must be finite and not negative"},
       {"X: 0.01", "X: .inf", "sigma of X must be finite"},
@@ -225,12 +225,12 @@ TEST(ModelFile, ABadDisturbanceIsRefusedWithItsLine) {
       {"disturbance:\n", "disturbance: 3\nother:\n", "disturbance must be a map"},
   };
   for (const auto& bad : cases)
-    EXPECT_NE(said(bad.from, bad.to).find(bad.says), std::string::npos)
-        << bad.to << " gave: " << said(bad.from, bad.to);
+    EXPECT_NE(complaintWith(bad.from, bad.to).find(bad.expected), std::string::npos)
+        << bad.to << " gave: " << complaintWith(bad.from, bad.to);
 }
 
 struct Bad {
-  const char *from, *to, *says;
+  const char *from, *to, *expected;
 };
 
 TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
@@ -260,16 +260,16 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
   };
   ASSERT_EQ(complaint(kGood), "");
   for (const Bad& bad : cases) {
-    const std::string said = complaint(replaced(bad.from, bad.to));
-    EXPECT_NE(said.find(bad.says), std::string::npos) << bad.to << " gave: " << said;
-    EXPECT_EQ(said.find("craft.yaml"), 0u) << said;
+    const std::string message = complaint(replaced(bad.from, bad.to));
+    EXPECT_NE(message.find(bad.expected), std::string::npos) << bad.to << " gave: " << message;
+    EXPECT_EQ(message.find("craft.yaml"), 0u) << message;
   }
   EXPECT_NE(complaint(""), "");
   EXPECT_NE(complaint("[1, 2]"), "");
   EXPECT_THROW(loadModel("no/such/model.yaml"), std::runtime_error);
 }
 
-TEST(ModelFile, AnEmptyFileIsSaidToBeEmpty) {
+TEST(ModelFile, AnEmptyFileIsReported) {
   EXPECT_EQ(complaint(""), "craft.yaml: it is empty");
   EXPECT_EQ(complaint("# nothing\n"), "craft.yaml: it is empty");
   const std::string path = testing::TempDir() + "empty.yaml";
@@ -291,7 +291,7 @@ std::string effectComplaint(const std::string& yaml) {
   return "";
 }
 
-TEST(ModelFile, AnEffectOfItsOwnFileIsAddedOrRefusedWithItsLine) {
+TEST(ModelFile, AnEffectFromAFileIsAddedOrRefusedWithItsLine) {
   const std::string gust =
       "name: gust\nexpression: {X: \"g*u\"}\nparameters:\n  g: {value: 0.1, unit: N s/m}\n";
   const Model model = withEffect(parseModel(kGood, "good"), gust, "own.yaml");
@@ -313,7 +313,8 @@ TEST(ModelFile, AnEffectOfItsOwnFileIsAddedOrRefusedWithItsLine) {
   for (const Bad& bad : cases) {
     std::string text = gust;
     text.replace(text.find(bad.from), std::string(bad.from).size(), bad.to);
-    EXPECT_EQ(effectComplaint(text).find(bad.says), 0u) << bad.to << ": " << effectComplaint(text);
+    const std::string message = effectComplaint(text);
+    EXPECT_EQ(message.find(bad.expected), 0u) << bad.to << ": " << message;
   }
 }
 
@@ -329,7 +330,7 @@ std::string effectText(const std::string& name, const std::string& formula) {
          "\"}\n    parameters: {a: {value: 0.01, unit: N}}\n";
 }
 
-TEST(ModelFile, LongTextsAreQuotedShortened) {
+TEST(ModelFile, LongTextsAreShortenedInMessages) {
   for (const std::string& text :
        {effectText("gust", sines(40, "+b")), effectText("gust", sines(300)),
         effectText(std::string(20000, 'g'), "a*u"),
@@ -337,9 +338,9 @@ TEST(ModelFile, LongTextsAreQuotedShortened) {
         effectText("gust", "a*" + std::string(900, 'q')),
         effectText("gust", "a*u")
             .replace(0, 0, "  - name: motor_lag\n    " + std::string(20000, 'k') + ": 1\n")}) {
-    const std::string said = complaint(std::string(kGood) + text);
-    EXPECT_EQ(said.find("craft.yaml, line"), 0u) << said;
-    EXPECT_LT(said.size(), 600u) << said.substr(0, 1000);
+    const std::string message = complaint(std::string(kGood) + text);
+    EXPECT_EQ(message.find("craft.yaml, line"), 0u) << message;
+    EXPECT_LT(message.size(), 600u) << message.substr(0, 1000);
   }
   EXPECT_NE(complaint(std::string(kGood) + effectText("gust", sines(40, "+b"))).find("characters)"),
             std::string::npos);
@@ -365,14 +366,14 @@ TEST(ModelFile, EffectsAndFormulasHaveLimits) {
 
 Body<double> tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml").body; }
 
-TEST(Plausibility, SoundCraftsPassWithoutAWord) {
+TEST(Plausibility, SoundCraftsPassWithoutAWarning) {
   for (const char* craft : {"tiny_whoover", "tiny_whoover_4_1", "mvwt"}) {
     std::vector<std::string> warnings;
     loadModel(std::string("cfg/hovercraft/") + craft + ".yaml", &warnings);
     EXPECT_EQ(warnings, std::vector<std::string>()) << craft;
   }
-  // Crafts of 0.02 to 50 kg: size grows with the cube root of the mass, and everything else is
-  // slow and quick, flat and tall, hardly and strongly damped.
+  // Crafts of 0.02 to 50 kg: size grows with the cube root of the mass; lever, acceleration and
+  // damping vary widely.
   for (double m : {0.02, 0.06, 0.18, 0.5, 1.5, 5.0, 15.0, 50.0}) {
     for (double lever : {0.3, 1.0, 3.0}) {
       for (double acceleration : {0.2, 2.0, 20.0}) {
@@ -400,9 +401,9 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
   const struct {
     double Body<double>::*place;
     double value;
-    const char *key, *says;
+    const char *key, *expected;
   } cases[] = {
-      {&Body<double>::m, 58.3, "m", "m: 58.3 kg is hardly meant"},
+      {&Body<double>::m, 58.3, "m", "m: 58.3 kg is implausible"},
       {&Body<double>::m, 58.3, "m", "write 0.0583 kg if it is in g"},
       {&Body<double>::l, 3, "l", "write 0.03 m if it is in cm"},
       {&Body<double>::l, 32.5, "l", "write 0.0325 m if it is in mm"},
@@ -418,9 +419,9 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
     Body<double> body = tinyWhoover();
     body.*bad.place = bad.value;
     const auto found = implausibilities(body);
-    ASSERT_EQ(found.size(), 1u) << bad.says;
+    ASSERT_EQ(found.size(), 1u) << bad.expected;
     EXPECT_EQ(found[0].key, bad.key);
-    EXPECT_NE(found[0].message.find(bad.says), std::string::npos) << found[0].message;
+    EXPECT_NE(found[0].message.find(bad.expected), std::string::npos) << found[0].message;
     EXPECT_FALSE(found[0].refused) << found[0].message;
   }
   Body<double> two = tinyWhoover();
@@ -431,7 +432,7 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
 
 TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {
   const std::string path = testing::TempDir() + "implausible.yaml";
-  const auto said = [&](const std::string& from, const std::string& to) -> std::string {
+  const auto complaintWith = [&](const std::string& from, const std::string& to) -> std::string {
     std::ofstream(path) << replaced(from, to);
     try {
       loadModel(path);
@@ -443,10 +444,10 @@ TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {
   for (const Bad& bad :
        {Bad{"input_max: 1", "input_max: 1e-300", "input_max: 1e-300"},
         Bad{"m: 0.06", "m: 60000", "m: 6e+04 kg"}, Bad{"k: 0.06", "k: 1.0e+6", "k: 1e+06 N"}}) {
-    const std::string message = said(bad.from, bad.to);
-    EXPECT_EQ(message.find(path + ", line 3: " + bad.says), 0u) << message;
+    const std::string message = complaintWith(bad.from, bad.to);
+    EXPECT_EQ(message.find(path + ", line 3: " + bad.expected), 0u) << message;
     EXPECT_NE(message.find("refused"), std::string::npos) << message;
-    EXPECT_EQ(complaint(replaced(bad.from, bad.to)), "") << "models of the tool itself are read";
+    EXPECT_EQ(complaint(replaced(bad.from, bad.to)), "") << "models written by ground are read";
   }
   std::ofstream(path) << replaced("m: 0.06", "m: 60");
   std::vector<std::string> warnings;
@@ -473,7 +474,7 @@ TEST(ModelFile, IsNeverOverwrittenUnlessAllowed) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(ModelFile, IsWrittenAndNotOverwrittenWhereThereAreNoHardLinks) {
+TEST(ModelFile, IsWrittenAndNotOverwrittenWithoutHardLinks) {
   char folder[] = "/tmp/ground_model_file_XXXXXX";
   ASSERT_NE(mkdtemp(folder), nullptr);
   const std::string path = std::string(folder) + "/model.yaml";

@@ -1,4 +1,4 @@
-// One model or two beside a running experiment.
+// Models compared with a running experiment.
 #include "ground/estimation/model_monitor.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,8 @@ Model with(const std::string& effect, const std::map<std::string, double>& value
   return model;
 }
 
-/// A PRBS run of a true model at 100 Hz, seen with noise, followed by monitors.
+/// Simulates a PRBS run of a true model at 100 Hz. Monitors get its commands, `each` its noisy
+/// states.
 class Experiment {
  public:
   explicit Experiment(const Model& truth) : dynamics_(truth), bits_(makePrbs(9, 1)) {}
@@ -107,7 +108,7 @@ TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
   EXPECT_GT(errors[0], 2 * errors[1]);
 }
 
-TEST(ModelMonitor, ThePathEndsWhereThePredictionDoes) {
+TEST(ModelMonitor, ThePathEndsAtThePrediction) {
   ModelMonitor monitor(craft(), {});
   std::optional<ModelMonitor::Error> last;
   EXPECT_TRUE(monitor.path(0.02).empty());
@@ -120,7 +121,7 @@ TEST(ModelMonitor, ThePathEndsWhereThePredictionDoes) {
   EXPECT_NEAR((path.back() - last->predicted.eta).norm(), 0, 1e-9);
 }
 
-TEST(ModelMonitor, AllIsForgottenWhenTimeJumpsBack) {
+TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
   ModelMonitor monitor(craft(), {});
   int found = 0;
   const auto count = [&](double t, const RigidState<double>& s) {
@@ -133,7 +134,7 @@ TEST(ModelMonitor, AllIsForgottenWhenTimeJumpsBack) {
   EXPECT_EQ(found, 2 * before);
 }
 
-TEST(ModelMonitor, AGapInTheStatesIsNoPrediction) {
+TEST(ModelMonitor, DoesNotPredictAcrossAGap) {
   ModelMonitor monitor(craft(), {});
   int inside = 0;
   Experiment(craft()).run(0, 6, {&monitor}, [&](double t, const RigidState<double>& s) {
@@ -141,11 +142,11 @@ TEST(ModelMonitor, AGapInTheStatesIsNoPrediction) {
     const auto found = monitor.measure(t, s);
     if (t >= 4 && t < 4.99) inside += found.has_value();
   });
-  // A state of before the gap is too old for a horizon of one second.
+  // The last state before the gap is older than the horizon of one second.
   EXPECT_EQ(inside, 0);
 }
 
-TEST(ModelContest, TheTruerModelIsPreferredAndAnEqualOneIsNot) {
+TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
   const Model truth = with("floor_tilt", {{"sx", 0.015}, {"sy", 0.0}});
   ModelMonitor nominal(craft(), {}), right(truth, {}), again(truth, {});
   ModelContest unequal(1.0, 10.0), equal(1.0, 10.0);
@@ -167,7 +168,7 @@ TEST(ModelContest, TheTruerModelIsPreferredAndAnEqualOneIsNot) {
   EXPECT_FALSE(equal.preference()->clear());
 }
 
-TEST(FloorMap, MeansAreOfTheCellsAndRareOnesAreNotShown) {
+TEST(FloorMap, HasTheMeansOfCellsWithEnoughSamples) {
   FloorMap map(0.5);
   for (int i = 0; i < 10; ++i) map.add(0.1, -0.1, i);  // mean 4.5
   for (int i = 0; i < 5; ++i) map.add(0.6, -0.2, 100);
@@ -180,11 +181,11 @@ TEST(FloorMap, MeansAreOfTheCellsAndRareOnesAreNotShown) {
   EXPECT_EQ(cells[0].y, -0.25);
   EXPECT_EQ(cells[0].mean, 4.5);
   EXPECT_EQ(cells[1].mean, 100);
-  EXPECT_EQ(map.large(), 4.5);  // all but the worst
+  EXPECT_EQ(map.large(), 4.5);  // exceeded by the largest mean only
   EXPECT_GT(FloorMap(1).large(), 0);
 }
 
-TEST(MonitorParams, WhatIsWrongIsSaid) {
+TEST(MonitorParams, ValidateGivesTheReason) {
   MonitorParams params;
   EXPECT_EQ(params.validate(), "");
   params.window = 0.5;

@@ -1,4 +1,4 @@
-// Crafts that hear their commands and crafts that do not, seen by their motion.
+// Detects by its motion whether a craft follows its commands.
 #include "ground/estimation/obedience_monitor.h"
 
 #include <gtest/gtest.h>
@@ -39,9 +39,9 @@ ExperimentLog drive(const Model& truth, const std::string& controller, double de
   return trackReference(truth, craft(), tracking, params);
 }
 
-/// When the craft of a log is first blamed [s], by a monitor that believes in the craft, and what is
-/// said of it; never: 0.
-double blamed(const ExperimentLog& log, std::string* said = nullptr) {
+/// Time at which a monitor with the nominal model first reports the craft of a log [s], and its
+/// reason; 0 if never.
+double reportedAt(const ExperimentLog& log, std::string* reason = nullptr) {
   const Model model = craft();
   ObedienceMonitor monitor(model);
   const auto estimator = makeKalmanEstimator({});
@@ -56,57 +56,57 @@ double blamed(const ExperimentLog& log, std::string* said = nullptr) {
     monitor.measure(frame.captured, {e.eta, e.nu}, e.nu_covariance.diagonal());
     const std::string found = monitor.disobedience(kTimeout);
     if (found.empty()) continue;
-    if (said) *said = found;
+    if (reason) *reason = found;
     return frame.delivered;
   }
   return 0;
 }
 
-double noticedAfter(const Model& truth, const std::string& controller, unsigned long seed = 1) {
+double reportedAfter(const Model& truth, const std::string& controller, unsigned long seed = 1) {
   const ExperimentLog log = drive(truth, controller, kDeafFrom, kNever, kDeafFrom + 3, seed);
   if (controller == "OpenLoopPRBS") {
-    const double at = blamed(log);
+    const double at = reportedAt(log);
     return at == 0 ? kNever : at - kDeafFrom;
   }
-  // It stops itself.
-  EXPECT_NE(log.stopped.find("the craft does not do as it is told"), std::string::npos)
+  // The controller stops by itself.
+  EXPECT_NE(log.stopped.find("the craft does not follow its commands"), std::string::npos)
       << log.stopped;
   return log.stopped_at - kDeafFrom;
 }
 
 class Obedience : public testing::TestWithParam<const char*> {};
 
-TEST_P(Obedience, ACraftThatHearsNothingIsNoticedWithinOneAndAHalfSeconds) {
+TEST_P(Obedience, ADeafCraftIsReportedWithinOneAndAHalfSeconds) {
   for (unsigned long seed : {1ul, 2ul, 3ul}) {
-    const double after = noticedAfter(craft(), GetParam(), seed);
+    const double after = reportedAfter(craft(), GetParam(), seed);
     EXPECT_GT(after, 0.5);  // its motors stop by themselves after 0.25 s
     EXPECT_LT(after, 1.5);
   }
 }
 
-TEST_P(Obedience, ACraftThatHearsIsNotBlamed) {
-  EXPECT_EQ(blamed(drive(craft(), GetParam(), kNever, kNever, 20)), 0);
+TEST_P(Obedience, AnObedientCraftIsNotReported) {
+  EXPECT_EQ(reportedAt(drive(craft(), GetParam(), kNever, kNever, 20)), 0);
 }
 
-TEST_P(Obedience, AModelThatIsWrongByATwofoldBlamesNobodyWrongly) {
+TEST_P(Obedience, AModelWrongByAFactorOfTwoGivesNoFalseReport) {
   for (double factor : {0.5, 2.0}) {
     Model truth = craft();
     truth.body.k *= factor;
-    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "thrust " << factor;
-    EXPECT_LT(noticedAfter(truth, GetParam()), 2.5) << "thrust " << factor;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "thrust " << factor;
+    EXPECT_LT(reportedAfter(truth, GetParam()), 2.5) << "thrust " << factor;
     truth = craft();
     truth.body.X_u *= factor;
     truth.body.Y_v *= factor;
     truth.body.N_r *= factor;
-    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "damping " << factor;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "damping " << factor;
   }
 }
 
-TEST_P(Obedience, AShortLossIsForgiven) {
-  EXPECT_EQ(blamed(drive(craft(), GetParam(), kDeafFrom, kDeafFrom + 0.5, kDeafFrom + 4)), 0);
+TEST_P(Obedience, AShortLossIsNotReported) {
+  EXPECT_EQ(reportedAt(drive(craft(), GetParam(), kDeafFrom, kDeafFrom + 0.5, kDeafFrom + 4)), 0);
 }
 
-TEST_P(Obedience, EffectsThatTheModelDoesNotHaveBlameNobodyWrongly) {
+TEST_P(Obedience, EffectsMissingInTheModelGiveNoFalseReport) {
   const std::map<std::string, std::map<std::string, double>> effects = {
       {"motor_lag", {{"tau", 0.06}}},
       {"input_delay", {{"delay", 0.15}}},
@@ -117,14 +117,14 @@ TEST_P(Obedience, EffectsThatTheModelDoesNotHaveBlameNobodyWrongly) {
     Model truth = craft();
     truth.addEffect(makeEffect(name));
     for (const auto& [parameter, value] : values) truth.setValue(name + "." + parameter, value);
-    EXPECT_EQ(blamed(drive(truth, GetParam(), kNever, kNever, 8)), 0) << name;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 8)), 0) << name;
   }
 }
 
 struct Named {
   const char* name;
   CraftFault fault;
-  const char* said;
+  const char* words;
 };
 std::string nameOf(const testing::TestParamInfo<Named>& info) { return info.param.name; }
 
@@ -134,18 +134,18 @@ TEST_P(FaultNamed, WithinAboutASecondAndTheControllerStops) {
   for (unsigned long seed : {1ul, 2ul, 3ul}) {
     const ExperimentLog log = drive(craft(), "ModelPredictive", kDeafFrom, kNever, kDeafFrom + 4,
                                     seed, GetParam().fault);
-    EXPECT_NE(log.stopped.find(GetParam().said), std::string::npos) << log.stopped;
+    EXPECT_NE(log.stopped.find(GetParam().words), std::string::npos) << log.stopped;
     EXPECT_LT(log.stopped_at - kDeafFrom, 1.5);
   }
 }
 
 TEST_P(FaultNamed, ByTheMonitorAlone) {
   for (unsigned long seed : {1ul, 2ul, 3ul}) {
-    std::string said;
+    std::string reason;
     const ExperimentLog log = drive(craft(), "OpenLoopPRBS", kDeafFrom, kNever, kDeafFrom + 4, seed,
                                     GetParam().fault);
-    EXPECT_GT(blamed(log, &said), kDeafFrom);
-    EXPECT_NE(said.find(GetParam().said), std::string::npos) << said;
+    EXPECT_GT(reportedAt(log, &reason), kDeafFrom);
+    EXPECT_NE(reason.find(GetParam().words), std::string::npos) << reason;
   }
 }
 
@@ -158,9 +158,9 @@ INSTANTIATE_TEST_SUITE_P(, FaultNamed,
 
 INSTANTIATE_TEST_SUITE_P(, Obedience, testing::Values("OpenLoopPRBS", "ModelPredictive"));
 
-/// What is said of a craft that plays a PRBS and bounces off something at `at` [s]; `change`: of its
-/// velocities by that.
-std::string saidAfterBounce(double at, const Vector3<double>& change) {
+/// The monitor's reason for a craft that plays a PRBS and collides at `at` [s]; `change` is the
+/// change of its velocities by the collision.
+std::string reasonAfterCollision(double at, const Vector3<double>& change) {
   const Model model = craft();
   const Dynamics<double> dynamics(model);
   ObedienceMonitor monitor(model);
@@ -175,19 +175,19 @@ std::string saidAfterBounce(double at, const Vector3<double>& change) {
     simulation.advance(now);
     if (now >= at && now < at + 0.005) simulation.state().nu += change;
     monitor.measure(now, simulation.state(), {1e-4, 1e-4, 1e-2});
-    const std::string said = monitor.disobedience(kTimeout);
-    if (!said.empty()) return said;
+    const std::string reason = monitor.disobedience(kTimeout);
+    if (!reason.empty()) return reason;
   }
   return "";
 }
 
-TEST(ObedienceMonitor, ACollisionBlamesNobody) {
+TEST(ObedienceMonitor, ACollisionIsNotReported) {
   for (double speed : {0.3, 1.0, 3.0})
     for (double at = 5; at < 15; at += 0.7)
-      EXPECT_EQ(saidAfterBounce(at, {-speed, 0, 5 * speed}), "") << speed << " m/s at " << at;
+      EXPECT_EQ(reasonAfterCollision(at, {-speed, 0, 5 * speed}), "") << speed << " m/s at " << at;
 }
 
-TEST(ObedienceMonitor, WithoutCommandsThereIsNothingToObey) {
+TEST(ObedienceMonitor, WithoutThrustThereIsNoEvidence) {
   ObedienceMonitor monitor(craft());
   for (int i = 0; i < 1000; ++i) {
     monitor.command(0.01 * i, {0, 0}, 1);
@@ -197,16 +197,16 @@ TEST(ObedienceMonitor, WithoutCommandsThereIsNothingToObey) {
   EXPECT_EQ(monitor.disobedience(1), "");
 }
 
-TEST(ObedienceMonitor, ACraftThatStandsUnderFullThrustIsBlamedAndResetForgetsIt) {
+TEST(ObedienceMonitor, ACraftAtRestUnderFullThrustIsReportedUntilReset) {
   ObedienceMonitor monitor(craft());
-  double blamed_at = 0;
-  for (int i = 0; i < 300 && blamed_at == 0; ++i) {
+  double reported_at = 0;
+  for (int i = 0; i < 300 && reported_at == 0; ++i) {
     monitor.command(0.01 * i, {1, 1}, 1);
     monitor.measure(0.01 * i, {}, Vector3<double>::Constant(1e-4));
-    if (!monitor.disobedience(1).empty()) blamed_at = 0.01 * i;
+    if (!monitor.disobedience(1).empty()) reported_at = 0.01 * i;
   }
-  EXPECT_GT(blamed_at, 0.5);
-  EXPECT_LT(blamed_at, 1.1);
+  EXPECT_GT(reported_at, 0.5);
+  EXPECT_LT(reported_at, 1.1);
   monitor.reset();
   EXPECT_EQ(monitor.disobedience(1), "");
 }

@@ -17,7 +17,7 @@ TEST(Prbs, HasMaximumLengthForEveryOrder) {
     const PrbsBits bits = makePrbs(order, 0);
     const std::size_t period = (std::size_t{1} << order) - 1;
     ASSERT_EQ(bits.size(), period);
-    // Every window of `order` bits but all zeros occurs exactly once in a period.
+    // Every window of `order` bits except all zeros occurs exactly once in a period.
     std::set<std::size_t> windows;
     std::size_t window = 0;
     for (std::size_t i = 0; i < period + order - 1; ++i) {
@@ -43,7 +43,7 @@ TEST(Prbs, SeedChoosesTheSequence) {
   EXPECT_THROW(makePrbs(21, 0), std::invalid_argument);
 }
 
-TEST(Prbs, AppliesEachBitForExactlyItsTime) {
+TEST(Prbs, HoldsEachBitForExactlyItsTime) {
   const PrbsBits bits = makePrbs(7, 1);
   PrbsParams params;
   params.clock = 15;
@@ -101,8 +101,7 @@ TEST(PrbsFile, ReadsBothConventions) {
   EXPECT_EQ(readPrbs(fileWith("0, 1\r\n1.0,0\r\n\n1,1")).rows, expected);
 }
 
-/// The sequence as a recorder of `rows_per_bit` rows per bit writes it that starts `late` rows into
-/// the first bit.
+/// File text of the sequence with `rows_per_bit` rows per bit, without the first `late` rows.
 std::string recorded(const PrbsBits& bits, int rows_per_bit, int late) {
   std::string text;
   for (int row = late; row < rows_per_bit * static_cast<int>(bits.size()); ++row) {
@@ -112,7 +111,7 @@ std::string recorded(const PrbsBits& bits, int rows_per_bit, int late) {
   return text;
 }
 
-TEST(PrbsFile, FindsHowManyRowsMakeABit) {
+TEST(PrbsFile, FindsTheRowsPerBit) {
   for (int rows_per_bit : {1, 2, 3, 5, 12}) {
     for (int late : {0, rows_per_bit - 1}) {
       const PrbsFile file = readPrbs(fileWith(recorded(makePrbs(6, 3), rows_per_bit, late)));
@@ -122,7 +121,7 @@ TEST(PrbsFile, FindsHowManyRowsMakeABit) {
   }
   EXPECT_EQ(readPrbs(fileWith("1,0\n1,0\n0,1\n0,1\n1,0\n1,0\n")).rows_per_bit, 1)
       << "too short to judge";
-  EXPECT_EQ(readPrbs(fileWith(recorded(makePrbs(6, 3), 4, 0)), 2).rows_per_bit, 2) << "as told";
+  EXPECT_EQ(readPrbs(fileWith(recorded(makePrbs(6, 3), 4, 0)), 2).rows_per_bit, 2) << "as given";
   EXPECT_THROW(readPrbs(fileWith("1,0\n"), -1), std::invalid_argument);
   EXPECT_EQ(PrbsFile({PrbsBits(900), 3}).describe(15),
             "900 rows, 3 rows per bit: a clock of 15 Hz plays 45 rows per second, all in 20 s");
@@ -139,7 +138,7 @@ double shortestHold(const PrbsSignal& signal, double until) {
   return shortest;
 }
 
-TEST(PrbsFile, ClockIsBitsPerSecondHoweverManyRowsABitHas) {
+TEST(PrbsFile, ClockIsBitsPerSecondForAnyNumberOfRowsPerBit) {
   const PrbsBits bits = makePrbs(7, 2);
   const PrbsFile file = readPrbs(fileWith(recorded(bits, 3, 0)));
   PrbsParams params;
@@ -153,7 +152,7 @@ TEST(PrbsFile, ClockIsBitsPerSecondHoweverManyRowsABitHas) {
 }
 
 TEST(PrbsFile, SequencesOfTheRealExperimentsPlayAtTheirClock) {
-  // Name of the file says the clock; rows per bit and rows as counted by hand.
+  // The clock is that of the file's name; rows per bit and rows are counted by hand.
   const struct {
     int clock, rows_per_bit, rows;
   } files[] = {{10, 5, 501}, {15, 3, 801}, {20, 2, 801}, {25, 2, 501}, {50, 1, 1001}};

@@ -1,4 +1,4 @@
-// Planning, the observer and the predictive controller made of them.
+// The planner, the disturbance observer, and the predictive controller that uses both.
 #include "ground/control/predictive_control.h"
 
 #include <gtest/gtest.h>
@@ -19,10 +19,10 @@ std::atomic<long> allocations{0};
 }
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kCounts = false;  // sanitizers have a malloc of their own
+constexpr bool kCountsAllocations = false;  // sanitizers replace malloc
 #else
-constexpr bool kCounts = true;
-// Every allocation goes through here, whoever asks for it.
+constexpr bool kCountsAllocations = true;
+// Counts every allocation of the process.
 extern "C" void* __libc_malloc(std::size_t size);
 extern "C" void* malloc(std::size_t size) {
   ++allocations;
@@ -42,7 +42,7 @@ Model craft(const std::vector<std::pair<std::string, std::vector<double>>>& effe
   return model;
 }
 
-/// A craft whose skirt fills slowly and whose wake follows it: two states of an expression effect.
+/// A craft whose skirt fills slowly and whose wake lags behind: two states of an expression effect.
 Model craftWithMemory() {
   return withEffect(craft({{"motor_lag", {0.06}}}), R"yaml(
 name: memory
@@ -61,8 +61,8 @@ struct Planned {
 
 class Plans : public testing::TestWithParam<Planned> {};
 
-TEST_P(Plans, EndWhereNoAllowedChangeOfAnInputHelps) {
-  // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost itself.
+TEST_P(Plans, AreOptimalWithinTheBounds) {
+  // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
   TrajectoryOptimizer plan(model, 25, 0.05);
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
@@ -115,13 +115,13 @@ INSTANTIATE_TEST_SUITE_P(
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
     [](const auto& test) { return test.param.name; });
 
-TEST(TrajectoryOptimizer, RefusesWhatItCannotPlan) {
+TEST(TrajectoryOptimizer, RefusesBadHorizons) {
   EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);
   EXPECT_THROW(TrajectoryOptimizer(craft(), 10, 0), std::invalid_argument);
   EXPECT_THROW(TrajectoryOptimizer(craft(), 1000, 0.05), std::invalid_argument);
 }
 
-/// Drives `truth` by a fixed pattern and shows its poses to an observer that believes in
+/// Drives `truth` with a fixed pattern and gives its poses to an observer with the model
 /// `believed`.
 template <typename Look>
 void observe(const Model& truth, const Model& believed, double duration, Look look) {
@@ -145,7 +145,7 @@ void observe(const Model& truth, const Model& believed, double duration, Look lo
   }
 }
 
-TEST(DisturbanceObserver, FindsTheForceAndTheMomentThatTheModelLacks) {
+TEST(DisturbanceObserver, FindsTheMissingForceAndMoment) {
   const Model truth = craft({{"body_force_bias", {0.005, -0.008}}, {"yaw_bias", {4e-5}}});
   observe(truth, craft(), 6, [&](double t, const DisturbanceObserver& observer, auto&, auto&) {
     if (t < 4) return;
@@ -156,7 +156,7 @@ TEST(DisturbanceObserver, FindsTheForceAndTheMomentThatTheModelLacks) {
   });
 }
 
-TEST(DisturbanceObserver, PredictsTheStateAtWhichACommandOfNowActs) {
+TEST(DisturbanceObserver, PredictsTheStateWhenACommandTakesEffect) {
   const Model truth =
       craft({{"input_delay", {0.07}}, {"motor_lag", {0.05}}, {"marker_offset", {0.02, -0.01}}});
   std::vector<std::pair<double, RigidState<double>>> predicted;
@@ -186,7 +186,7 @@ TEST(DisturbanceObserver, FollowsTheStatesOfEffects) {
   EXPECT_GT(looks, 100);
 }
 
-TEST(DisturbanceObserver, BeginsWithTheStatesThatTheCommandsBeforeLeft) {
+TEST(DisturbanceObserver, StartsWithEffectStatesFromEarlierCommands) {
   const Model model = craftWithMemory();
   DisturbanceObserver observer(model, {});
   for (int i = 0; i < 100; ++i) observer.command(0.02 * i, {0.5, 0.5}, 1);
@@ -199,7 +199,7 @@ TEST(DisturbanceObserver, BeginsWithTheStatesThatTheCommandsBeforeLeft) {
   EXPECT_NEAR(effects[3], 0.4 * (1 - std::exp(-2.0 / 0.5)), 1e-6);
 }
 
-TEST(DisturbanceObserver, StartsFromWhatTheMocapSeesOfTheCentre) {
+TEST(DisturbanceObserver, StartsAtTheCentreOfMassSeenByTheMocap) {
   const Model model = craft({{"heading_offset", {2.5}}, {"marker_offset", {0.05, 0.03}}});
   const Dynamics<double> dynamics(model);
   RigidState<double> state;
@@ -240,10 +240,10 @@ TEST(PredictiveControl, WorksWithinItsBoundsAndAllocatesNothing) {
   PredictiveParams params;
   const long idle = allocations;
   PredictiveControl control(model, params);
-  EXPECT_EQ(allocations > idle, kCounts);
+  EXPECT_EQ(allocations > idle, kCountsAllocations);
   const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
   RigidState<double> start;
-  start.eta << -2, 2, 3;  // far off, so that other plans are tried
+  start.eta << -2, 2, 3;  // far away, so that the search for other plans starts
   int searched = 0, beyond_at_first = 0, beyond_at_last = 0;
   track(model, control, *circle, start, 20, [&](double t, double error, long made) {
     EXPECT_EQ(made, 0) << t;
@@ -278,7 +278,7 @@ TEST(PredictiveControl, AWrongModelLeavesNoLastingError) {
   });
 }
 
-TEST(PredictiveControl, WithoutAFiniteStateThereIsNoThrustUntilThereIsOneAgain) {
+TEST(PredictiveControl, GivesNoThrustWhileTheStateIsNotFinite) {
   PredictiveControl control(craft(), {});
   const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
   RigidState<double> good, bad;
@@ -289,7 +289,7 @@ TEST(PredictiveControl, WithoutAFiniteStateThereIsNoThrustUntilThereIsOneAgain) 
   EXPECT_GT(control.decide({0.04, 0.04, good, circle.get(), 0, 1}).norm(), 0);
 }
 
-TEST(PredictiveControl, ARunAfterTimeHasJumpedBackIsAsGoodAsTheFirst) {
+TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {
   const Model model = craft({{"motor_lag", {0.05}}});
   PredictiveControl control(model, {});
   const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
@@ -302,7 +302,7 @@ TEST(PredictiveControl, ARunAfterTimeHasJumpedBackIsAsGoodAsTheFirst) {
   EXPECT_LT(errors[1], 1e-3);
 }
 
-TEST(PredictiveParams, RefuseNonsense) {
+TEST(PredictiveParams, RefuseBadValues) {
   EXPECT_EQ(PredictiveParams().validate(), "");
   PredictiveParams params;
   params.steps = 1;

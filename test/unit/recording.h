@@ -18,7 +18,7 @@ struct Recording {
   std::vector<double> stamps;             ///< [s]
   std::vector<Vector3<double>> eta;       ///< measured: x, y [m], wrapped psi [rad]
   std::vector<RigidState<double>> truth;  ///< every kTruthStep from time 0
-  std::vector<Vector3<double>> nu_dot;    ///< alike
+  std::vector<Vector3<double>> nu_dot;    ///< true accelerations at the same times
 
   /// True velocities at time t [s].
   Vector3<double> nu(double t) const {
@@ -34,7 +34,7 @@ struct RecordingParams {
   double position_noise = 5e-4;  ///< [m]
   double heading_noise = 0.3 * M_PI / 180;
   double gap = 0.0;         ///< length of a loss of tracking every two seconds [s]
-  double duplicates = 0.0;  ///< share of poses that come once more, with the same stamp, 0..1
+  double duplicates = 0.0;  ///< share of poses that are repeated with the same stamp, 0..1
 };
 
 inline Recording record(const RecordingParams& params, unsigned long seed) {

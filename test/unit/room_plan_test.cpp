@@ -1,4 +1,4 @@
-// The floor of a room: distances from its walls, room files, and the fence that keeps a craft inside.
+// A room's plan: distances from its walls, room files, and the fence that keeps a craft inside.
 #include "ground/control/room_plan.h"
 
 #include <gtest/gtest.h>
@@ -24,15 +24,15 @@ RoomPlan square() {
   return room;
 }
 
-/// An L: a room of 4 x 4 m without its quarter x > 0, y > 0.
-RoomPlan angled() {
+/// An L-shaped room of 4 x 4 m without its quarter x > 0, y > 0.
+RoomPlan lShaped() {
   RoomPlan room;
   room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
   room.home = {-1, -1};
   return room;
 }
 
-/// A star about the origin: simple, and rarely convex.
+/// A star around the origin: a simple polygon, rarely convex.
 RoomPlan star(std::mt19937_64& random, int corners) {
   std::uniform_real_distribution<double> radius(0.5, 3), shift(-0.3, 0.3);
   RoomPlan room;
@@ -46,13 +46,13 @@ RoomPlan star(std::mt19937_64& random, int corners) {
 }
 
 std::vector<RoomPlan> rooms() {
-  std::vector<RoomPlan> all = {square(), angled()};
+  std::vector<RoomPlan> all = {square(), lShaped()};
   std::mt19937_64 random(7);
   for (int i = 0; i < 30; ++i) all.push_back(star(random, 5 + i % 8));
   return all;
 }
 
-/// How often the walls turn around a point; 0 outside.
+/// Number of turns of the walls around a point; 0 outside.
 int windingNumber(const Points& corners, const Point& point) {
   double angle = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -62,11 +62,11 @@ int windingNumber(const Points& corners, const Point& point) {
   return static_cast<int>(std::lround(angle / (2 * M_PI)));
 }
 
-/// Distance from a wall in its own axes: beside it the distance of a line, else that of an end.
+/// Distance from a wall: beside it that from its line, otherwise that from its nearer end.
 double wallDistance(const Point& a, const Point& b, const Point& point) {
   const Point along = (b - a).normalized(), across(-along.y(), along.x());
-  const double way = (point - a).dot(along);
-  if (way >= 0 && way <= (b - a).norm()) return std::abs((point - a).dot(across));
+  const double length = (point - a).dot(along);
+  if (length >= 0 && length <= (b - a).norm()) return std::abs((point - a).dot(across));
   return std::min((point - a).norm(), (point - b).norm());
 }
 
@@ -99,7 +99,7 @@ TEST(RoomPlan, ClearanceIsTheDistanceFromTheNearestWallNegativeOutside) {
 }
 
 TEST(RoomPlan, ClearanceOfPointsLevelWithCornersIsRight) {
-  const RoomPlan room = angled();
+  const RoomPlan room = lShaped();
   EXPECT_DOUBLE_EQ(room.clearance({-1, 0}), 1);
   EXPECT_DOUBLE_EQ(room.clearance({1, 0.5}), -0.5);
   EXPECT_DOUBLE_EQ(room.clearance({-3, 0}), -1);
@@ -110,7 +110,7 @@ TEST(RoomPlan, ClearanceOfPointsLevelWithCornersIsRight) {
   EXPECT_EQ(std::abs(room.clearance({1, 0})), 0) << "on a wall";
 }
 
-TEST(RoomPlan, AwayIsTheGradientOfTheClearance) {
+TEST(RoomPlan, DirectionAwayFromTheWallIsTheGradientOfTheClearance) {
   std::mt19937_64 random(2);
   constexpr double h = 1e-6;
   int checked = 0;
@@ -131,7 +131,7 @@ TEST(RoomPlan, AwayIsTheGradientOfTheClearance) {
   EXPECT_GT(checked, 5000);
 }
 
-TEST(RoomPlan, ClearanceOfAWayIsThatOfItsNarrowestPoint) {
+TEST(RoomPlan, ClearanceOfAPathIsItsSmallestClearance) {
   std::mt19937_64 random(3);
   int narrower_than_its_ends = 0;
   for (const RoomPlan& room : rooms()) {
@@ -152,16 +152,16 @@ TEST(RoomPlan, ClearanceOfAWayIsThatOfItsNarrowestPoint) {
   EXPECT_GT(narrower_than_its_ends, 40);
 }
 
-TEST(RoomPlan, AWayThroughANeighbouringCornerIsOutside) {
-  // Both ends of the L are inside; the straight way between them cuts the missing quarter.
-  EXPECT_NEAR(angled().clearanceOfWay({1, -0.5}, {-0.5, 1}), -0.25, 0.005);
-  EXPECT_GT(angled().clearanceOfWay({1, -1}, {-1, -1}), 0.99);
+TEST(RoomPlan, ClearanceOfAPathAcrossAnInnerCornerIsNegative) {
+  // Both ends are inside the L; the straight line between them crosses the missing quarter.
+  EXPECT_NEAR(lShaped().clearanceOfWay({1, -0.5}, {-0.5, 1}), -0.25, 0.005);
+  EXPECT_GT(lShaped().clearanceOfWay({1, -1}, {-1, -1}), 0.99);
 }
 
 TEST(RoomPlan, AcceptsRoomsOfAnyShapeAndDirection) {
   EXPECT_EQ(square().validate(), "");
-  EXPECT_EQ(angled().validate(), "");
-  RoomPlan room = angled();
+  EXPECT_EQ(lShaped().validate(), "");
+  RoomPlan room = lShaped();
   std::reverse(room.corners.begin(), room.corners.end());
   EXPECT_EQ(room.validate(), "");
   for (RoomPlan any : rooms()) {
@@ -171,7 +171,7 @@ TEST(RoomPlan, AcceptsRoomsOfAnyShapeAndDirection) {
   }
 }
 
-TEST(RoomPlan, ValidateSaysWhatIsWrong) {
+TEST(RoomPlan, ValidateGivesTheReason) {
   const double nan = std::nan(""), inf = std::numeric_limits<double>::infinity();
   const auto complaint = [](auto change) {
     RoomPlan room = square();
@@ -233,7 +233,7 @@ std::string roomFile(const std::vector<std::string>& lines) {
   return path;
 }
 
-TEST(RoomFile, HasAllOfARoom) {
+TEST(RoomFile, HasAllKeysOfARoom) {
   const RoomPlan room = loadRoomPlan(roomFile({}));
   EXPECT_EQ(room.name, "test");
   EXPECT_EQ(room.corners, (Points{{-2, -2}, {2, -2}, {2, 2}, {-2, 2}}));
@@ -282,14 +282,14 @@ TEST(RoomFile, ComplaintsNameFileLineAndKey) {
       {"margin: [", "line ", ""},
   };
   for (const auto& bad : cases) {
-    const std::string said = complaintOf(roomFile({bad.line}));
+    const std::string message = complaintOf(roomFile({bad.line}));
     const std::string place = "room_plan_test.yaml, " + bad.place;
-    EXPECT_NE(said.find(place), std::string::npos) << bad.line << ": " << said;
-    EXPECT_NE(said.find(bad.words), std::string::npos) << bad.line << ": " << said;
+    EXPECT_NE(message.find(place), std::string::npos) << bad.line << ": " << message;
+    EXPECT_NE(message.find(bad.words), std::string::npos) << bad.line << ": " << message;
   }
 }
 
-TEST(RoomFile, ARoomThatIsNoneIsRefusedWithTheReason) {
+TEST(RoomFile, AnInvalidRoomIsRefusedWithTheReason) {
   const std::pair<std::string, std::string> cases[] = {
       {"corners: [[-2, -2], [2, 2], [2, -2], [-2, 2]]", "walls cross"},
       {"corners: []", "between 3 and 1000 corners"},
@@ -300,9 +300,9 @@ TEST(RoomFile, ARoomThatIsNoneIsRefusedWithTheReason) {
       {"latency: 3", "latency must be between"},
   };
   for (const auto& [line, words] : cases) {
-    const std::string said = complaintOf(roomFile({line}));
-    EXPECT_NE(said.find("room_plan_test.yaml"), std::string::npos) << said;
-    EXPECT_NE(said.find(words), std::string::npos) << line << ": " << said;
+    const std::string message = complaintOf(roomFile({line}));
+    EXPECT_NE(message.find("room_plan_test.yaml"), std::string::npos) << message;
+    EXPECT_NE(message.find(words), std::string::npos) << line << ": " << message;
   }
   EXPECT_NE(complaintOf("no/such/room.yaml").find("no/such/room.yaml"), std::string::npos);
   const std::string path = testing::TempDir() + "room_plan_test.yaml";
@@ -319,7 +319,7 @@ RigidState<double> moving(const Point& at, double psi, double u, double v) {
   return state;
 }
 
-/// Where a craft comes to rest that goes on for `coasting` [s] and is then braked, by small steps.
+/// Position at rest of a craft that coasts for `coasting` [s] and is then braked, simulated.
 Point simulatedRest(const RigidState<double>& state, double coasting, double braking) {
   const double psi = state.eta.z(), u = state.nu.x(), v = state.nu.y();
   Point velocity(std::cos(psi) * u - std::sin(psi) * v, std::sin(psi) * u + std::cos(psi) * v);
@@ -335,7 +335,7 @@ Point simulatedRest(const RigidState<double>& state, double coasting, double bra
   return at;
 }
 
-TEST(Fence, RestIsWhereABrakedCraftComesToRest) {
+TEST(Fence, RestIsTheStoppingPositionOfABrakedCraft) {
   RoomPlan room = square();
   std::mt19937_64 random(4);
   std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4), time(0, 0.5);
@@ -350,19 +350,19 @@ TEST(Fence, RestIsWhereABrakedCraftComesToRest) {
   }
 }
 
-TEST(Fence, RestOfACraftThatStandsIsWhereItStands) {
+TEST(Fence, RestOfACraftAtRestIsItsPosition) {
   EXPECT_EQ(Fence(square(), 0.2).rest(moving({1, 0.5}, 2, 0, 0), 0.3), Point(1, 0.5));
-  // A stamp ahead of the clock makes a state no fresher than fresh.
+  // A negative age counts as zero.
   const RigidState<double> fast = moving({0, 0}, 0, 1, 0);
   EXPECT_EQ(Fence(square(), 0.2).rest(fast, -5), Fence(square(), 0.2).rest(fast, 0));
 }
 
-TEST(Fence, ExcessIsHowMuchTheRestIsTooCloseAndHasExactDerivatives) {
+TEST(Fence, ExcessIsMarginMinusClearanceAtRestWithExactDerivatives) {
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4);
   constexpr double h = 1e-6;
   int positive = 0, none = 0;
-  for (const RoomPlan& room : {square(), angled()}) {
+  for (const RoomPlan& room : {square(), lShaped()}) {
     const Fence fence(room, 0.25);
     for (int i = 0; i < 1000; ++i) {
       const double u = speed(random), v = speed(random);
@@ -397,44 +397,44 @@ TEST(Fence, ExcessIsHowMuchTheRestIsTooCloseAndHasExactDerivatives) {
   EXPECT_GT(none, 100);
 }
 
-TEST(Fence, ExcessOfACraftThatStandsHasADerivative) {
+TEST(Fence, ExcessOfACraftAtRestHasADerivative) {
   const Fence fence(square(), 0.5);
   Eigen::Matrix<double, 1, 5> derivative;
   EXPECT_NEAR(fence.excess(moving({1.7, 0}, 0, 0, 0), 0.1, derivative), 0.2, 1e-12);
-  // Towards the wall by the latency of 0.1 s and the age of 0.1 s.
+  // The speed towards the wall counts for the latency of 0.1 s and the age of 0.1 s.
   const Eigen::Matrix<double, 1, 5> expected(1, 0, 0, 0.2, 0);
   EXPECT_LT((derivative - expected).norm(), 1e-12) << derivative;
 }
 
-TEST(Fence, ObjectsToWhatLeavesTheRoomAndSaysHow) {
+TEST(Fence, ObjectsToLeavingTheRoomWithAReason) {
   const Fence fence(square(), 0.2);
-  const auto says = [&](const Point& at, double u, double age) {
+  const auto objection = [&](const Point& at, double u, double age) {
     return fence.objection(moving(at, 0, u, 0), age);  // u points to the wall x = 2
   };
-  EXPECT_EQ(says({0, 0}, 0, 0), "");
-  EXPECT_EQ(says({1.5, 0}, 0, 0), "");
-  EXPECT_EQ(says({1.85, 0}, 0, 0), "the craft is 0.15 m from a wall of the room");
-  EXPECT_EQ(says({1.85, 0}, -1, 0), "the craft is 0.15 m from a wall of the room");
-  EXPECT_EQ(says({2.25, 0}, 0, 0), "the craft is 0.25 m outside of the room");
-  EXPECT_EQ(says({2.25, 0}, -1, 0), "the craft is 0.25 m outside of the room");
+  EXPECT_EQ(objection({0, 0}, 0, 0), "");
+  EXPECT_EQ(objection({1.5, 0}, 0, 0), "");
+  EXPECT_EQ(objection({1.85, 0}, 0, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(objection({1.85, 0}, -1, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(objection({2.25, 0}, 0, 0), "the craft is 0.25 m outside of the room");
+  EXPECT_EQ(objection({2.25, 0}, -1, 0), "the craft is 0.25 m outside of the room");
   // 1 m/s needs 0.1 m of latency and 1 / (2 * 1.5) m of braking.
-  EXPECT_EQ(says({1.3, 0}, 1, 0), "");
-  EXPECT_EQ(says({1.5, 0}, 1, 0),
+  EXPECT_EQ(objection({1.3, 0}, 1, 0), "");
+  EXPECT_EQ(objection({1.5, 0}, 1, 0),
             "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
-  EXPECT_EQ(says({1.7, 0}, 1, 0),
+  EXPECT_EQ(objection({1.7, 0}, 1, 0),
             "the craft would come to rest 0.13 m outside of the room if it were stopped later");
-  EXPECT_EQ(says({1.7, 0}, -1, 0), "") << "it moves inward";
+  EXPECT_EQ(objection({1.7, 0}, -1, 0), "") << "it moves inward";
   // The older the state, the farther it may have gone.
-  EXPECT_EQ(says({1.3, 0}, 1, 0.05), "");
-  EXPECT_EQ(says({1.3, 0}, 1, 0.2),
+  EXPECT_EQ(objection({1.3, 0}, 1, 0.05), "");
+  EXPECT_EQ(objection({1.3, 0}, 1, 0.2),
             "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
 }
 
-TEST(Fence, ObjectsToAWayThatCutsACornerOfTheRoom) {
-  const Fence fence(angled(), 0.1);
+TEST(Fence, ObjectsToAPathAcrossAnInnerCorner) {
+  const Fence fence(lShaped(), 0.1);
   const RigidState<double> cuts = moving({0.6, -0.3}, 3 * M_PI / 4, 1.6, 0);
-  ASSERT_GT(angled().clearance(fence.rest(cuts, 0)), 0.1) << "both ends are fine";
-  ASSERT_GT(angled().clearance(cuts.eta.head<2>()), 0.1);
+  ASSERT_GT(lShaped().clearance(fence.rest(cuts, 0)), 0.1) << "both ends are fine";
+  ASSERT_GT(lShaped().clearance(cuts.eta.head<2>()), 0.1);
   EXPECT_NE(fence.objection(cuts, 0), "");
   const RigidState<double> along = moving({0.6, -0.3}, M_PI, 0.5, 0);
   EXPECT_EQ(fence.objection(along, 0), "");
@@ -449,22 +449,22 @@ TEST(LeavesRoom, JudgesACircleByItsRadius) {
   const std::string out = leavesRoom(*makeCircle({0, 0}, 2.25, -0.6), square());
   EXPECT_EQ(out.rfind("it leaves the room by 0.25 m after ", 0), 0u) << out;
   EXPECT_NE(leavesRoom(*makeCircle({0.5, 0}, 1.5, 0.6), square()), "") << "off the middle";
-  // The L has a corner within the circle.
-  EXPECT_NE(leavesRoom(*makeCircle({0, 0}, 1, 0.6), angled()), "");
-  EXPECT_EQ(leavesRoom(*makeCircle({-1, -1}, 0.7, 0.6), angled()), "");
+  // The L-shaped room has a corner within the circle.
+  EXPECT_NE(leavesRoom(*makeCircle({0, 0}, 1, 0.6), lShaped()), "");
+  EXPECT_EQ(leavesRoom(*makeCircle({-1, -1}, 0.7, 0.6), lShaped()), "");
 }
 
 TEST(LeavesRoom, ASinusoidLeavesEveryRoomInTheEnd) {
-  const std::string said = leavesRoom(*makeSinusoid({-1.5, 0}, 0.5, 1, 0.6), square());
-  EXPECT_EQ(said.rfind("it leaves the room by ", 0), 0u) << said;
+  const std::string message = leavesRoom(*makeSinusoid({-1.5, 0}, 0.5, 1, 0.6), square());
+  EXPECT_EQ(message.rfind("it leaves the room by ", 0), 0u) << message;
   const std::string wide = leavesRoom(*makeSinusoid({-1.5, 0}, 0.001, 2.5, 0.6), square());
   EXPECT_EQ(wide.rfind("it leaves the room by 0.50 m after ", 0), 0u) << wide;
 }
 
-TEST(LeavesRoom, SaysWhen) {
+TEST(LeavesRoom, GivesTheTime) {
   // Through the wall x = 2 to x = 3 at a constant 0.5 m/s.
-  const std::string said = leavesRoom(*makeLine({0, 0}, {3, 0}, 0.5, false), square());
-  EXPECT_EQ(said, "it leaves the room by 1.00 m after 6.0 s");
+  const std::string message = leavesRoom(*makeLine({0, 0}, {3, 0}, 0.5, false), square());
+  EXPECT_EQ(message, "it leaves the room by 1.00 m after 6.0 s");
   EXPECT_EQ(leavesRoom(*makeLine({-1, 0}, {1.7, 0}, 0.5, true), square()), "");
 }
 

@@ -20,7 +20,7 @@ MocapParams perfect() {
   return mocap;
 }
 
-/// Ten seconds of PRBS-like commands, asked for in steps of `tick`.
+/// Ten seconds of PRBS-like commands; the room is advanced in steps of `tick` [s].
 std::vector<MocapFrame> experiment(const MocapParams& mocap, unsigned long seed, double tick) {
   Room::Params params;
   params.seed = seed;
@@ -80,7 +80,7 @@ TEST(Room, FramesComeAtTheirRateWithLatencyAndNoise) {
   EXPECT_NEAR(std::sqrt(square.z() / frames.size()), 1e-2, 5e-4);
 }
 
-TEST(Room, LosesTheShareOfFramesAskedFor) {
+TEST(Room, LosesTheGivenShareOfFrames) {
   MocapParams mocap = perfect();
   mocap.loss = 0.2;
   EXPECT_NEAR(experiment(mocap, 1, 0.1).size(), 800, 60);
@@ -97,7 +97,7 @@ TEST(Room, LosesTheShareOfFramesAskedFor) {
   EXPECT_TRUE(experiment(mocap, 1, 0.1).empty());
 }
 
-TEST(Room, WatchdogStopsTheMotorsOfACraftLeftAlone) {
+TEST(Room, WatchdogStopsTheMotorsWithoutCommands) {
   Room room(tinyWhoover(), perfect(), {});
   EXPECT_TRUE(room.watchdogExpired());
   room.command(1, 1, 1);
@@ -116,7 +116,7 @@ TEST(Room, WatchdogStopsTheMotorsOfACraftLeftAlone) {
   EXPECT_EQ(room.derivative().nu, Vector3<double>::Zero());
 }
 
-TEST(Room, AWatchdogIsSetWhileTheCraftMovesAndZeroIsNone) {
+TEST(Room, WatchdogCanBeChangedInMotionAndZeroDisablesIt) {
   Room::Params params;
   params.watchdog = 0;
   Room room(tinyWhoover(), perfect(), params);
@@ -126,7 +126,7 @@ TEST(Room, AWatchdogIsSetWhileTheCraftMovesAndZeroIsNone) {
   room.setWatchdog(6);
   room.advance(5.9);
   EXPECT_FALSE(room.watchdogExpired());
-  room.setWatchdog(0.1);  // expired long since
+  room.setWatchdog(0.1);  // expired long ago
   room.advance(5.9001);
   EXPECT_TRUE(room.watchdogExpired());
   for (const double bad : {-0.1, std::numeric_limits<double>::quiet_NaN(),
@@ -165,7 +165,7 @@ TEST(Room, MeasuresThroughTheModelsMeasurementEffects) {
   EXPECT_DOUBLE_EQ(room.takeFrames().front().eta.z(), 0.5);
 }
 
-TEST(Room, AnotherModelTakesOverInMidFlight) {
+TEST(Room, TheModelCanBeReplacedDuringARun) {
   Model biased = tinyWhoover();
   biased.addEffect(makeEffect("body_force_bias"));
   biased.setValue("body_force_bias.x0", 0.01);
@@ -183,7 +183,7 @@ TEST(Room, AnotherModelTakesOverInMidFlight) {
   const Vector3<double> more = room.derivative().nu - rate.nu;
   EXPECT_NEAR(more.x(), 0.01 / biased.body.m, 1e-9);
   EXPECT_NEAR(more.y(), 0, 1e-12);
-  // Inputs stay the same parts of the largest one.
+  // Inputs stay the same fractions of input_max.
   Model scaled = tinyWhoover();
   scaled.body.input_max = 2;
   scaled.body.k /= 2;
@@ -194,11 +194,11 @@ TEST(Room, AnotherModelTakesOverInMidFlight) {
   EXPECT_TRUE(room.state().eta.allFinite());
 }
 
-TEST(Room, TimeOfTheModelBeginsWithTheDriveWhateverTheClockSays) {
+TEST(Room, TimeOfTheModelStartsWithTheDrive) {
   Model sagging = tinyWhoover();
   sagging.addEffect(makeEffect("battery_sag"));
   sagging.setValue("battery_sag.tau", 64);
-  // After 0 s or a quarter of an hour at rest two seconds of full thrust are the same.
+  // Two seconds of full thrust have the same effect at once and after a quarter of an hour at rest.
   const auto drive = [&](double start, double rest, bool reload) {
     Room::Params params;
     params.start = start;
@@ -218,7 +218,7 @@ TEST(Room, TimeOfTheModelBeginsWithTheDriveWhateverTheClockSays) {
   EXPECT_NEAR(drive(1000, 0, true), speed, 1e-6);
 }
 
-TEST(Room, RefusesNonsense) {
+TEST(Room, RefusesBadArguments) {
   MocapParams bad;
   bad.latency = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(Room(tinyWhoover(), bad, {}), std::invalid_argument);
@@ -231,8 +231,8 @@ TEST(Room, RefusesNonsense) {
   EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
 }
 
-TEST(Room, ForgetsOldCommandsAndMovesOn) {
-  // The same commands twice: often enough to be forgotten, and held for as long in one piece.
+TEST(Room, DropsOldCommandsWithoutEffect) {
+  // Two rooms with the same inputs: one gets so many commands that old ones are dropped.
   Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   model.addEffect(makeEffect("motor_lag"));
   model.setValue("motor_lag.tau", 0.05);
@@ -259,7 +259,7 @@ Disturbance pushes() {
   return disturbance;
 }
 
-/// Mean square of each channel and, k steps apart, mean product over mean square.
+/// Mean square of each channel, and its correlation over k steps.
 struct Moments {
   Vector3<double> variance, correlation;
 };
@@ -275,47 +275,47 @@ Moments momentsOf(DisturbanceSource& source, int steps, int k) {
   return found;
 }
 
-TEST(DisturbanceSource, HasTheDeviationAndTheCorrelationAskedFor) {
+TEST(DisturbanceSource, HasTheGivenDeviationAndCorrelation) {
   constexpr double kStep = 0.005;
-  constexpr int kSteps = 400000, kLag = 40;  // of 0.2 s
-  const Disturbance asked = pushes();
-  DisturbanceSource source(asked, kStep, 3);
+  constexpr int kSteps = 400000, kLag = 40;  // 0.2 s
+  const Disturbance given = pushes();
+  DisturbanceSource source(given, kStep, 3);
   const Moments found = momentsOf(source, kSteps, kLag);
   for (int i = 0; i < 3; ++i) {
-    const double a = std::exp(-kStep / asked.time(i)), b = a * a;
+    const double a = std::exp(-kStep / given.time(i)), b = a * a;
     // Standard errors of the variance and, by Bartlett's formula, of a correlation.
     const double of_variance = std::sqrt(2 * (1 + b) / (1 - b) / kSteps);
     const double of_correlation = std::sqrt(
         ((1 + b) * (1 - std::pow(b, kLag)) / (1 - b) - 2 * kLag * std::pow(b, kLag)) / kSteps);
     EXPECT_LT(of_variance, 0.1);
-    EXPECT_NEAR(found.variance(i) / (asked.sigma(i) * asked.sigma(i)), 1, 3 * of_variance) << i;
-    EXPECT_NEAR(found.correlation(i), std::exp(-0.2 / asked.time(i)), 3 * of_correlation) << i;
+    EXPECT_NEAR(found.variance(i) / (given.sigma(i) * given.sigma(i)), 1, 3 * of_variance) << i;
+    EXPECT_NEAR(found.correlation(i), std::exp(-0.2 / given.time(i)), 3 * of_correlation) << i;
   }
 }
 
 TEST(DisturbanceSource, StartsStationaryAndItsWhiteNoiseIsAMeanOverAStep) {
-  Disturbance asked = pushes();
-  asked.white << 0.003, 0, 2e-5;
-  asked.trim << 0.004, 0.005, 3e-5;
-  asked.trim_thrust = 0.1;
+  Disturbance given = pushes();
+  given.white << 0.003, 0, 2e-5;
+  given.trim << 0.004, 0.005, 3e-5;
+  given.trim_thrust = 0.1;
   constexpr int kRuns = 4000;
   Vector3<double> square = Vector3<double>::Zero();
   double thrust = 0, thrust_square = 0;
   for (unsigned long seed = 0; seed < kRuns; ++seed) {
-    DisturbanceSource source(asked, 0.005, seed);
+    DisturbanceSource source(given, 0.005, seed);
     square += source.next().cwiseAbs2() / kRuns;
     thrust += (source.thrustFactor() - 1) / kRuns;
     thrust_square += std::pow(source.thrustFactor() - 1, 2) / kRuns;
   }
   const Vector3<double> expected =
-      asked.sigma.cwiseAbs2() + asked.white.cwiseAbs2() / 0.005 + asked.trim.cwiseAbs2();
+      given.sigma.cwiseAbs2() + given.white.cwiseAbs2() / 0.005 + given.trim.cwiseAbs2();
   const double error = 3 * std::sqrt(2.0 / kRuns);
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(square(i) / expected(i), 1, error) << i;
   EXPECT_NEAR(thrust, 0, 3 * 0.1 / std::sqrt(kRuns));
   EXPECT_NEAR(thrust_square / 0.01, 1, error);
 }
 
-TEST(DisturbanceSource, WhiteNoiseIsIndependentFromStepToStepAndTrimIsNot) {
+TEST(DisturbanceSource, WhiteNoiseIsIndependentBetweenStepsAndTrimIsConstant) {
   Disturbance white, trim;
   white.white << 0.003, 0.003, 2e-5;
   trim.trim << 0.004, 0.005, 3e-5;
@@ -327,7 +327,7 @@ TEST(DisturbanceSource, WhiteNoiseIsIndependentFromStepToStepAndTrimIsNot) {
   for (int i = 0; i < 10; ++i) EXPECT_EQ(constant.next(), first);
 }
 
-/// Ten seconds of a room with a disturbance, looked at 50 times a second.
+/// States during ten seconds of a room with a disturbance, at 50 Hz.
 std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsigned long seed) {
   Room::Params params;
   params.seed = seed;
@@ -342,7 +342,7 @@ std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsign
   return states;
 }
 
-TEST(Room, ADisturbanceIsThatOfItsSeedAndNoneIsNone) {
+TEST(Room, TheSeedDeterminesTheDisturbance) {
   const auto first = disturbed(pushes(), 1), again = disturbed(pushes(), 1),
              other = disturbed(pushes(), 2);
   EXPECT_EQ(first.back().eta, again.back().eta);
@@ -354,7 +354,7 @@ TEST(Room, ADisturbanceIsThatOfItsSeedAndNoneIsNone) {
   EXPECT_GT((first.back().eta - still.back().eta).norm(), 0.01);
 }
 
-TEST(Room, ADisturbanceActsAsTheForceThatItIs) {
+TEST(Room, ADisturbanceActsAsAForce) {
   Room::Params params;
   params.disturbance.trim << 0.01, 0.01, 5e-5;
   params.disturbance.trim_thrust = 0.1;
@@ -366,7 +366,7 @@ TEST(Room, ADisturbanceActsAsTheForceThatItIs) {
   room.advance(1e-3);
   const Vector3<double> wrench = room.wrench();
   EXPECT_GT(wrench.cwiseAbs().minCoeff(), 0);
-  // The model with the force as an effect, and with the thrust of this run, does the same.
+  // A model that has this force as an effect, and the thrust of this run, moves in the same way.
   Model same = model;
   for (const char* effect : {"body_force_bias", "yaw_bias"}) same.addEffect(makeEffect(effect));
   same.setValue("body_force_bias.x0", wrench.x());
@@ -381,7 +381,7 @@ TEST(Room, ADisturbanceActsAsTheForceThatItIs) {
   for (Room* one : {&room, &other}) one->advance(0.2);
   EXPECT_LT((room.state().eta - other.state().eta).norm(), 1e-5);
   EXPECT_LT((room.state().nu - other.state().nu).norm(), 2e-4);
-  // Another model that takes over has the thrust and the disturbance of this run, too.
+  // A model set later has the thrust and the disturbance of this run, too.
   room.setModel(tinyWhoover());
   Model plain = tinyWhoover();
   plain.body.k = same.body.k;
@@ -394,7 +394,7 @@ TEST(Room, ADisturbanceActsAsTheForceThatItIs) {
 
 TEST(Room, RefusesABadDisturbance) {
   Room::Params params;
-  params.disturbance.sigma.x() = 0.01;  // of no correlation time
+  params.disturbance.sigma.x() = 0.01;  // without a correlation time
   EXPECT_THROW(Room(tinyWhoover(), MocapParams(), params), std::invalid_argument);
 }
 

@@ -1,4 +1,4 @@
-// The thesis's table 3.1: what noise does to the estimates. `make bench` prints it.
+// The thesis's table 3.1: errors of the estimates over noise. `make bench` prints it.
 #include <gtest/gtest.h>
 
 #include "artificial_run.h"
@@ -17,7 +17,7 @@ struct Case {
 
 class TableThreeOne : public testing::TestWithParam<Case> {};
 
-TEST_P(TableThreeOne, NoiseIsWithstoodAndItsUncertaintyKnown) {
+TEST_P(TableThreeOne, ErrorsAreSmallAndIntervalsCoverTheTruth) {
   const NoiseStudy study = studyNoise(GetParam().epsilon, kSeeds, kLeastSquares);
   RecordProperty("median_percent", std::to_string(100 * study.median));
   RecordProperty("coverage_percent", std::to_string(study.coverage.percent()));

@@ -1,4 +1,4 @@
-// Files that a user names: read whole, with a limit, and never waited for.
+// Files named by a user: they are read completely up to a limit, and reading never blocks.
 #include "ground/model/text_file.h"
 
 #include <gtest/gtest.h>
@@ -41,7 +41,7 @@ class TextFile : public testing::Test {
     EXPECT_EQ(mkfifo(path.c_str(), 0600), 0);
     return path;
   }
-  /// A file of 1 GB that takes no room on the disk.
+  /// A sparse file of 1 GB.
   std::string huge() const {
     const std::string path = folder_ + "/huge";
     std::ofstream(path).close();
@@ -71,7 +71,7 @@ TEST_F(TextFile, IsReadWhole) {
   EXPECT_NE(readTextFile("/proc/self/status", 100000), "") << "a file that hides its size";
 }
 
-TEST_F(TextFile, IsRefusedWhenItIsNoRegularFile) {
+TEST_F(TextFile, IsRefusedIfNotRegular) {
   const std::string pipe = fifo();
   EXPECT_EQ(complaint(pipe), pipe + ": it is not a regular file");
   EXPECT_EQ(complaint("/dev/zero"), "/dev/zero: it is not a regular file");
@@ -82,21 +82,21 @@ TEST_F(TextFile, IsRefusedWhenItIsNoRegularFile) {
                                       std::filesystem::current_path().string());
 }
 
-TEST_F(TextFile, IsRefusedWhenItIsTooLarge) {
+TEST_F(TextFile, IsRefusedIfTooLarge) {
   const std::string path = write(std::string(kLimit + 1, 'x'));
   EXPECT_EQ(complaint(path), path + ": it is larger than 1000 bytes");
   EXPECT_NE(complaint(huge()), "");
 }
 
-TEST_F(TextFile, OfEveryKindIsReadSo) {
+TEST_F(TextFile, HasTheSameLimitsInEveryReader) {
   const std::string pipe = fifo(), big = huge();
   for (const auto& read : std::vector<std::function<void(const std::string&)>>{
            [](const std::string& path) { loadModel(path); },
            [](const std::string& path) { readPrbs(path); },
            [](const std::string& path) { readReference(path, {0, 0}, 0.5, false); }}) {
     EXPECT_EQ(complaint([&] { read(pipe); }), pipe + ": it is not a regular file");
-    const std::string said = complaint([&] { read(big); });
-    EXPECT_EQ(said.find(big + ": it is larger than "), 0u) << said;
+    const std::string message = complaint([&] { read(big); });
+    EXPECT_EQ(message.find(big + ": it is larger than "), 0u) << message;
   }
 }
 

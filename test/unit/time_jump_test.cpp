@@ -1,4 +1,4 @@
-// Clocks that are set, slewed, paused and sped up, beside a steady one.
+// Jumps of a clock, found by comparing it with a steady clock.
 #include "ground/estimation/time_jump.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 
 using Clock = TimeJumpDetector::Clock;
 
-/// Jumps found while a clock is looked at every `period` [s] of steady time for `duration` [s].
+/// Jumps found when a clock is read every `period` [s] of steady time for `duration` [s].
 std::vector<double> jumps(Clock clock, const std::function<double(double)>& shown, double duration,
                           double period = 0.005) {
   TimeJumpDetector detector;
@@ -25,11 +25,12 @@ std::vector<double> jumps(Clock clock, const std::function<double(double)>& show
   return found;
 }
 
+/// A clock that is set by `by` [s] after 5 s.
 std::function<double(double)> set(double by, double pace = 1) {
   return [=](double t) { return 1000 + pace * t + (t >= 5 ? by : 0); };
 }
 
-TEST(TimeJump, OfAWallClockIsFoundBothWays) {
+TEST(TimeJump, IsFoundInAWallClockInBothDirections) {
   for (double by : {-2.0, -0.2, 0.2, 2.0, 3600.0}) {
     const std::vector<double> found = jumps(Clock::kWall, set(by), 10);
     ASSERT_EQ(found.size(), 1u) << by;
@@ -38,10 +39,10 @@ TEST(TimeJump, OfAWallClockIsFoundBothWays) {
   EXPECT_TRUE(jumps(Clock::kWall, set(0.1), 10).empty());
 }
 
-TEST(TimeJump, SlewingAWallClockIsNone) {
+TEST(TimeJump, IsNotFoundInASlewedWallClock) {
   for (double rate : {-0.083, -5e-4, 5e-4, 0.083})
     EXPECT_TRUE(jumps(Clock::kWall, [&](double t) { return t * (1 + rate); }, 600).empty()) << rate;
-  // Nor when it is looked at seldom.
+  // The same if it is read rarely.
   EXPECT_TRUE(jumps(Clock::kWall, [](double t) { return 0.917 * t; }, 600, 30).empty());
 }
 
@@ -50,13 +51,13 @@ TEST(TimeJump, SmallSettingsOfAWallClockAddUpWithinASecond) {
   EXPECT_FALSE(jumps(Clock::kWall, often, 3).empty());
 }
 
-TEST(TimeJump, LateReadingsOfAWallClockAreNone) {
+TEST(TimeJump, IsNotFoundInLateReadingsOfAWallClock) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> late(0, 0.02);
   EXPECT_TRUE(jumps(Clock::kWall, [&](double t) { return t + late(random); }, 600).empty());
 }
 
-TEST(TimeJump, OfASimulatedClockIsFoundAtAnyPace) {
+TEST(TimeJump, IsFoundInASimulatedClockAtAnyPace) {
   for (double pace : {0.1, 1.0, 5.0, 20.0}) {
     for (double by : {-2.0, -0.5, 2.0}) {
       const std::vector<double> found = jumps(Clock::kSimulated, set(by, pace), 10);
@@ -66,43 +67,43 @@ TEST(TimeJump, OfASimulatedClockIsFoundAtAnyPace) {
   }
 }
 
-TEST(TimeJump, PausesPacesAndStepsOfASimulatedClockAreNone) {
+TEST(TimeJump, IsNotFoundInPausesPacesAndStepsOfASimulatedClock) {
   const auto none = [](const std::function<double(double)>& shown, double period = 0.005) {
     return jumps(Clock::kSimulated, shown, 20, period).empty();
   };
   for (double pace : {0.1, 1.0, 20.0}) {
     EXPECT_TRUE(none([&](double t) { return pace * t; }));
-    // It shows whole tenths only.
+    // It shows tenths of a second only.
     EXPECT_TRUE(none([&](double t) { return 0.1 * std::floor(10 * pace * t); }));
-    // It stops for three seconds, and goes on.
+    // It stops for three seconds and continues.
     EXPECT_TRUE(none([&](double t) { return pace * (t < 8 ? t : std::max(8.0, t - 3)); }));
-    // It stops for half a second and catches up at once, or step by step.
+    // It stops for half a second and catches up at once or in steps.
     const auto behind = [](double t) { return t > 8 && t < 8.5 ? 8.0 : t; };
     EXPECT_TRUE(none([&](double t) { return pace * behind(t); }));
     const auto twice = [](double t) { return t > 8 && t < 8.5 ? 8.0 : t < 8.51 ? std::min(t, 8.02) : t; };
     EXPECT_TRUE(none([&](double t) { return pace * twice(t); }));
-    // Who looks at it is held up.
+    // Its reader is delayed.
     EXPECT_TRUE(none([&](double t) { return pace * t; }, 0.3));
   }
-  // A person makes it twenty times as fast, and slow again.
+  // A user makes it twenty times as fast, and slow again.
   EXPECT_TRUE(none([](double t) { return t < 5 ? t : t < 10 ? 5 + 20 * (t - 5) : 95 + t; }));
 }
 
-TEST(TimeJump, OfASimulatedClockIsFoundAfterAPause) {
+TEST(TimeJump, IsFoundInASimulatedClockAfterAPause) {
   const std::vector<double> found = jumps(
       Clock::kSimulated, [](double t) { return t < 5 ? t : t < 8 ? 5 : t + 2; }, 12);
   ASSERT_FALSE(found.empty());
   EXPECT_GT(found[0], 0.5);
 }
 
-TEST(TimeJump, BeforeThePaceIsKnownOnlyTheWayBackIsFound) {
+TEST(TimeJump, IsFoundOnlyBackwardsBeforeThePaceIsKnown) {
   TimeJumpDetector detector;
   EXPECT_EQ(detector.update(0, 0, Clock::kSimulated), 0);
   EXPECT_EQ(detector.update(0.01, 1000, Clock::kSimulated), 0);
   EXPECT_EQ(detector.update(0.02, 998, Clock::kSimulated), -2);
 }
 
-TEST(TimeJump, AnotherKindOfClockIsNone) {
+TEST(TimeJump, IsNotFoundWhenTheKindOfClockChanges) {
   TimeJumpDetector detector;
   detector.update(0, 1.7e9, Clock::kWall);
   EXPECT_EQ(detector.update(0.01, 1000, Clock::kSimulated), 0);

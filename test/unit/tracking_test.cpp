@@ -89,7 +89,7 @@ TEST(References, RhodoneaIsTheRose) {
   }
 }
 
-TEST(References, SplinesGoThroughTheirPointsAndStandStillAfterThem) {
+TEST(References, SplinesPassTheirPointsAndStayAtTheLast) {
   const std::vector<double> times = {0, 0.7, 1.9, 2.2, 4, 5, 6.5};
   std::vector<Vector2<double>> points = corners();
   points.emplace_back(-0.5, 0.1);
@@ -98,7 +98,7 @@ TEST(References, SplinesGoThroughTheirPointsAndStandStillAfterThem) {
     EXPECT_LT((spline->at(times[i]).p - points[i]).norm(), 1e-12);
   EXPECT_LT((spline->at(100).p - points.back()).norm(), 1e-12);
   EXPECT_EQ(spline->at(100).p_dot.norm(), 0);
-  // Few points: the degree is lower, and two make a straight line.
+  // With few points the degree is lower; two make a straight line.
   const ReferencePtr two = makeSpline({0, 2}, {{0, 0}, {1, 3}});
   EXPECT_LT((two->at(0.5).p - Vector2<double>(0.25, 0.75)).norm(), 1e-12);
   EXPECT_LT((two->at(0.5).p_dot - Vector2<double>(0.5, 1.5)).norm(), 1e-12);
@@ -121,7 +121,7 @@ TEST(References, ASplineThroughACircleIsTheCircle) {
   }
 }
 
-TEST(References, WaypointsArePassedAtTheSpeedAskedFor) {
+TEST(References, WaypointsArePassedAtTheGivenSpeed) {
   const ReferencePtr way = makeWaypoints(corners(), 0.4, true);
   for (const Vector2<double>& corner : corners()) {
     double nearest = 10;
@@ -131,11 +131,11 @@ TEST(References, WaypointsArePassedAtTheSpeedAskedFor) {
   }
   double peak = 0;
   for (double t = 0; t < way->extent(); t += 0.001) peak = std::max(peak, way->at(t).p_dot.norm());
-  EXPECT_NEAR(peak, 0.4, 0.1);  // distances are along the polygon, the way is a little longer
+  EXPECT_NEAR(peak, 0.4, 0.1);  // the path is slightly longer than the polygon
   EXPECT_LT(way->at(0).p_dot.norm() + way->at(way->extent()).p_dot.norm(), 1e-9);
 }
 
-/// A file in the build's folder with this text; its path.
+/// Writes a file with the text; returns its path.
 std::string file(const std::string& text) {
   const std::string path = testing::TempDir() + "/ground_reference.csv";
   std::ofstream(path) << text;
@@ -153,7 +153,7 @@ TEST(References, FilesAreReadOrRefusedByLine) {
       {"a,b\n1,2\n", "line 1"},
       {"x,y\n1,2\nfour,5\n", "line 3"},
       {"x,y\n1,2\n1,2\n", "line 3"},
-      {"time,x,y\n0,1,2\n0,2,3\n", "times have to grow"},
+      {"time,x,y\n0,1,2\n0,2,3\n", "times must ascend"},
       {"x,y\n1,2\n", "at least two"},
       {"x,y\n1,2,3\n4,5,6\n", "line 2"},
       {"x,y\n1,nan\n4,5\n", "line 2"},
@@ -184,7 +184,7 @@ std::string circleFile(int count) {
   return file(text.str());
 }
 
-TEST(References, ALargeFileIsAsGoodAsASmallOne) {
+TEST(References, ALargeFileIsAsAccurateAsASmallOne) {
   const ReferencePtr circle = makeCircle({0, 0}, 1, 0.4);
   for (int count : {300, 300000}) {
     const ReferencePtr spline = readReference(circleFile(count), {0, 0}, 1, true);
@@ -217,10 +217,10 @@ Model withEffect(const std::string& name, const std::vector<double>& values) {
   return model;
 }
 
-TEST(EffectUse, TrajectoryTrackingTellsWhatItLeavesOut) {
+TEST(EffectUse, TrajectoryTrackingNamesTheEffectsItDoesNotUse) {
   EXPECT_EQ(effectUse("TrajectoryTracking", tinyWhoover()).remark(), "");
   Model model = withEffect("motor_lag", {0.05});
-  model.addEffect(makeEffect("wind"));  // neutral: does nothing
+  model.addEffect(makeEffect("wind"));  // neutral: no effect
   model.addEffect(makeEffect("yaw_bias"));
   model.setValue("yaw_bias.n0", 1e-5);
   const EffectUse use = effectUse("TrajectoryTracking", model);
@@ -254,16 +254,16 @@ TEST(EffectUse, ModelPredictiveRefusesMoreStatesThanItFollows) {
             "does not use motor_lag, slow, slower");
 }
 
-TEST(EffectUse, TrajectoryTrackingRefusesModelsThatWouldSteerItWrong) {
+TEST(EffectUse, TrajectoryTrackingRefusesModelsThatMisleadIt) {
   const struct {
     const char* effect;
-    std::vector<double> told, refused;
+    std::vector<double> accepted, refused;
     const char* why;
   } cases[] = {{"heading_offset", {-0.04}, {-0.06}, "heading is off by 0.06 rad"},
                {"marker_offset", {0.006, -0.006}, {0.008, -0.008}, "point is off by 0.0113 m"},
                {"input_delay", {0.015}, {0.03}, "late by 0.03 s, and more than 0.02 s"}};
-  for (const auto& [effect, told, refused, why] : cases) {
-    const EffectUse use = effectUse("TrajectoryTracking", withEffect(effect, told));
+  for (const auto& [effect, accepted, refused, why] : cases) {
+    const EffectUse use = effectUse("TrajectoryTracking", withEffect(effect, accepted));
     EXPECT_EQ(use.refusal, "");
     EXPECT_EQ(use.remark(), std::string("does not use ") + effect);
     const Model model = withEffect(effect, refused);
@@ -278,7 +278,7 @@ TEST(EffectUse, TrajectoryTrackingRefusesModelsThatWouldSteerItWrong) {
   }
 }
 
-/// Time at which a watch stops a craft with this error over time, and what it says; -1 if never.
+/// Time at which a watch stops a craft with an error(time), and its reason; -1 if never.
 template <typename Error>
 std::pair<double, std::string> stops(TrackingWatch& watch, Error error, double end,
                                      double begin = 0, double step = 0.02) {
@@ -307,11 +307,11 @@ TEST(TrackingWatch, LeavesTimeToArrive) {
   const auto approach = [](double t) { return std::max(0.05, 3 + t - 0.5 * t * t); };
   EXPECT_EQ(stops(watch, approach, 100).first, -1);
   EXPECT_TRUE(watch.arrived());
-  // A reference that starts at once leaves the craft behind before it has arrived.
+  // A reference that starts suddenly moves ahead of the craft before it has arrived.
   watch.restart();
   const auto sudden = [](double t) { return t < 3 ? 0.6 * t : 0.1; };
   EXPECT_EQ(stops(watch, sudden, 10).first, -1);
-  // Another reference is another approach.
+  // A restart allows another approach.
   watch.restart();
   EXPECT_FALSE(watch.arrived());
   EXPECT_EQ(stops(watch, approach, 30).first, -1);
@@ -335,23 +335,23 @@ TEST(TrackingWatch, CountsOnlyTheTimeInWhichTheCraftIsSeen) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
   EXPECT_EQ(stops(watch, [](double) { return 0.1; }, 5).first, -1);
-  // Lost for half a second, it comes back too far off, and returns within 2.8 s.
+  // After a loss of half a second it is seen too far away, and returns within 2.8 s.
   EXPECT_EQ(stops(watch, [](double t) { return t < 8.3 ? 0.7 : 0.1; }, 20, 5.5).first, -1);
-  // A mocap of two frames a second does not hide a craft that has gone.
+  // A mocap at two frames a second does not hide that the craft drives away.
   EXPECT_NEAR(stops(watch, [](double) { return 0.7; }, 60, 20.5, 0.5).first, 20.5 + 2 + 10 * 0.5, 0.6);
 }
 
-TEST(TrackingWatch, ALossLeavesTimeToCatchUpOnce) {
+TEST(TrackingWatch, ALossGivesTimeToCatchUpOnce) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
   EXPECT_EQ(stops(watch, [](double) { return 0.1; }, 5).first, -1);
-  // Losses that go on do not excuse an error that began before them.
+  // Further losses do not excuse an error that began before them.
   const auto lost = [](double) { return 0.7; };
   EXPECT_EQ(stops(watch, lost, 7.9, 5.5).first, -1);
   EXPECT_NEAR(stops(watch, lost, 20, 8.3).first, 5.5 + 2 + 1 + 0.3, 0.1);
 }
 
-TEST(TrackingWatch, ABoundThatIsChangedActsAtOnce) {
+TEST(TrackingWatch, AChangedBoundActsAtOnce) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
   const auto error = [](double) { return 0.3; };
@@ -360,7 +360,7 @@ TEST(TrackingWatch, ABoundThatIsChangedActsAtOnce) {
   EXPECT_NEAR(stops(watch, error, 20, 5).first, 6, 0.05);
 }
 
-TEST(TrackingWatch, ChoosesTheBoundByTheReferencesSize) {
+TEST(TrackingWatch, TheDefaultBoundDependsOnTheSizeOfTheReference) {
   EXPECT_NEAR(defaultMaxError(*makeCircle({3, 1}, 1.2, 0.6)), 0.3, 1e-3);
   EXPECT_EQ(defaultMaxError(*makeCircle({0, 0}, 2, 0.6)), 0.5);
   EXPECT_EQ(defaultMaxError(*makeCircle({0, 0}, 20, 0.6)), 0.5);
@@ -368,7 +368,7 @@ TEST(TrackingWatch, ChoosesTheBoundByTheReferencesSize) {
   EXPECT_NEAR(defaultMaxError(*makeLine({1, 0}, {1, 2}, 0.5, true)), 0.25, 1e-9);
 }
 
-TEST(Feasibility, SaysWhatTheCraftCannotFollow) {
+TEST(Feasibility, GivesTheReason) {
   const Body<double> large = mvwt().body;
   EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 1.5, 0.3), large), "");
   EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.3, 1.0, 0.3), large), "");
@@ -380,12 +380,12 @@ TEST(Feasibility, SaysWhatTheCraftCannotFollow) {
   EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 2, 0.63), small), "");
   EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.5, 1, 0.6), small), "");
   EXPECT_EQ(infeasibility(*makeRhodonea({0, 0}, 1.5, 1.5, 0.4), small), "");
-  // It cannot brake but by turning round.
+  // It can brake only after turning round.
   EXPECT_NE(infeasibility(*makeLine({0, 0}, {2.5, 2.5}, 1.5, true), small), "");
 }
 
 TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
-  // A motion of the model under inputs within their bounds can be followed, of course.
+  // The model can follow its own motion under inputs within their bounds.
   const Model model = tinyWhoover();
   const Dynamics<double> dynamics(model);
   InputSequence inputs;
@@ -404,7 +404,7 @@ TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
   EXPECT_EQ(infeasibility(*makeSpline(times, points), model.body), "");
 }
 
-TEST(References, RefusesNonsense) {
+TEST(References, RefusesBadArguments) {
   EXPECT_THROW(makeCircle({0, 0}, 0, 1), std::invalid_argument);
   EXPECT_THROW(makeCircle({0, 0}, 1, 0), std::invalid_argument);
   EXPECT_THROW(makeLine({1, 1}, {1, 1}, 1, true), std::invalid_argument);
@@ -412,8 +412,8 @@ TEST(References, RefusesNonsense) {
 }
 
 TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
-  // Along motions under the law's own force, which has to be inside the thrusters' bounds: the law
-  // then knows the true acceleration.
+  // The motions have the law's own force, which must be within the bounds of the thrusters: then
+  // the law knows the true acceleration.
   Model model = mvwt();
   model.setValue("X_u", model.body.Y_v);
   const TrackingLaw law(model.body);
@@ -435,7 +435,7 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
     const auto out = law.run(state, at, gains);
     if (out.force <= 0 || out.force >= 9) continue;
     ++checked;
-    // motion by Taylor's formula: pose and velocity with the law's force, any yaw acceleration
+    // motion by Taylor's formula, with the law's force and any yaw acceleration
     const double yaw_acceleration = normal(random), r = state.nu.z();
     const auto alpha = [&](double dt) {
       RigidState<double> moved;
@@ -527,7 +527,7 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
   EXPECT_NEAR(errors[95], 0.52, 0.08);
 }
 
-TEST(BacksteppingControl, SaysWhatItWantedBeforeTheBounds) {
+TEST(BacksteppingControl, GivesItsInputsBeforeSaturation) {
   const Model model = tinyWhoover();
   const TrackingLaw law(model.body);
   BacksteppingControl control(model, TrackingGains());
@@ -540,7 +540,7 @@ TEST(BacksteppingControl, SaysWhatItWantedBeforeTheBounds) {
   EXPECT_EQ(control.wanted().cwiseMax(0.0).cwiseMin(model.body.input_max), inputs);
 }
 
-TEST(TrackingGains, RefuseNonsense) {
+TEST(TrackingGains, RefuseBadValues) {
   EXPECT_EQ(TrackingGains().validate(), "");
   TrackingGains gains;
   gains.delta_1 = 0;
@@ -586,7 +586,7 @@ TEST(ControllerTable, EveryParameterIsReadSetAndChecked) {
   }
 }
 
-/// What a controller wants in the first second beside a circle.
+/// Inputs before saturation in the first second beside a circle.
 std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
                                           TrackingController& controller) {
   std::vector<Vector2<double>> wanted;
@@ -602,7 +602,7 @@ std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
   return wanted;
 }
 
-TEST(ControllerTable, WhatIsTunedDrives) {
+TEST(ControllerTable, TuningHasTheEffectOfANewController) {
   const Model model = tinyWhoover();
   const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
   for (const ControllerInfo& info : controllerTable()) {
@@ -621,7 +621,7 @@ TEST(ControllerTable, WhatIsTunedDrives) {
   }
 }
 
-TEST(ReferenceTable, EveryKindIsMadeAndTakesWhatItSays) {
+TEST(ReferenceTable, EveryKindIsMadeAndUsesExactlyItsParameters) {
   for (const ReferenceInfo& info : referenceTable()) {
     if (info.name == "file") continue;
     ReferenceParams params;

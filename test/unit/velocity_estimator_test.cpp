@@ -1,4 +1,4 @@
-// From poses to velocities: both estimators, the smoother, and what they do with bad poses.
+// Velocities from poses: both estimators and the smoother, also with bad poses.
 #include "ground/estimation/velocity_estimator.h"
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ namespace {
 std::atomic<long> allocations{0};
 }  // namespace
 
-// Not inlined: gcc takes an inlined pair for malloc freed by delete.
+// Not inlined: gcc would warn that memory of malloc is freed by delete.
 __attribute__((noinline)) void* operator new(std::size_t size) {
   ++allocations;
   if (void* memory = std::malloc(size)) return memory;
@@ -72,8 +72,8 @@ class Estimators : public testing::TestWithParam<const char*> {
     for (int i = first; i < last; ++i) estimator.update(i * kDt, wrapped(circle(i * kDt)));
   }
 
-  /// Whether the estimate fits the circle at time t. The median of five is two frames late, and
-  /// the world's velocity has turned on meanwhile.
+  /// Checks that the estimate fits the circle at time t. The median of five is two frames late,
+  /// while the velocity in the world turns.
   void expectOnCircle(const StateEstimate& estimate, double t) const {
     EXPECT_TRUE(estimate.valid) << estimate.status;
     EXPECT_LT((wrapped(estimate.eta) - wrapped(circle(t))).norm(), 2e-3);
@@ -116,7 +116,7 @@ TEST_P(Estimators, UnwrapsTheHeadingOnACircle) {
   const auto estimator = make();
   feed(*estimator, 0, 800);
   expectOnCircle(estimator->estimate(), 799 * kDt);
-  // 16 rad on; the first pose was given wrapped, within (-pi, pi]
+  // It has turned by 16 rad; the first pose was wrapped to (-pi, pi].
   EXPECT_NEAR(estimator->estimate().eta.z(), circle(799 * kDt).z(), 2e-3);
   // On a circle only the direction of the velocity changes, so that nu is constant.
   EXPECT_LT(estimator->estimate().nu_dot.norm(), kalman() ? 0.4 : 0.2);
@@ -159,7 +159,7 @@ TEST_P(Estimators, RepeatedAndLateStampsChangeNothing) {
   }
 }
 
-TEST_P(Estimators, AJumpBackInTimeStartsAnew) {
+TEST_P(Estimators, AJumpBackInTimeRestarts) {
   const auto estimator = make();
   feed(*estimator, 1000, 1300);
   feed(*estimator, 0, 1);
@@ -175,7 +175,7 @@ TEST_P(Estimators, AGapOfTwoTenthsIsBridged) {
   feed(*estimator, 220, 221);
   EXPECT_TRUE(estimator->estimate().used);
   EXPECT_TRUE(estimator->estimate().valid);
-  EXPECT_NEAR(estimator->estimate().eta.z(), circle(2.2).z(), 2e-2);  // counted on through it
+  EXPECT_NEAR(estimator->estimate().eta.z(), circle(2.2).z(), 2e-2);  // unwrapped across the gap
   // Most differences in the median are from before the gap, and the craft has turned by 0.4 rad.
   EXPECT_LT((estimator->estimate().nu - kCircleNu).norm(), kalman() ? 0.05 : 0.8);
   feed(*estimator, 221, 260);
@@ -183,19 +183,19 @@ TEST_P(Estimators, AGapOfTwoTenthsIsBridged) {
   EXPECT_NEAR(estimator->estimate().eta.z(), circle(2.59).z(), 2e-3);
 }
 
-TEST_P(Estimators, ALongGapStartsAnew) {
+TEST_P(Estimators, ALongGapRestarts) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   const double before = estimator->estimate().eta.z();
   feed(*estimator, 260, 264);
   EXPECT_TRUE(estimator->estimate().used);
   EXPECT_FALSE(estimator->estimate().valid);
-  EXPECT_LT(std::abs(estimator->estimate().eta.z() - before), M_PI + 0.1);  // no jump by turns
+  EXPECT_LT(std::abs(estimator->estimate().eta.z() - before), M_PI + 0.1);  // no whole turn
   feed(*estimator, 264, 300);
   expectOnCircle(estimator->estimate(), 2.99);
 }
 
-TEST_P(Estimators, PosesThatAreNoNumbersAreLeftOut) {
+TEST_P(Estimators, PosesThatAreNotFiniteAreLeftOut) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   for (int i = 200; i < 206; ++i) {
@@ -239,7 +239,7 @@ TEST_P(Estimators, SingleSpikesAndTurnedHeadingsAreLeftOut) {
   EXPECT_GT(left_out, 10);
 }
 
-TEST_P(Estimators, ACraftThatWasCarriedOffIsFoundAgain) {
+TEST_P(Estimators, FindsACraftThatWasMoved) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   int invalid = 0, i = 200;
@@ -249,14 +249,14 @@ TEST_P(Estimators, ACraftThatWasCarriedOffIsFoundAgain) {
     invalid += !e.valid;
     EXPECT_TRUE(e.used || i < 204);
   }
-  EXPECT_GE(invalid, 4);  // that the state jumped must be said
+  EXPECT_GE(invalid, 4);  // the jump of the state must be visible
   EXPECT_LE(invalid, 8);
   EXPECT_TRUE(estimator->estimate().valid);
   EXPECT_NEAR(estimator->estimate().eta.x(), circle(2.39).x() + 2, 2e-3);
   EXPECT_NEAR(estimator->estimate().nu.z(), 2, 0.02);
 }
 
-TEST_P(Estimators, PosesThatDoNotFollowFromEachOtherAreNeverBelieved) {
+TEST_P(Estimators, RandomPosesAreNeverValid) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   std::mt19937_64 random(5);
@@ -269,7 +269,7 @@ TEST_P(Estimators, PosesThatDoNotFollowFromEachOtherAreNeverBelieved) {
   expectOnCircle(estimator->estimate(), 4.39);
 }
 
-TEST_P(Estimators, SaysSoWhenMostPosesAreBad) {
+TEST_P(Estimators, IsInvalidWhenMostPosesAreBad) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   int invalid = 0;
@@ -283,14 +283,14 @@ TEST_P(Estimators, SaysSoWhenMostPosesAreBad) {
   expectOnCircle(estimator->estimate(), 2.99);
 }
 
-TEST_P(Estimators, ABadFirstPoseIsGotOver) {
+TEST_P(Estimators, RecoversFromABadFirstPose) {
   const auto estimator = make();
   estimator->update(0, {7, 7, 1});
   feed(*estimator, 1, 40);
   expectOnCircle(estimator->estimate(), 39 * kDt);
 }
 
-TEST_P(Estimators, ParametersChangeWithoutANewStart) {
+TEST_P(Estimators, ParametersChangeWithoutARestart) {
   const auto estimator = make();
   feed(*estimator, 0, 200);
   EstimatorParams params;
@@ -326,7 +326,7 @@ TEST_P(Estimators, CovarianceIsThatOfTheError) {
   }
 }
 
-TEST(KalmanEstimator, CovarianceIsThatOfTheErrorAlongARealisticMotion) {
+TEST(KalmanEstimator, CovarianceIsThatOfTheErrorInARealisticMotion) {
   double sum = 0;
   int count = 0;
   for (int seed = 1; seed <= 8; ++seed) {
@@ -344,9 +344,9 @@ TEST(KalmanEstimator, CovarianceIsThatOfTheErrorAlongARealisticMotion) {
   EXPECT_LT(sum / count, 1.2);
 }
 
-TEST_P(Estimators, SurvivesStampsOfAPoll) {
-  // Frames at 120 Hz, fetched by a poll at 100 Hz that stamps them at that time: as in
-  // data/epfl_2019, a fifth of the poses comes at once after the one before.
+TEST_P(Estimators, ToleratesStampsOfAPoll) {
+  // Frames at 120 Hz, fetched and stamped by a poll at 100 Hz: as in data/epfl_2019, a fifth of the
+  // poses comes immediately after the previous one.
   const auto estimator = make();
   int left_out = 0, bursts = 0;
   double worst = 0, last = 0;
@@ -378,7 +378,7 @@ TEST_P(Estimators, UpdatesDoNotAllocate) {
   EXPECT_EQ(allocations, before);
 }
 
-TEST(EstimatorParams, SaysWhatIsWrong) {
+TEST(EstimatorParams, ValidateGivesTheReason) {
   EXPECT_EQ(EstimatorParams().validate(), "");
   const auto wrong = [](const std::function<void(EstimatorParams&)>& change) {
     EstimatorParams params;
@@ -395,7 +395,7 @@ TEST(EstimatorParams, SaysWhatIsWrong) {
   EXPECT_NE(wrong([](auto& p) { p.median = 103; }), "");
 }
 
-TEST(Smoother, StartsAnewAfterALongGapAndAfterAJump) {
+TEST(Smoother, RestartsAfterALongGapAndAfterAJump) {
   std::vector<double> stamps;
   std::vector<Vector3<double>> eta;
   for (int i = 0; i < 300; ++i) {
@@ -419,7 +419,7 @@ TEST(Smoother, StartsAnewAfterALongGapAndAfterAJump) {
     EXPECT_LT(std::abs(motion.eta(i, 2) - motion.eta(i - 1, 2)), M_PI + 0.1);
 }
 
-TEST(Smoother, RefusesNonsense) {
+TEST(Smoother, RefusesBadArguments) {
   const Eigen::MatrixX3d three = Eigen::MatrixX3d::Zero(3, 3);
   EXPECT_NO_THROW(smooth({0, 1, 2}, three, {}));
   EXPECT_THROW(smooth({0, 1}, three, {}), std::invalid_argument);
@@ -463,10 +463,11 @@ Track run(const Recording& recording) {
 }
 
 struct Figures {
-  Vector3<double> rms, delay;  ///< of u, v [m/s], r [rad/s]; [s]
+  Vector3<double> rms;    ///< errors of u, v [m/s], r [rad/s]
+  Vector3<double> delay;  ///< delays of u, v, r [s]
 };
 
-/// RMS error, and the shift of the truth that fits the estimate best.
+/// RMS error, and as delay the shift of the truth that fits the estimate best.
 Figures judge(const std::vector<Track>& tracks) {
   const auto rms = [&tracks](double shift) {
     Vector3<double> sum = Vector3<double>::Zero();
@@ -519,7 +520,7 @@ TEST(Figures, VelocityErrorAndDelayOnSimulatedPoses) {
       std::printf("%-20s %-32s %8.4f %8.4f %9.3f %6.1f %6.1f %6.1f\n", kind.c_str(),
                   disturbed ? "0.2 s gaps, 5 % repeated stamps" : "all", f.rms(0), f.rms(1),
                   f.rms(2), 1e3 * f.delay(0), 1e3 * f.delay(1), 1e3 * f.delay(2));
-      // Some tenths above what was measured when the defaults were chosen.
+      // Bounds are slightly above the values measured when the defaults were chosen.
       if (kind == "kalman") {
         EXPECT_LT(f.rms(0), 0.027);
         EXPECT_LT(f.rms(1), 0.023);
@@ -540,7 +541,7 @@ TEST(Figures, VelocityErrorAndDelayOnSimulatedPoses) {
       if (!disturbed && kind == "smoother") smooth_clean = f;
     }
   }
-  // With all poses known, also those to come, velocities are several times better.
+  // The smoother also uses later poses and is several times as accurate.
   for (int k = 0; k < 3; ++k) EXPECT_LT(smooth_clean.rms(k), 0.5 * kalman_clean.rms(k));
 }
 

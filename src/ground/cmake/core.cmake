@@ -1,8 +1,8 @@
-# The libraries of the ROS-free core, for the catkin package and for the wheel. Before it they include
-# base.cmake and set where the libraries are built, ground_lib_output, and installed,
-# ground_lib_destination.
+# The libraries of the core, without ROS, for the catkin package and for the wheel. Both include
+# base.cmake first, and set the folders where libraries are built (ground_lib_output) and installed
+# (ground_lib_destination).
 
-# One library a folder. Adding a file to a folder (a physical effect, say) needs no edit here.
+# One library for each folder. A new file in a folder (such as a physical effect) needs no edit here.
 function(ground_library folder)
   file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/${folder}/*.cpp
     ${ground_source_dir}/src/${folder}/*/*.cpp)
@@ -21,11 +21,11 @@ function(ground_library folder)
   set_property(GLOBAL APPEND PROPERTY ground_libraries ground_${folder})
 endfunction()
 
-# The core for wider kinds of processor. ON: a library more for each, in folders where the C library's
-# loader looks first on such a machine (glibc 2.33 and later; others load the plain one). NATIVE: one
-# library for the processor that builds it, and for no lesser one; tests compare it with the plain one,
-# which is in lib/plain then. Eigen, which would align and allocate otherwise there, is kept to what all
-# agree on: the compiler and Lanes make use of the registers.
+# The core for processors with wider registers. ON: an additional library for each level, in folders
+# where the loader of glibc looks first on such a machine (2.33 and later; others load the plain
+# library). NATIVE: one library for the processor that builds it, which does not run on older ones;
+# tests compare it with the plain one in lib/plain. Eigen would align and allocate differently there
+# and is set to a common alignment: the compiler and Lanes use the wide registers.
 set(GROUND_WIDE ON CACHE STRING
   "build the core for AVX2 and AVX-512 as well, chosen when it is loaded: ON, OFF, or NATIVE for this processor only")
 include(CheckCXXCompilerFlag)
@@ -42,14 +42,14 @@ if(GROUND_WIDE)
     endif()
   endforeach()
 endif()
-# An earlier build with another choice may have left libraries that would be loaded instead.
+# Removes libraries of an earlier build with another choice, which would be loaded instead.
 file(GLOB ground_left ${ground_lib_output}/plain/libground_*.so
   ${ground_lib_output}/glibc-hwcaps/*/libground_*.so)
 if(ground_left AND NOT GROUND_WIDE STREQUAL "${ground_wide_before}")
   file(REMOVE ${ground_left})
 endif()
 set(ground_wide_before ${GROUND_WIDE} CACHE INTERNAL "GROUND_WIDE when it was last configured")
-# The library of a folder once more, in a folder below lib.
+# The library of a folder, built again for a kind of processor, in a folder below lib.
 function(ground_core_again folder kind where)
   get_target_property(sources ground_${folder} SOURCES)
   get_target_property(libraries ground_${folder} LINK_LIBRARIES)
@@ -64,7 +64,7 @@ function(ground_core_again folder kind where)
     LIBRARY_OUTPUT_DIRECTORY ${ground_lib_output}/${where})
 endfunction()
 function(ground_for_level target level)
-  # gcc 12 finds fault with its own AVX-512 headers (bug 105593).
+  # gcc 12 warns of its own AVX-512 headers (bug 105593).
   target_compile_options(${target} PRIVATE -Wno-maybe-uninitialized -march=x86-64-v${level})
   target_compile_definitions(${target} PRIVATE EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16
     EIGEN_MAX_STATIC_ALIGN_BYTES=16)
@@ -85,13 +85,13 @@ function(ground_wide_library folder)
       LIBRARY DESTINATION ${ground_lib_destination}/${where})
   endforeach()
 endfunction()
-# Nobody asks errno about a square root. How eight numbers side by side are passed by value differs
-# among these libraries and those that use them: only inline functions do so, and each library keeps
-# to its own.
+# No code reads errno after a square root. These libraries and their users pass Lanes by value
+# differently; this is harmless because only inline functions do so, and each library uses its own
+# copy.
 set(ground_core_options -fno-math-errno -Wno-psabi -fvisibility-inlines-hidden)
 
 ground_library(model)
-# The effects are many and small: what they include takes longest to compile.
+# The effects are many small files: their headers take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)

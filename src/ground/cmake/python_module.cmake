@@ -1,13 +1,13 @@
-# The Python module ground._core on top of the libraries of the core, for the catkin package and for the
-# wheel. Before it they include base.cmake and set ground_VERSION and where the module is built,
-# ground_module_output, and installed, ground_module_destination.
+# The Python module ground._core, for the catkin package and for the wheel. Both include base.cmake
+# first, and set ground_VERSION and the folders where the module is built (ground_module_output) and
+# installed (ground_module_destination).
 
 file(GLOB bindings CONFIGURE_DEPENDS ${ground_source_dir}/src/python/*.cpp)
 pybind11_add_module(ground_core MODULE NO_EXTRAS ${bindings})
 set_target_properties(ground_core PROPERTIES
   OUTPUT_NAME _core
   LIBRARY_OUTPUT_DIRECTORY ${ground_module_output})
-# At -O1 gcc 12 takes members of pybind11's own casters for uninitialised.
+# At -O1 gcc 12 warns that members of pybind11's casters are uninitialised.
 target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_options}
   -Wno-maybe-uninitialized)
 target_compile_definitions(ground_core PRIVATE GROUND_VERSION="${ground_VERSION}")

@@ -2,18 +2,17 @@
 
 `ground.read`, `fit`, `compare`, `diagnose`, `add`, `simulate` and `track` do what the programs of
 the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
-velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. What
-is wrong with a file or an argument raises `GroundError` with a line that says what, where and why;
-what may not be meant is a `GroundWarning`.
+velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. A
+wrong file or argument raises `GroundError` with one line that says what, where and why. What is
+valid but probably a mistake gives a `GroundWarning`.
 """
 import os
 from typing import TYPE_CHECKING, Any, List
 
-# Ceres logs steps that it takes back; what matters is in its summary, which errors quote.
+# Ceres logs rejected steps; error messages quote its summary, which has what matters.
 os.environ.setdefault("GLOG_minloglevel", "3")
 
-# Name to the module that has it. Each is loaded when it is used first, for what a fit needs takes a
-# second to load.
+# Public name: its module. A module is loaded on first use: those that a fit needs take a second.
 _HOMES = {
     "Addition": "ground.api.adding",
     "Comparison": "ground.api.comparing",
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
     from ground.recordings.recording import Recording
     from ground.simulation.experiments import SimulatedRun
 
-__all__ = [  # what _HOMES has, once more for programs that check types
+__all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",
     "Comparison",
     "Diagnosis",

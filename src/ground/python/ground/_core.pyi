@@ -1,4 +1,4 @@
-# The compiled core; src/ground/src/python says what everything is for.
+# Types of the compiled core; src/ground/src/python documents it.
 from typing import ClassVar, Dict, List, Optional, Sequence, Tuple
 
 from ground.annotations import Array, ArrayLike

@@ -1,4 +1,4 @@
-"""Types that annotations name: arrays, documents, and functions that are handed over."""
+"""Types for annotations: arrays, documents and callbacks."""
 
 import os
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Optional, Protocol, TypeVar, Union
@@ -17,10 +17,10 @@ else:  # NumPy 1.17 of Ubuntu 20.04 has no types
 
 Random = np.random.Generator
 Path = Union[str, "os.PathLike[str]"]
-Document = Dict[str, Any]  # plain values as JSON has them
+Document = Dict[str, Any]  # JSON values
 Message = Any  # a message of ROS, whose classes have no types
 Time = Any  # genpy.Time
-Say = Callable[[str], None]  # is told in a sentence what is being done
+Say = Callable[[str], None]  # called with a sentence on what is being done
 Progress = Optional[Say]
 
 _T = TypeVar("_T")
@@ -28,7 +28,7 @@ _R = TypeVar("_R")
 
 
 class Each(Protocol):
-    """Maps a function over items, side by side if it can, as `map` does one after the other."""
+    """Maps a function over items as `map` does, in parallel if it can."""
 
     def __call__(self, __function: Callable[[_T], _R], __items: Iterable[_T]) -> Iterable[_R]:
         """The results, in the order of the items."""

@@ -12,13 +12,13 @@ from ground import errors, files, verbs
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Runs one verb of identify; exit status 0 done, 1 could not, 2 bad usage."""
     arguments, unknown = _parser().parse_known_args(argv)
-    if unknown:  # the verb's usage helps, not that of all verbs
+    if unknown:  # prints the verb's usage, not that of all verbs
         arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))
     return _run("identify " + arguments.verb, arguments)
 
 
 def program(verb: ModuleType, argv: Optional[Sequence[str]] = None) -> int:
-    """Runs a program that has this verb only; exit status alike."""
+    """Runs a program with this verb only; exit status as for main."""
     parser = argparse.ArgumentParser(prog=verb.NAME, description=verb.SUMMARY)
     _configure(parser, verb)
     return _run(verb.NAME, parser.parse_args(argv))
@@ -39,11 +39,11 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
     return errors.guarded(name, work, arguments.debug)
 
 
-OUTPUTS = {"output", "picture"}  # arguments that name what is written; all others name what is read
+OUTPUTS = {"output", "picture"}  # arguments that name files to write; all others name files to read
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
-    """Every argument that could name a file to read; of FILE.csv:NAME=NUMBER the file as well."""
+    """Every argument that could name a file to read; for FILE.csv:NAME=NUMBER also the file."""
     for name, value in vars(arguments).items():
         if name in OUTPUTS:
             continue

@@ -1,4 +1,4 @@
-"""Types of the dictionaries that functions of the compiled core give."""
+"""Types of the dictionaries that functions of the compiled core return."""
 
 from typing import TYPE_CHECKING, List, Tuple, TypedDict, Union
 
@@ -37,12 +37,12 @@ class EffectInfo(TypedDict):
 
 
 class EffectUse(TypedDict):
-    """What a controller does with the effects of a model."""
+    """How a controller uses the effects of a model."""
 
     used: List[str]
     unused: List[str]
     remark: str
-    refusal: str  #: why it must not drive by the model; empty when it may
+    refusal: str  #: why it must not use the model; empty when it may
 
 
 class Estimate(TypedDict):
@@ -68,7 +68,7 @@ class Fit(TypedDict):
 
     model: "_core.Model"
     parameters: List[FittedParameter]
-    correlation: Array  #: (n, n) of the parameters
+    correlation: Array  #: (n, n) correlation of the parameters
     condition: float
     objective: float
     initial: List[Array]  #: initial state of each window
@@ -95,7 +95,7 @@ class WindowMotions(TypedDict):
 
 
 class BestMotions(WindowMotions):
-    """Simulated motions from the initial velocities that suit a model best."""
+    """Simulated motions from a model's best initial velocities."""
 
     objective: float
 
@@ -107,13 +107,13 @@ class Smoothed(TypedDict):
     nu: Array  #: (n, 3) u, v [m/s], r [rad/s]
     nu_dot: Array  #: (n, 3) [m/s^2], [rad/s^2]
     used: List[bool]  #: false: an outlier
-    starts: List[bool]  #: true: the motion begins anew
+    starts: List[bool]  #: true: the first of a stretch
 
 
 class Innovations(TypedDict):
     """Innovations of a wrench filter."""
 
-    normalised: Array  #: (n, 3) ahead, to starboard, in heading
+    normalised: Array  #: (n, 3) forward, to starboard, in heading
     valid: List[bool]
     log_likelihood: float
 
@@ -123,11 +123,11 @@ class InferredWrench(TypedDict):
 
     wrench: Array  #: (n, 3) X, Y [N], N [N m]
     sigma: Array  #: (n, 3) standard deviations
-    responses: Array  #: to acting wrenches
+    responses: Array  #: the filter's responses to given wrenches
 
 
 class RunTrim(TypedDict):
-    """What is constant in a run."""
+    """Wrench and thrust that are constant in a run."""
 
     wrench: Array  #: (3,) X, Y [N], N [N m]
     wrench_sigma: Array  #: (3,) standard deviations
@@ -143,10 +143,10 @@ class GreyBoxFit(TypedDict):
     log_posterior: float
     by_run: List[float]
     trims: List[RunTrim]
-    information: Array  #: (n, n) of the parameters' coordinates over scale
+    information: Array  #: (n, n) Fisher information of the parameters' coordinates / scale
     scale: List[float]
     parameters: List[FittedParameter]
-    level_information: Array  #: of the logarithms of the levels
+    level_information: Array  #: Fisher information of the logs of the levels
     iterations: int
     converged: bool
 
@@ -156,7 +156,7 @@ class Scores(TypedDict):
 
     scale: List[float]
     score: Array  #: (blocks, n)
-    run: List[int]  #: of each block
+    run: List[int]  #: run of each block
     information: Array  #: (n, n)
 
 
@@ -171,7 +171,7 @@ class Residuals(TypedDict):
 
 
 class Forecast(TypedDict):
-    """A prediction from one sample of a run on; arrays are (n, 6)."""
+    """A prediction that starts at a sample of a run; arrays are (n, 6)."""
 
     first: int
     mean: Array
@@ -188,7 +188,7 @@ class ExperimentLog(TypedDict):
     truth: Array  #: (n, 13) time, eta, nu, nu_dot, wrench of the disturbance
     references: Array  #: (n, 9) time, p, p_dot, p_ddot, p_dddot
     decisions: Array  #: (n, 7) time, left, right, processor time, wanted left, right, stamp
-    marks: List[Tuple[float, int, bool, str]]  #: time, number, whether a burst begins, why
+    marks: List[Tuple[float, int, bool, str]]  #: time, number, whether a burst begins, reason
     stages: List[Tuple[float, str, str]]  #: time, state, reason
     stopped: str  #: why it stopped early; empty when it did not
     stopped_at: float

@@ -1,4 +1,4 @@
-"""What the programs say when they cannot do what they were asked: one line, and exit status 1."""
+"""Errors and warnings: a failed program prints one line and exits with status 1."""
 import argparse
 import contextlib
 import errno
@@ -8,7 +8,7 @@ import traceback
 import warnings
 from typing import Any, Callable, Iterator, TextIO, Type
 
-# What to do about failures of the system that a person can do something about.
+# What a user can do about errors of the operating system.
 ADVICE = {
     errno.ENOSPC: "make room, or name another folder",
     errno.EDQUOT: "make room, or name another folder",
@@ -21,14 +21,14 @@ ADVICE = {
 
 
 class GroundError(Exception):
-    """Something is wrong with the user's files or wishes; the message says what, where, and why."""
+    """Something is wrong with the user's files or arguments; the message says what, where and why."""
 
 
 class OptionError(GroundError):
     """An argument that does not go with the others, or that cannot have this value.
 
     text: with {0}, {1} for the names of arguments, and {name} for `values`. The message names
-    arguments as Python does; `as_options` is the same as the command line has them.
+    arguments as Python does; `as_options` names them as the command line does.
     """
 
     def __init__(self, text: str, *names: str, **values: object) -> None:
@@ -38,9 +38,9 @@ class OptionError(GroundError):
 
 
 class GroundWarning(UserWarning):
-    """Something that is done all the same, and may not be what was meant."""
+    """Something that is valid but probably a mistake."""
 
-    PREFIX = "warning: "  # on the command line
+    PREFIX = "warning: "  # prefix on the command line
 
 
 class GroundNote(GroundWarning):
@@ -50,14 +50,14 @@ class GroundNote(GroundWarning):
 
 
 class RecordingWarning(GroundWarning):
-    """What is odd about a recording; the message begins with its path."""
+    """Something odd in a recording; the message begins with its path."""
 
     PREFIX = ""
 
 
 @contextlib.contextmanager
 def warnings_as_lines() -> Iterator[None]:
-    """GroundWarnings inside the block are lines on standard error, each as often as it is given."""
+    """Prints GroundWarnings inside the block on standard error, one line each, repeated ones too."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", GroundWarning)
         usual = warnings.showwarning
@@ -75,17 +75,17 @@ def warnings_as_lines() -> Iterator[None]:
 def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
     """The exit status of work(); a failure becomes one line on standard error and status 1.
 
-    name: of the program, begins the line. debug: print the traceback as well; the environment variable
-    GROUND_DEBUG asks for the same. What argparse exits with passes through.
+    name: the program's, at the beginning of the line. debug: prints the traceback as well, as does the
+    environment variable GROUND_DEBUG. argparse's SystemExit passes through.
     """
-    with contextlib.suppress(AttributeError, ValueError):  # a stream that is none of Python's own
+    with contextlib.suppress(AttributeError, ValueError):  # a stream of another kind
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
     try:
         status = work()
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        pass  # whoever read the output has gone, as head does
+        pass  # the reader of the output has gone, such as head
     except (Exception, KeyboardInterrupt) as error:
         if debug or os.environ.get("GROUND_DEBUG"):
             traceback.print_exc()
@@ -100,7 +100,7 @@ def sentence(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     if isinstance(error, MemoryError):
-        return "the memory of this computer does not suffice; take fewer or shorter runs"
+        return "this computer does not have enough memory; take fewer or shorter runs"
     if isinstance(error, OSError) and error.errno is not None:
         names = [str(n) for n in (error.filename, error.filename2) if n is not None]
         return ": ".join(names + [reason(error)])
@@ -111,7 +111,7 @@ def sentence(error: BaseException) -> str:
 
 
 def reason(error: OSError) -> str:
-    """Why the system refused, with what to do about it; error: an OSError."""
+    """Why the operating system refused, and what to do about it."""
     why = error.strerror or str(error)
     advice = ADVICE.get(error.errno or 0)
     return "%s; %s" % (why, advice) if advice else why
@@ -125,7 +125,7 @@ def add_debug(parser: argparse.ArgumentParser) -> None:
 
 
 def _flush_or_drop(stream: TextIO) -> None:
-    """Flushes a stream; when nobody takes what is left, the interpreter shall not complain at exit."""
+    """Flushes a stream. If its reader has gone, the rest is dropped without a complaint at exit."""
     try:
         stream.flush()
     except OSError:

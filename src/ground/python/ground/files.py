@@ -1,4 +1,4 @@
-"""Writing so that nothing is half there, nothing is overwritten, and no input is lost."""
+"""Writes files completely or not at all, overwrites none unasked, and never an input."""
 
 import contextlib
 import json
@@ -19,8 +19,8 @@ _FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
 
 @contextlib.contextmanager
 def protect(paths: Iterable[str]) -> Iterator[None]:
-    """No file among `paths` can be replaced inside the block, under whatever name it is asked for;
-    neither can one that the block itself has written. Names without a file are ignored."""
+    """Inside the block no file among `paths` can be replaced, under any name, nor a file that the
+    block itself has written. Names without a file are ignored."""
     global _kept
     before, _kept = _kept, dict(_kept or {})
     for path in paths:
@@ -40,10 +40,10 @@ def _keep(path: str, why: str) -> None:
 
 def refuse_existing(path: str, force: bool) -> None:
     """Raises GroundError when `path` cannot be written: it is an input of this command (also through
-    a link), no regular file, there already and not forced, or in a folder that does not exist or cannot
-    be written. To be asked before long work starts."""
+    a link), not a regular file, exists and `force` is not set, or is in a folder that does not exist
+    or cannot be written. Call it before long work starts."""
     if os.path.lexists(path):
-        with contextlib.suppress(FileNotFoundError):  # a link to nothing
+        with contextlib.suppress(FileNotFoundError):  # a dangling link
             status = os.stat(path)
             why = (_kept or {}).get((status.st_dev, status.st_ino))
             if why:
@@ -63,7 +63,7 @@ def refuse_existing(path: str, force: bool) -> None:
 
 @contextlib.contextmanager
 def new_file(path: str, force: bool = False) -> Iterator[str]:
-    """Gives a temporary name beside `path`, which becomes `path` when the block ends well."""
+    """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
     try:
@@ -75,14 +75,14 @@ def new_file(path: str, force: bool = False) -> Iterator[str]:
         yield temporary
         os.chmod(temporary, 0o644)
         if force:
-            refuse_existing(path, force)  # long work lies between the first answer and now
+            refuse_existing(path, force)  # may have changed since the first call, before long work
             os.replace(temporary, path)
         else:
             _move(temporary, path)
         _keep(path, "has just been written by this command")
     except OSError as error:
         if error.filename not in (None, temporary, path):
-            raise  # of another file that was read meanwhile
+            raise  # another file's, which the block read
         raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     finally:
         with contextlib.suppress(FileNotFoundError):
@@ -106,11 +106,11 @@ def _move(temporary: str, path: str) -> None:
                 os.unlink(path)
                 raise
     except FileExistsError:
-        raise GroundError("%s has come to exist meanwhile; left as it is" % path)
+        raise GroundError("%s was created by another program meanwhile; it is left as it is" % path)
 
 
 def plain(value: Any) -> Any:
-    """The value with None in place of numbers that JSON cannot write: infinite ones and NaN."""
+    """The value with None in place of infinite numbers and NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

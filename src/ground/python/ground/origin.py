@@ -1,4 +1,4 @@
-"""Where a result comes from: all that is needed to make it again."""
+"""Provenance of a result: what is needed to reproduce it."""
 
 import datetime
 import hashlib
@@ -11,7 +11,7 @@ from typing import Dict
 
 
 def command() -> str:
-    """What was typed."""
+    """The command line of this process."""
     name = os.path.basename(sys.argv[0])
     return " ".join([name] + [shlex.quote(a) for a in sys.argv[1:]])
 
@@ -22,7 +22,7 @@ def now() -> str:
 
 
 def versions() -> Dict[str, str]:
-    """Versions of the programs that took part, by name."""
+    """Versions of the programs used, by name."""
     from ground import _core
 
     found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}
@@ -33,7 +33,7 @@ def versions() -> Dict[str, str]:
 
 
 def fingerprint(path: str) -> str:
-    """The first half of a file's SHA-256: the same digits, the same file."""
+    """The first half of a file's SHA-256, which identifies its contents."""
     digest = hashlib.sha256()
     with open(path, "rb") as file:
         for part in iter(lambda: file.read(1 << 20), b""):

@@ -1,8 +1,8 @@
-"""What the programs identify, track and tune start with."""
+"""Entry points of the programs identify, track and tune."""
 
 from ground.errors import guarded
 
-# What they do takes a second to load, in which Ctrl-C is no traceback either.
+# Imports take a second; inside `guarded`, Ctrl-C during that time prints no traceback either.
 
 
 def identify() -> int:

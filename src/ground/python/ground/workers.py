@@ -1,4 +1,4 @@
-"""Independent pieces of work: on all cores, or on the machines of a Dask cluster."""
+"""Parallel work on all cores, or on the machines of a Dask cluster."""
 
 import argparse
 import copyreg
@@ -12,8 +12,8 @@ from ground.errors import GroundError
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
-RETRIES = 3  # of a piece of work whose worker died or that failed there
-PATIENCE = 10  # with a scheduler [s]
+RETRIES = 3  # repetitions of a piece of work that failed or whose worker died
+PATIENCE = 10  # timeout of a scheduler [s]
 
 
 def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
@@ -21,19 +21,19 @@ def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="of a Dask cluster to work on, in a network you trust (default: all cores of this computer)",
+        help="Dask scheduler whose cluster does the work, in a network you trust (default: all cores here)",
     )
 
 
 class Workers:
-    """Who does the work; to be used in a with statement.
+    """A pool of workers; use it in a with statement.
 
     scheduler: address of a Dask scheduler, None for this computer; its workers need this package (start
-    them where setup.bash was sourced). processes: of this computer, rather than threads, for work that
-    holds the interpreter; then, and on a cluster, functions have to be those of modules and items and
-    results picklable. Pickles travel between the processes, on a cluster over its network: whoever can
-    talk to the scheduler runs code here. modules: files that a cluster's workers need besides this
-    package. Raises GroundError when the scheduler does not answer.
+    them where setup.bash was sourced). processes: uses processes of this computer instead of threads,
+    for work that holds the interpreter. With processes, and on a cluster, functions must be defined in
+    modules, and items and results must be picklable. Pickles are sent over the cluster's network:
+    whoever can reach the scheduler can run code here. modules: files that a cluster's workers need
+    besides this package. Raises GroundError when the scheduler does not answer.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Workers:
             self._pool.shutdown()
 
     def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
-        """Yields work(item) in the order of the items; what one raises is raised in its place."""
+        """Yields work(item) in the order of the items; an exception of one is raised in its place."""
         if self._pool:
             yield from self._pool.map(work, items)
             return
@@ -111,7 +111,7 @@ def _reduce(params: object) -> Tuple[Callable[..., Any], Tuple[Any, ...]]:
     return _restore, (kind, {name: getattr(params, name) for name in names})
 
 
-# What the core's functions take as parameters travels by its fields.
+# The core's parameter structs are pickled by their fields.
 for _kind in (
     _core.MocapParams,
     _core.ReferenceParams,

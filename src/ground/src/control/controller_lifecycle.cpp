@@ -12,10 +12,10 @@
 namespace ground {
 namespace {
 
-constexpr double kHandover = 0.2;    // after which a silent controller has gone [s]
+constexpr double kHandover = 0.2;  // silence after which another controller counts as stopped [s]
 constexpr const char* kNeedsState = "it drives by the state, and require_state is false";
 
-/// No pilot that may drive without a state uses it: one that did would give a command of NaN.
+/// State for pilots that drive without one. A pilot that uses it by mistake computes NaN commands.
 RigidState<double> noState() {
   RigidState<double> state;
   state.eta.setConstant(std::numeric_limits<double>::quiet_NaN());
@@ -69,9 +69,9 @@ void ControllerLifecycle::otherDrives(Instant now, const std::string& name, doub
   if (!started()) {
     others_until_ = now.steady + kHandover;
     lifted_ = lift > 0;
-  } else if (now.steady - started_at_ > kHandover) {  // until then it is the one that was replaced
+  } else if (now.steady - started_at_ > kHandover) {  // earlier: late command of the replaced one
     others_until_ = now.steady + kHandover;
-    change(State::kStopped, name + " has taken over");  // without a word to the craft
+    change(State::kStopped, name + " has taken over");  // sends nothing to the craft
   }
 }
 
@@ -90,7 +90,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
     if (!reason.empty()) return enter(now, State::kStopped, reason);
     if (pilot_.nextChange(elapsed(now.time)) == Pilot::kByState) {
       change_at_.reset();
-      last_update_.reset();  // the first update by the state is due at once
+      last_update_.reset();  // the first closed-loop update is due at once
     }
   }
   if (state_ != State::kRunning || change_at_) return;
@@ -121,11 +121,11 @@ void ControllerLifecycle::tick(Instant now) {
   act(now);
 }
 
-/// Decides anew, or repeats what was sent, where that is due.
+/// Computes or repeats a command if one is due.
 void ControllerLifecycle::act(Instant now) {
   const bool repeats = now.steady >= repeatAt();
   if (state_ == State::kRunning) {
-    // Without a new state it decides upon the last one, until that is stale.
+    // Without a new state it uses the last one, until that is stale.
     const double upon = change_at_ || !measured_ ? now.time : measured_->stamp;
     if (repeats || (change_at_ && now.time >= *change_at_)) control(now, upon);
   } else if (repeats) {
@@ -151,7 +151,7 @@ std::string ControllerLifecycle::stateProblem(Instant now) const {
   if (!params_.require_state) return "";
   if (!measured_) return "there is no state";
   if (!measured_->valid) return "the state is invalid: " + measured_->problem;
-  // A state may also come on time and be old.
+  // A state may arrive in time with an old stamp.
   if (now.steady >= measured_at_ + params_.state_timeout ||
       now.time >= measured_->stamp + params_.state_timeout)
     return "the state is stale";
@@ -163,8 +163,8 @@ bool ControllerLifecycle::stateIsFinite() const {
   return measured_ && measured_->state.eta.allFinite() && measured_->state.nu.allFinite();
 }
 
-/// What is said of a state that the craft cannot have come to from the last one with which it was
-/// driven: it has been carried away, or the mocap sees something else; empty otherwise.
+/// Error message if the craft cannot have moved to this state from the last one used for control:
+/// it was carried, or the mocap tracks something else. Otherwise empty.
 std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
   if (!known_) return "";
   const Jump jump(known_->state, state.state, std::max(0.0, state.stamp - known_->stamp));
@@ -175,7 +175,7 @@ std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
   return text;
 }
 
-/// Takes the thrust away while the state is lost; false when it has been lost for too long.
+/// Sets the thrust to zero while the state is lost; returns false if it is lost for too long.
 bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   if (problem.empty()) {
     lost_since_.reset();
@@ -191,7 +191,7 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   return now.steady < *lost_since_ + params_.recovery_time;
 }
 
-/// Why the craft has to be stopped to stay inside; empty when it may go on.
+/// Why the craft has to be stopped to stay inside; empty if it may continue.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
   if (!fence_ || !params_.require_state || !stateIsFinite()) return "";
   return fence_->objection(measured_->state, now.time - measured_->stamp);
@@ -220,7 +220,7 @@ void ControllerLifecycle::begin(Instant now) {
 
 void ControllerLifecycle::control(Instant now, double stamp) {
   if (!change_at_ && !params_.require_state) return enter(now, State::kStopped, kNeedsState);
-  // The state may be older than the start by the mocap's latency.
+  // By the mocap's latency, the state may be older than the start.
   const double elapsed = std::max(0.0, stamp - running_since_);
   if (!change_at_) {
     const std::string reason = pilot_.objection(*measured_);
@@ -254,7 +254,7 @@ void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   if (started() || now.steady >= others_until_) send_(inputs);
 }
 
-/// The lift's input while the thrusters are off; one that takes over leaves it on.
+/// Lift input while the thrusters are off; a controller that takes over keeps the lift on.
 double ControllerLifecycle::liftAlone() const {
   const bool on = state_ == State::kLifting || (state_ == State::kWaiting && lifted_);
   return on ? params_.lift : 0.0;
@@ -264,7 +264,7 @@ double ControllerLifecycle::liftedAt() const {
   return lifting_since_ + (lifted_ ? 0 : params_.lift_time);
 }
 
-/// When a command has to be repeated. A closed-loop controller waits for the next state first.
+/// Time to repeat the last command. A closed-loop controller first waits for the next state.
 double ControllerLifecycle::repeatAt() const {
   const bool waits = state_ == State::kRunning && !change_at_;
   return next_keepalive_ + (waits ? 1 / params_.rate : 0);

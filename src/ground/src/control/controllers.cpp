@@ -5,7 +5,7 @@
 namespace ground {
 namespace {
 
-/// Plays a binary sequence, whatever the state: what tracking is to be compared with.
+/// Plays a binary sequence in open loop, for comparison with tracking.
 class OpenLoop : public TrackingController {
  public:
   OpenLoop(const Model& model, const ControllerChoice& choice) : input_max_(model.body.input_max) {
@@ -30,11 +30,11 @@ ControllerInfo openLoop() {
   using C = ControllerChoice;
   Tunables<C> parameters = lifted(&C::prbs, PrbsParams::table());
   parameters.push_back(
-      {{"order", "-", "Of a sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
+      {{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
   parameters.push_back(
-      {{"seed", "-", "Where in its period the sequence starts", 0, 1e6}, &C::prbs_seed});
+      {{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
   return {"OpenLoopPRBS",
-          "Plays a binary sequence, whatever the state",
+          "Plays a binary sequence in open loop",
           false,
           parameters,
           [parameters](const C& choice) {
@@ -50,7 +50,7 @@ ControllerInfo openLoop() {
           }};
 }
 
-/// A Control that follows a reference by its Params in ControllerChoice.
+/// Description of a Control that follows a reference, with its Params in ControllerChoice.
 template <class Control, class Params>
 ControllerInfo following(const std::string& name, const std::string& text,
                          Params ControllerChoice::*params) {

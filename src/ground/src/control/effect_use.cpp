@@ -19,7 +19,7 @@ bool neutral(const Model::Entry& entry) {
   return !parameters.empty();
 }
 
-/// Names of the effects that do something at one of these places (a set of Effect::Hook).
+/// Names of the effects that are not neutral and have one of these hooks (a set of Effect::Hook).
 std::vector<std::string> active(const Model& model, unsigned hooks = ~0u) {
   std::vector<std::string> names;
   for (const Model::Entry& entry : model.effects)
@@ -45,9 +45,9 @@ std::string EffectUse::remark() const {
 
 EffectUse wholeModelUse(const Model& model) {
   EffectUse use{active(model), {}, ""};
-  if (model.stateCount() > kMostStates)
+  if (model.stateCount() > kMaxStates)
     use.refusal = "the effects of this model have " + std::to_string(model.stateCount()) +
-                  " states, and the controller follows " + std::to_string(kMostStates) +
+                  " states, and the controller follows " + std::to_string(kMaxStates) +
                   " at most: take effects with states out of its model";
   return use;
 }

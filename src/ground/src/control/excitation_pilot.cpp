@@ -20,7 +20,7 @@ ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked,
                                  ReferencePilot::Decided decided)
     : clock_(clock),
       marked_(std::move(marked)),
-      // While a burst is played, decisions are plans alone.
+      // Decisions during a burst only plan the way home and are not reported.
       home_(clock, [this, decided](const ReferencePilot::Decision& decision) {
         if (!bursting_) decided(decision);
       }) {}
@@ -64,7 +64,7 @@ std::string ExcitationPilot::objection(const MeasuredState& measured) {
   const std::string reason = home_.objection(measured);
   if (!reason.empty() || !bursting_ || stamp < checked_ + kCheck) return reason;
   checked_ = stamp;
-  home_.update(0, stamp, measured.state, lift_);  // the plan alone
+  home_.update(0, stamp, measured.state, lift_);  // only for the plan; the inputs are not used
   const double elapsed = clock_() - activated_;
   if (spare() < 0) {
     begin(false, "the way home would come close to a wall");
@@ -99,7 +99,7 @@ double ExcitationPilot::nextChange(double elapsed) const {
   return began_ + signal_.nextChange(played_ + elapsed - began_) - played_;
 }
 
-/// Clearance that the planned way home has beyond what it needs [m].
+/// Smallest clearance of the planned way home minus the margin [m].
 double ExcitationPilot::spare() const {
   const std::vector<TrajectoryOptimizer::State>& way = control_->plan().states();
   const Vector2<double> here = way.front().head<2>();
@@ -118,7 +118,7 @@ bool ExcitationPilot::home(const RigidState<double>& state) const {
 
 void ExcitationPilot::begin(bool burst, const std::string& reason) {
   const double elapsed = std::max(0.0, clock_() - activated_);
-  // What the return cut off is not played again: the signal goes on, or begins anew at its end.
+  // The interrupted row is not repeated: the signal continues with the next, or repeats at its end.
   if (!burst) played_ = std::min(signal_.end, signal_.nextChange(played_ + elapsed - began_));
   if (!burst && signal_.ended(played_) && !signal_.once) played_ = 0;
   bursting_ = due_ = burst;

@@ -8,11 +8,11 @@ namespace ground {
 namespace {
 
 constexpr int kInstants = 4000;
-constexpr double kTolerance = 0.01;   // of full thrust and of full moment
-constexpr double kNegligible = 1e-3;  // of full thrust: any heading will do
+constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
+constexpr double kNegligible = 1e-3;  // relative to full thrust; with less, any heading is possible
 
 struct Demand {
-  double thrust = 0;  ///< full force that the heading has to point along [N]
+  double thrust = 0;  ///< size of the force along which the craft must head [N]
   double heading = 0, yaw_rate = 0;
   double surge = 0;  ///< force of the thrusters [N]
 };
@@ -56,14 +56,14 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Body<doubl
     if (now.thrust < kNegligible * most) continue;
     if (now.surge > most)
       report(now.surge / most - 1,
-             format("at %.2f s it takes a thrust of %.3g N, and there are %.3g N", t, now.surge,
-                    most));
+             format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t,
+                    now.surge, most));
     if (now.surge < 0)
       report(-now.surge / most,
-             format("at %.2f s it takes a thrust backwards of %.3g N, and the thrusters only push "
+             format("at %.2f s it takes a backward thrust of %.3g N, but the thrusters only push "
                     "forward",
                     t, -now.surge));
-    // The heading follows the force: it must not jump, which takes an endless moment.
+    // The heading follows the force. A jump of the heading would take an infinite moment.
     const double turned = std::abs(wrapAngle(now.heading - last.heading));
     if (last.thrust > 0 && turned > 1 && t - last_time < 0.25)
       report(10 + turned,
@@ -75,8 +75,8 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Body<doubl
     const double limit = body.l * std::max(0.0, std::min(now.surge, most - now.surge));
     report(
         (std::abs(moment) - limit) / full_moment,
-        format("at %.2f s it takes a yaw moment of %.3g N m, and beside a thrust of %.3g N there "
-               "are %.3g N m",
+        format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
+               "is %.3g N m",
                t, std::abs(moment), now.surge, limit));
     last = now;
     last_time = t;

@@ -10,7 +10,7 @@ namespace ground {
 namespace {
 
 constexpr int kSamplesOfReference = 5000;
-constexpr double kExtents = 10;  // a sinusoid goes on for ever
+constexpr double kExtents = 10;  // checked multiple of the extent, because a sinusoid is unlimited
 
 }  // namespace
 
@@ -73,7 +73,7 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
     const ReferencePoint point = reference.at(t);
     RigidState<double> state{Vector3<double>::Zero(), Vector3<double>::Zero()};
     state.eta.head<2>() = point.p;
-    state.nu.head<2>() = point.p_dot;  // of a heading of 0
+    state.nu.head<2>() = point.p_dot;  // at heading 0, body and world axes agree
     there.take(room.clearance(point.p), t);
     stopped.take(room.clearance(fence.rest(state, Fence::kLoss)), t);
   }
@@ -86,8 +86,8 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
                   there.clearance, there.when, room.margin);
   } else if (stopped.clearance < room.margin) {
     std::snprintf(text, sizeof text,
-                  "after %.1f s it is too fast so near to a wall: a craft that is stopped there "
-                  "comes to rest %.2f m %s",
+                  "after %.1f s it is too fast near a wall: a craft that is stopped there comes to "
+                  "rest %.2f m %s",
                   stopped.when, std::abs(stopped.clearance),
                   stopped.clearance < 0 ? "outside" : "from the wall");
   }
@@ -96,12 +96,12 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
 
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
                        const RoomPlan& room) {
-  constexpr double kLook = 0.05;  // [s]
+  constexpr double kInterval = 0.05;  // [s]
   const Dynamics<double> dynamics(model);
   RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};
   start.eta.head<2>() = room.home;
   Simulation<double> simulation(dynamics, inputs, start, 0);
-  for (double time = 0; time < end; time += kLook) {
+  for (double time = 0; time < end; time += kInterval) {
     simulation.advance(time);
     if (room.clearance(simulation.state().eta.head<2>()) >= room.margin) continue;
     char text[120];

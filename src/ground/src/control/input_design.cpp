@@ -15,12 +15,12 @@ namespace ground {
 namespace {
 
 constexpr double kLongestInput = 3600;        // [s]
-constexpr double kTiny = 1e-9;  // an edge may be a rounding error short of it [s]
-constexpr std::size_t kMostRows = 2000000;
+constexpr double kTiny = 1e-9;                // tolerance for rounding errors of edges [s]
+constexpr std::size_t kMaxRows = 2000000;
 constexpr std::size_t kLargestInputs = 100000000;  // [bytes]
 constexpr double kGolden = 0.6180339887498949;
-constexpr double kSlowest = 1.0 / 8;          // sine of a multisine [Hz]
-constexpr double kSinesPerClock = 1.0 / 6;    // fastest sine, as a share of the clock
+constexpr double kSlowest = 1.0 / 8;          // lowest frequency of a multisine [Hz]
+constexpr double kSinesPerClock = 1.0 / 6;    // highest frequency of a multisine over the clock
 const std::vector<double> kTwoLevels = {0, 1}, kFiveLevels = {0, 0.25, 0.5, 0.75, 1};
 
 using Pair = Vector2<double>;
@@ -28,7 +28,7 @@ using Pair = Vector2<double>;
 /// Rows of equal length, repeated for a duration.
 InputSignal repeated(const std::vector<Pair>& rows, double row_rate, double duration) {
   const double count = std::ceil(duration * row_rate - kTiny);
-  if (!(count <= static_cast<double>(kMostRows)))
+  if (!(count <= static_cast<double>(kMaxRows)))
     throw std::invalid_argument("the input has more than 2 million rows: lower clock or duration");
   InputSignal signal;
   signal.end = duration;
@@ -46,7 +46,7 @@ std::vector<Pair> between(const PrbsBits& bits, double low, double high) {
   return rows;
 }
 
-/// Neighbouring seeds start far apart in the period.
+/// Start in the period for a seed; consecutive seeds start far apart.
 std::size_t startOf(const DesignParams& p, std::size_t period) {
   const double share = std::fmod(static_cast<double>(p.seed) * kGolden, 1.0);
   return static_cast<std::size_t>(share * static_cast<double>(period));
@@ -59,7 +59,7 @@ std::vector<Pair> prbsRows(const DesignParams& p, bool differential) {
   return between(bits, p.levels.front(), p.levels.back());
 }
 
-/// A pseudo-random level a bit, of each thruster.
+/// A pseudo-random level for each bit and thruster.
 std::vector<Pair> multilevelRows(const DesignParams& p) {
   std::mt19937_64 random(p.seed);
   std::vector<Pair> rows((std::size_t{1} << p.order) - 1);
@@ -68,9 +68,9 @@ std::vector<Pair> multilevelRows(const DesignParams& p) {
   return rows;
 }
 
-/// Sum and difference of the inputs are sums of sines with phases that keep the peaks low (Schroeder,
-/// Synthesis of low-peak-factor signals, 1970): odd harmonics push, even ones turn, so that the two
-/// do not correlate.
+/// Sum and difference of the inputs are sums of sines with phases that minimise the peaks
+/// (Schroeder, Synthesis of low-peak-factor signals, 1970). Odd harmonics form the sum, even ones
+/// the difference, so that the two are uncorrelated.
 std::vector<Pair> multisineRows(const DesignParams& p) {
   const auto rows_of_period = static_cast<std::size_t>(std::lround(p.clock / kSlowest));
   const int harmonics = std::max(2, static_cast<int>(p.clock * kSinesPerClock / kSlowest));
@@ -133,7 +133,7 @@ const DesignInfo* infoOf(const std::string& kind) {
   return nullptr;
 }
 
-/// The numbers of a line of a CSV; an error if it holds something else.
+/// The numbers in a line of a CSV file. Throws std::runtime_error on anything else.
 std::vector<double> numbersIn(const std::string& line) {
   std::vector<double> row;
   std::istringstream cells(line);
@@ -147,16 +147,16 @@ std::vector<double> numbersIn(const std::string& line) {
   return row;
 }
 
-/// Adds a row of time, left, right and perhaps lift; an error if it cannot be the next one.
+/// Adds a row of time, left, right and optionally lift. Throws std::runtime_error if it is invalid.
 void addRow(const std::vector<double>& row, InputSignal& signal) {
   if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
-    throw std::runtime_error("times have to grow from 0 or more on");
+    throw std::runtime_error("times must ascend from 0 or later");
   if (*std::min_element(row.begin() + 1, row.end()) < 0 ||
       *std::max_element(row.begin() + 1, row.end()) > 1)
-    throw std::runtime_error("inputs have to be between 0 and 1");
+    throw std::runtime_error("inputs must be between 0 and 1");
   if (row[0] > kLongestInput)
     throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
-  if (signal.times.size() == kMostRows)
+  if (signal.times.size() == kMaxRows)
     throw std::runtime_error("it has more than 2 million rows");
   signal.times.push_back(row[0]);
   signal.inputs.push_back({row[1], row[2], signal.has_lift ? row[3] : 1});
@@ -198,8 +198,8 @@ const std::vector<DesignInfo>& designTable() {
       {"differential-prbs", "one binary sequence: left high while right is low, and the reverse",
        {"clock", "levels", "order", "seed"}},
       {"steps", "both thrusters through the levels in turn", {"hold", "levels"}},
-      {"coast-down", "both thrusters high, then low for three times that", {"hold", "levels"}},
-      {"spin", "left high, then both low for three times that; then right alike",
+      {"coast-down", "both thrusters high, then low three times as long", {"hold", "levels"}},
+      {"spin", "left high, then both low three times as long; then the same with right",
        {"hold", "levels"}},
       {"single-thruster", "the left thruster alone through the levels, then the right one",
        {"hold", "levels"}},
@@ -243,7 +243,7 @@ InputSignal makeDesign(const DesignParams& params, double duration) {
 InputSignal readInputFile(const DesignParams& params, double duration) {
   const std::vector<double>& levels = params.levels.empty() ? kTwoLevels : params.levels;
   const std::string& path = params.file;
-  if (path.empty()) throw std::invalid_argument("parameter file is empty: which CSV shall it be?");
+  if (path.empty()) throw std::invalid_argument("parameter file is empty: set it to a CSV file");
   std::istringstream file(readTextFile(path, kLargestInputs));
   std::string header;
   std::getline(file, header);

@@ -122,7 +122,7 @@ PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
 const Tunables<PrbsParams>& PrbsParams::table() {
   using P = PrbsParams;
   static const Tunables<P> table = {
-      {{"clock", "Hz", "Bits per second, whatever rows per bit a file has", 0.1, 500}, &P::clock},
+      {{"clock", "Hz", "Bits per second, for any number of rows per bit", 0.1, 500}, &P::clock},
       {{"duration", "s", "Duration of the sequence", 0.1, 3600}, &P::duration},
       {{"left_low", "0..1", "Left thruster, low bit", 0, 1}, &P::left_low},
       {{"left_high", "0..1", "Left thruster, high bit", 0, 1}, &P::left_high},
@@ -148,7 +148,7 @@ PrbsSignal::PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit
 }
 
 long long PrbsSignal::index(double t) const {
-  // An instant meant to be an edge may be a rounding error short of it.
+  // The tolerance allows for rounding errors of edges.
   return static_cast<long long>(std::floor(t * row_rate_ + 1e-9));
 }
 

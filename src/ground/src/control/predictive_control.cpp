@@ -10,10 +10,10 @@
 namespace ground {
 namespace {
 
-/// Turns that other plans begin with, either way [rad]; full thrust follows.
+/// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
-constexpr double kClearlyBetter = 0.98;  // of the cost, to give up a plan for another
-constexpr double kSettled = 1e-4;        // share of the cost that an improvement has to bring
+constexpr double kMaxOtherCost = 0.98;     // relative cost below which another plan replaces it
+constexpr double kMinImprovement = 1e-4;  // relative decrease of the cost to continue iterating
 
 }  // namespace
 
@@ -22,7 +22,7 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
   static const Tunables<P> table = [] {
     Tunables<P> all = {
         {{"horizon", "s", "How far to look ahead", 0.1, 10}, &P::horizon},
-        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMostSteps}, &P::steps},
+        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMaxSteps}, &P::steps},
         {{"iterations", "-", "Most improvements of the plan a decision", 1, 50}, &P::iterations},
         {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
          &P::search_iterations},
@@ -80,7 +80,7 @@ void PredictiveControl::carryOn(double time) {
   if (!has_plan_) {
     std::fill(inputs.begin(), inputs.end(), Vector2<double>::Constant(0.5 * input_max_));
   } else {
-    // Each step gets the mean of what was planned for its time.
+    // Each step gets the mean of the inputs planned for its time.
     const double shift = std::max(0.0, time - plan_time_) / plan_->step();
     const double whole = std::floor(shift), part = shift - whole;
     const std::size_t last = inputs.size() - 1;
@@ -100,7 +100,7 @@ void PredictiveControl::follow(const Seed& seed) {
   const double half = 0.5 * turnTime(seed.turn);
   const auto left = static_cast<int>(seed.turn < 0);  // the thruster that pushes first
   for (std::size_t k = 0; k < inputs.size(); ++k) {
-    // How much of this step is spent on each phase.
+    // Fraction of this step in each phase.
     const double from = static_cast<double>(k) * step;
     const auto share = [&](double a, double b) {
       return std::clamp((std::min(from + step, b) - std::max(from, a)) / step, 0.0, 1.0);
@@ -112,7 +112,7 @@ void PredictiveControl::follow(const Seed& seed) {
 }
 
 double PredictiveControl::turnTime(double angle) const {
-  // Half the way one thruster alone, half the way the other: a turn that ends at rest.
+  // One thruster for the first half, the other for the second half: a turn that ends at rest.
   const Body<double>& body = model_.body;
   return 2 * std::sqrt(std::abs(angle) * body.I_z / (body.l * body.k * body.input_max));
 }
@@ -125,8 +125,8 @@ void PredictiveControl::makeSeeds() {
     seeds_[count++] = {turn, 1};
     seeds_[count++] = {-turn, 1};
   }
-  // Towards where the reference will be, seen from where the craft would coast to, with the thrust
-  // that brings it there.
+  // Turns from the end of a coasting motion towards the end of the reference, with the thrust that
+  // reaches it.
   follow(seeds_[0]);
   other_->rollOut();
   const Body<double>& body = model_.body;
@@ -155,7 +155,7 @@ void PredictiveControl::search() {
     }
   }
   if (best == seeds_.size()) return;
-  // The most promising one and, in turn, one of the rest.
+  // Improves the seed with the lowest cost, and one of the others in turn.
   next_seed_ = (next_seed_ + 1) % seeds_.size();
   int left = params_.search_iterations;
   for (std::size_t number : {best, next_seed_}) {
@@ -164,9 +164,9 @@ void PredictiveControl::search() {
     for (int i = 0; i < params_.search_iterations / 2 && left > 0; ++i, --left) {
       ++improvements_;
       const double before = other_->cost();
-      if (other_->improve() && before - other_->cost() < kSettled * before) break;
+      if (other_->improve() && before - other_->cost() < kMinImprovement * before) break;
     }
-    if (other_->cost() < kClearlyBetter * plan_->cost()) std::swap(plan_, other_);
+    if (other_->cost() < kMaxOtherCost * plan_->cost()) std::swap(plan_, other_);
   }
 }
 
@@ -175,7 +175,7 @@ Vector2<double> PredictiveControl::position(const RigidState<double>& measured) 
   try {
     return stateSeenAs(seen_, {measured.eta, measured.nu}).eta.head<2>();
   } catch (const std::runtime_error&) {
-    return measured.eta.head<2>();  // as the observer does
+    return measured.eta.head<2>();  // like the observer
   }
 }
 
@@ -186,13 +186,13 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
   if (!start_.state.eta.allFinite() || !start_.state.nu.allFinite()) {
-    reset();  // nothing to go by: no thrust, and a new beginning with the next state
+    reset();  // restarts with the next state
     return Vector2<double>::Zero();
   }
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
   state.segment<3>(3) = start_.state.nu;
-  for (int i = 0; i < kMostStates; ++i)
+  for (int i = 0; i < kMaxStates; ++i)
     state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)
@@ -207,7 +207,7 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   for (int i = 0; i < params_.iterations; ++i) {
     ++improvements_;
     const double before = plan_->cost();
-    if (plan_->improve() && before - plan_->cost() < kSettled * before) break;
+    if (plan_->improve() && before - plan_->cost() < kMinImprovement * before) break;
   }
   if (!(plan_->error() < params_.lost)) search();
   if (!std::isfinite(plan_->cost())) {

@@ -7,7 +7,7 @@
 namespace ground {
 namespace {
 
-/// Processor time of this thread [s]: what else the machine does is no part of it.
+/// CPU time of this thread [s], without that of other threads and processes.
 double processorTime() {
   timespec time;
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
@@ -55,7 +55,7 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
   if (obedience_) {
     obedience_->measure(stamp, measured.state, measured.nu_variance);
     const std::string instead = obedience_->disobedience(kDisobedient);
-    if (!instead.empty()) return "the craft does not do as it is told: " + instead;
+    if (!instead.empty()) return "the craft does not follow its commands: " + instead;
   }
   const double error = (controller_->position(measured.state) - at(stamp).p).norm();
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);

@@ -19,7 +19,7 @@ namespace {
 
 using Complex = std::complex<double>;
 
-/// Adds a exp(i w t), a turning pointer in the plane, and its derivatives.
+/// Adds a exp(i w t), a rotating vector in the plane, and its derivatives.
 void addPointer(Complex a, double w, double t, ReferencePoint& point) {
   Complex z = a * std::polar(1.0, w * t);
   for (Vector2<double>* derivative : {&point.p, &point.p_dot, &point.p_ddot, &point.p_dddot}) {
@@ -59,12 +59,13 @@ class Circle : public ReferenceTrajectory {
   double radius_, rate_;
 };
 
-/// How far along a way one is, from 0 to 1, and the derivatives by time.
+/// Progress along a path, from 0 to 1, and its time derivatives.
 struct Progress {
   double s, s1, s2, s3;
 };
 
-/// Covers a way of some length once: at constant speed with a sudden start and stop, or smoothly.
+/// Progress over time along a path of some length: at constant speed with a sudden start and stop,
+/// or smooth.
 class Pace {
  public:
   Pace(double length, double speed, bool smooth) : smooth_(smooth) {
@@ -140,15 +141,15 @@ class Sinusoid : public ReferenceTrajectory {
   double speed_, amplitude_, rate_;
 };
 
-/// Linear equations whose row i has entries from column i - band to i + band only: time and memory
-/// grow linearly with their number. Collocation matrices of B-splines are totally positive, so that
-/// elimination needs no pivoting (de Boor, A Practical Guide to Splines, XIII).
+/// Banded linear equations: row i has entries only in columns i - band to i + band. Time and memory
+/// grow linearly with the number of rows. Collocation matrices of B-splines are totally positive,
+/// so elimination needs no pivoting (de Boor, A Practical Guide to Splines, XIII).
 class BandedSystem {
  public:
   BandedSystem(Eigen::Index count, Eigen::Index band)
       : band_(band), rows_(Rows::Zero(count, 2 * band + 1)) {}
   double& at(Eigen::Index row, Eigen::Index column) { return rows_(row, column - row + band_); }
-  /// Puts the solution into the place of the right-hand sides; once. False when there is none.
+  /// Replaces the right-hand sides by the solution; false if there is none. Call only once.
   bool solve(Eigen::MatrixXd& sides) {
     const Eigen::Index count = rows_.rows();
     for (Eigen::Index k = 0; k < count; ++k) {
@@ -176,7 +177,7 @@ class BandedSystem {
   Rows rows_;
 };
 
-/// Quintic spline through points at ascending places from 0 on.
+/// Quintic spline through points at ascending parameters (times or distances) from 0.
 class Curve {
  public:
   Curve(const std::vector<double>& places, const std::vector<Vector2<double>>& points)
@@ -200,7 +201,7 @@ class Curve {
     spline_ = Spline(knots, control.transpose());
   }
   double length() const { return length_; }
-  /// Position and derivatives by place.
+  /// Position and its derivatives by the parameter.
   ReferencePoint at(double place) const {
     const auto d = spline_.derivatives<3>(std::clamp(place / length_, 0.0, 1.0));
     const double by = 1 / length_;
@@ -252,30 +253,31 @@ class Waypoints : public ReferenceTrajectory {
   Pace pace_;
 };
 
-constexpr std::size_t kLargestTable = 100000000;   // [bytes]
-constexpr std::size_t kMostPoints = 1000000;       // in files
-constexpr double kFarthest = 1e4, kLongest = 1e7;  // of points in files [m], [s]
+// Limits of files.
+constexpr std::size_t kLargestTable = 100000000;        // [bytes]
+constexpr std::size_t kMaxPoints = 1000000;
+constexpr double kMaxCoordinate = 1e4, kMaxTime = 1e7;  // [m], [s]
 
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
 }
 
-constexpr std::size_t kMostCells = 3;
+constexpr std::size_t kMaxCells = 3;
 
-/// The numbers of a line of a CSV file, NaN for what is not a number; kMostCells at most, and one
-/// NaN for what follows them.
+/// The cells of a line of a CSV file, NaN if not a number: at most kMaxCells, and one more if the
+/// line continues.
 struct Cells {
-  std::array<double, kMostCells + 1> values{};
+  std::array<double, kMaxCells + 1> values{};
   std::size_t count = 0;
 };
 
 bool isBlank(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
 
-/// A decimal number with nothing but blanks around it, otherwise NaN.
+/// Parses a decimal number between blanks; NaN for anything else.
 double numberIn(const char* begin, const char* end) {
   while (begin < end && isBlank(*begin)) ++begin;
   while (begin < end && isBlank(end[-1])) --end;
-  constexpr char kDecimal[] = "+-.0123456789eE";  // strtod knows hexadecimal ones and words as well
+  constexpr char kDecimal[] = "+-.0123456789eE";  // strtod would also accept hexadecimal and "nan"
   const bool decimal =
       std::all_of(begin, end, [&](char c) { return std::strchr(kDecimal, c) != nullptr && c != 0; });
   char* stop = nullptr;
@@ -283,10 +285,10 @@ double numberIn(const char* begin, const char* end) {
   return stop == end ? value : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// `end` is followed by a character that is not part of a number.
+/// The character at `end` must not be part of a number.
 Cells cellsOf(const char* begin, const char* end) {
   Cells cells;
-  while (cells.count <= kMostCells) {
+  while (cells.count <= kMaxCells) {
     const char* comma = std::find(begin, end, ',');
     cells.values[cells.count++] = numberIn(begin, comma);
     if (comma == end) break;
@@ -312,10 +314,10 @@ class Lines {
 
  private:
   const char* next_;
-  const char* end_;  ///< where a 0 stands
+  const char* end_;  ///< the terminating 0
 };
 
-/// Whether the columns that a first line names have times; calls fail() if they are others.
+/// Whether the header has a column of times; calls fail() on an unknown header.
 template <class Fail>
 bool timedColumns(const std::pair<const char*, const char*>& line, const Fail& fail) {
   std::string columns(line.first, line.second);
@@ -333,14 +335,14 @@ struct PointRows {
   std::vector<double> times;
   std::vector<Vector2<double>> points;
 
-  /// Says what is wrong with a row; empty if nothing is.
+  /// Adds a row; returns an error message, or an empty string.
   std::string add(const Cells& cells) {
     const std::size_t width = timed ? 3 : 2;
     const double time = timed ? cells.values[0] : 0;
     const double x = cells.values[width - 2], y = cells.values[width - 1];
     if (cells.count != width || !std::isfinite(time + x + y))
       return std::string("it needs ") + (timed ? "three" : "two") + " finite numbers";
-    if (std::abs(x) > kFarthest || std::abs(y) > kFarthest || std::abs(time) > kLongest)
+    if (std::abs(x) > kMaxCoordinate || std::abs(y) > kMaxCoordinate || std::abs(time) > kMaxTime)
       return "no room is 10 km wide, and no craft flies for months";
     const std::string wrong = wrongOrder(time, origin + Vector2<double>(x, y));
     if (!wrong.empty()) return wrong;
@@ -350,10 +352,10 @@ struct PointRows {
   }
 
   std::string wrongOrder(double time, const Vector2<double>& point) const {
-    if (points.size() == kMostPoints)
-      return "it has more than " + std::to_string(kMostPoints) + " points";
+    if (points.size() == kMaxPoints)
+      return "it has more than " + std::to_string(kMaxPoints) + " points";
     if (points.empty()) return "";
-    if (timed && time <= times.back()) return "times have to grow";
+    if (timed && time <= times.back()) return "times must ascend";
     if (!timed && points.back() == point) return "the point is the same as the one before";
     return "";
   }
@@ -393,9 +395,9 @@ ReferencePtr makeSpline(const std::vector<double>& times,
                         const std::vector<Vector2<double>>& points) {
   require(points.size() >= 2 && points.size() == times.size(),
           "a spline needs at least two points");
-  require(times.front() == 0, "the first point of a spline has to be at time 0");
+  require(times.front() == 0, "the first point of a spline must be at time 0");
   for (std::size_t i = 1; i < times.size(); ++i)
-    require(times[i] > times[i - 1] && std::isfinite(times[i]), "times have to grow");
+    require(times[i] > times[i - 1] && std::isfinite(times[i]), "times must ascend");
   return std::make_shared<TimedSpline>(times, points);
 }
 
@@ -412,7 +414,7 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
-  if (path.empty()) throw std::runtime_error("parameter file is empty: which CSV shall it be?");
+  if (path.empty()) throw std::runtime_error("parameter file is empty: set it to a CSV file");
   const std::string text = readTextFile(path, kLargestTable);
   const auto fail = [&](int line, const std::string& what) {
     throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
@@ -425,7 +427,7 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
     const std::string wrong = rows.add(cellsOf(begin, stop));
     if (!wrong.empty()) fail(line, wrong);
   }
-  if (rows.points.size() < 2) fail(1, "at least two points have to follow");
+  if (rows.points.size() < 2) fail(1, "at least two points must follow");
   if (!rows.timed) return makeWaypoints(rows.points, speed, smooth);
   const double start = rows.times.front();
   for (double& time : rows.times) time -= start;

@@ -14,14 +14,14 @@ namespace {
 constexpr char kRoomSchema[] = "ground/room/1";
 constexpr char kTop[] = "the room file";
 constexpr std::size_t kLargestRoom = 1000000;  // [bytes]
-constexpr std::size_t kMostCorners = 1000;
-constexpr double kLeastAdvance = 0.005;  // between samples of a way [m]
+constexpr std::size_t kMaxCorners = 1000;
+constexpr double kMinAdvance = 0.005;  // smallest distance between samples of a way [m]
 
 using Position = Vector2<double>;
 
 double cross(const Position& a, const Position& b) { return a.x() * b.y() - a.y() * b.x(); }
 
-/// From the nearest point of a wall.
+/// Vector from the nearest point of a wall to a point.
 Position fromWall(const Position& point, const Position& from, const Position& to) {
   const Position along = to - from;
   const double share = std::clamp((point - from).dot(along) / along.squaredNorm(), 0.0, 1.0);
@@ -43,9 +43,9 @@ Position readPosition(const YamlReader& reader, const YAML::Node& node, const st
   return {reader.number(node[0], key), reader.number(node[1], key)};
 }
 
-/// Why these corners are no room's; empty if they are.
+/// Error message for the corners of a room; empty if they are valid.
 std::string wrongCorners(const std::vector<Position>& corners) {
-  if (corners.size() < 3 || corners.size() > kMostCorners)
+  if (corners.size() < 3 || corners.size() > kMaxCorners)
     return "a room needs between 3 and 1000 corners";
   for (const Position& corner : corners)
     if (!corner.allFinite() || corner.norm() > 1e4) return "a corner is farther than 10 km away";
@@ -124,11 +124,11 @@ double RoomPlan::clearance(const Position& point) const {
 double RoomPlan::clearanceOfWay(const Position& from, const Position& to) const {
   const double length = (to - from).norm();
   double least = std::min(clearance(from), clearance(to));
-  // Clearance changes by one metre a metre at most: the next sample is where it may be less.
+  // Clearance changes by at most one metre per metre: the next sample is where it may be smaller.
   for (double way = 0; way < length;) {
     const double here = clearance(from + way / length * (to - from));
     least = std::min(least, here);
-    way += std::max(kLeastAdvance, here - least);
+    way += std::max(kMinAdvance, here - least);
   }
   return least;
 }
@@ -150,7 +150,8 @@ RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source) {
   });
   const std::string wrong = room.validate();
   if (!wrong.empty()) {
-    const std::string key = wrong.substr(0, wrong.find(' '));  // or it is about the corners
+    // The message begins with the key, unless it is about the corners.
+    const std::string key = wrong.substr(0, wrong.find(' '));
     reader.fail(root[key] ? root[key] : root["corners"] ? root["corners"] : root, wrong);
   }
   return room;

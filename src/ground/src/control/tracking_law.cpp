@@ -57,7 +57,7 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
   out.alpha = -B_inverse * (h - d * delta + e / m + K * phi / m);
   out.force = out.alpha.x();
 
-  // The acceleration with the force that the thrusters can give; only its sway part reaches u_2.
+  // The acceleration by the saturated force. Only its sway component affects u_2.
   const double applied = std::clamp(out.force, 0.0, 2 * body_.k * body_.input_max);
   const Vector v_dot = Vector(applied / m, 0) - S * v - d / m * v;
   const Vector z1_dot = v_dot + S * w_d - a_d + k_e / m * e_dot;

@@ -7,9 +7,9 @@
 namespace ground {
 namespace {
 
-constexpr int kSamples = 400;  // of a reference, to find its size
+constexpr int kSamples = 400;  // samples of a reference, to measure its size
 constexpr double kShare = 0.25;
-constexpr double kSmallest = 0.05, kLargest = 0.5;  // [m]
+constexpr double kMinError = 0.05, kMaxError = 0.5;  // [m]
 
 }  // namespace
 
@@ -20,7 +20,7 @@ double defaultMaxError(const ReferenceTrajectory& reference) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  return std::clamp(kShare * (high - low).maxCoeff() / 2, kSmallest, kLargest);
+  return std::clamp(kShare * (high - low).maxCoeff() / 2, kMinError, kMaxError);
 }
 
 void TrackingWatch::restart() {

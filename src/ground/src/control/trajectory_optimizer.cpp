@@ -11,11 +11,11 @@
 namespace ground {
 namespace {
 
-constexpr double kLeastDamping = 1e-9, kMostDamping = 1e3;
+constexpr double kMinDamping = 1e-9, kMaxDamping = 1e3;
 constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
-/// The minimum of g' d + d' H d / 2 inside low <= d <= high, H positive definite; `free` says which
-/// elements are inside their bounds.
+/// The minimum of g' d + d' H d / 2 for low <= d <= high with positive definite H. Sets which
+/// elements are not at a bound in `free`.
 Vector2<double> boxMinimum(const Eigen::Matrix2d& H, const Vector2<double>& g,
                            const Vector2<double>& low, const Vector2<double>& high,
                            std::array<bool, 2>& free) {
@@ -25,7 +25,7 @@ Vector2<double> boxMinimum(const Eigen::Matrix2d& H, const Vector2<double>& g,
                               (H(0, 1) * g(0) - H(0, 0) * g(1)) / determinant);
   free = {true, true};
   if ((whole.array() >= low.array()).all() && (whole.array() <= high.array()).all()) return whole;
-  // The minimum lies on an edge: along each, a parabola.
+  // The minimum lies on an edge; along each edge the function is a parabola.
   Vector2<double> best = Vector2<double>::Zero();
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 2; ++i) {
@@ -70,11 +70,11 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
       effect_states_(model.stateCount()),
       input_max_(model.body.input_max),
       step_(step) {
-  if (effect_states_ > kMostStates)
+  if (effect_states_ > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMostStates) +
+                                std::to_string(kMaxStates) +
                                 " states cannot be planned with");
-  if (steps < 1 || steps > kMostSteps || !(step > 0))
+  if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const auto count = static_cast<std::size_t>(steps);
   inputs_.assign(count, Vector2<double>::Zero());
@@ -115,7 +115,7 @@ void TrajectoryOptimizer::linearize(int k) {
   const State& after = states_[static_cast<std::size_t>(k) + 1];
   const Vector2<double>& input = inputs_[static_cast<std::size_t>(k)];
   Linear& linear = linear_[static_cast<std::size_t>(k)];
-  // What to take derivatives by: states by their place, then inputs.
+  // Variables of the derivatives: indices of states, then of inputs.
   std::array<int, kStates + 2> by{};
   int count = 0;
   for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
@@ -123,7 +123,7 @@ void TrajectoryOptimizer::linearize(int k) {
   if (dynamics_.usesPose()) {
     for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
   } else {
-    // Moved or turned, the craft does the same elsewhere.
+    // The motion is invariant under translation and rotation of the pose.
     linear.A.leftCols<3>().setZero();
     linear.A.topLeftCorner<3, 3>().setIdentity();
     linear.A(0, 2) = -(after(1) - state(1));
@@ -210,7 +210,7 @@ Vector2<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
-/// Adds the cost of the state that step k ends in.
+/// Adds the derivatives of the cost of the state at the end of step k.
 void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature) const {
   const State& state = states_[static_cast<std::size_t>(k) + 1];
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
@@ -240,7 +240,7 @@ void TrajectoryOptimizer::addWallCost(const State& state, State& gradient,
   curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
 }
 
-/// The feedback of the inputs that are on no bound.
+/// Feedback gain of the inputs that are not at a bound.
 TrajectoryOptimizer::Gain TrajectoryOptimizer::feedback(const Eigen::Matrix2d& damped,
                                                         const Gain& Qux,
                                                         const std::array<bool, 2>& free) {
@@ -309,7 +309,7 @@ bool TrajectoryOptimizer::backward() {
 bool TrajectoryOptimizer::improve() {
   for (int k = 0; k < steps(); ++k) linearize(k);
   if (!backward()) {
-    damping_ = std::min(kMostDamping, std::max(kLeastDamping, 10 * damping_));
+    damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
     return false;
   }
   for (double length : kLengths) {
@@ -327,11 +327,11 @@ bool TrajectoryOptimizer::improve() {
       std::swap(inputs_, tried_inputs_);
       std::swap(states_, tried_states_);
       damping_ = length == 1 ? damping_ / 5 : damping_;
-      if (damping_ < kLeastDamping) damping_ = 0;
+      if (damping_ < kMinDamping) damping_ = 0;
       return true;
     }
   }
-  damping_ = std::min(kMostDamping, std::max(kLeastDamping, 10 * damping_));
+  damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
   return false;
 }
 

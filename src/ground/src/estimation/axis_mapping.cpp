@@ -10,7 +10,7 @@ namespace ground {
 namespace {
 
 constexpr double kUnitTolerance = 0.05;
-constexpr double kUpright = 0.866;  // cosine of the most that a craft on a floor leans, 30 degrees
+constexpr double kUpright = 0.866;  // cosine of the largest lean of a craft, 30 degrees
 
 }  // namespace
 

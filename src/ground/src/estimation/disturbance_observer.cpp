@@ -24,17 +24,17 @@ const Tunables<ObserverParams>& ObserverParams::table() {
       {{"heading_noise", "rad", "Noise of the heading, 1 sigma", 1e-6, 0.5}, &P::heading_noise},
       {{"push", "m/s^1.5", "White acceleration, root density", 0, 100}, &P::push},
       {{"twist", "rad/s^1.5", "White yaw acceleration, root density", 0, 1e3}, &P::twist},
-      {{"push_drift", "m/s^2.5", "Drift of what is missing", 0, 100}, &P::push_drift},
-      {{"twist_drift", "rad/s^2.5", "Drift of what is missing", 0, 1e3}, &P::twist_drift},
+      {{"push_drift", "m/s^2.5", "Drift of missing acceleration", 0, 100}, &P::push_drift},
+      {{"twist_drift", "rad/s^2.5", "Drift of missing yaw acceleration", 0, 1e3}, &P::twist_drift},
   };
   return table;
 }
 
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
-  if (model.stateCount() > kMostStates)
+  if (model.stateCount() > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMostStates) + " states cannot be observed");
+                                std::to_string(kMaxStates) + " states cannot be observed");
   reset();
 }
 
@@ -56,7 +56,7 @@ template <typename Step>
 void DisturbanceObserver::replay(double from, double until, Step step) const {
   static const Command none;
   const std::size_t known = std::min(count_, commands_.size());
-  std::size_t age = 0;  // of the first command that acts after `from`
+  std::size_t age = 0;  // age of the command that acts at `from`, 0 for the newest
   while (age < known && recent(age).time + delay() > from) ++age;
   double now = from;
   while (now < until) {
@@ -88,10 +88,10 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
   time_ = time;
   estimate_.state = measured;
   try {
-    // The centre of the craft rather than what the mocap sees of it.
+    // The state of the craft's centre, not of the tracked point.
     estimate_.state = stateSeenAs(derivatives_, {measured.eta, measured.nu});
   } catch (const std::runtime_error&) {
-    // Begun with what was measured, it gets there by its corrections.
+    // Starts with the measurement; corrections converge to the state.
   }
   settle();
   Vector9 deviation;
@@ -111,12 +111,11 @@ void DisturbanceObserver::measure(double time, const RigidState<double>& measure
 }
 
 void DisturbanceObserver::predict(double until) {
-  // Derivatives by psi, nu and the missing acceleration; what the motion may owe to the place is
-  // left out of them.
+  // Derivatives by psi, nu and the missing acceleration. Those by x and y are neglected.
   constexpr int kPsi = 0, kNu = 1, kMissing = 4;
   RigidState<Jet> state{estimate_.state.eta.cast<Jet>(), estimate_.state.nu.cast<Jet>()};
   Vector3<Jet> missing = estimate_.missing.cast<Jet>();
-  std::array<Jet, kMostStates> effects;
+  std::array<Jet, kMaxStates> effects;
   for (std::size_t i = 0; i < effects.size(); ++i) effects[i] = Jet(estimate_.effects[i]);
   state.eta.z().v[kPsi] = 1;
   for (int i = 0; i < 3; ++i) {
@@ -165,7 +164,7 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
   estimate_.state.eta += change.head<3>();
   estimate_.state.nu += change.segment<3>(3);
   estimate_.missing += change.tail<3>();
-  // Joseph's form keeps it symmetric and positive.
+  // Joseph form: keeps the covariance symmetric and positive.
   const Matrix9 rest = Matrix9::Identity() - K * H;
   covariance_ = (rest * covariance_ * rest.transpose() +
                  K * noise.array().square().matrix().asDiagonal() * K.transpose())

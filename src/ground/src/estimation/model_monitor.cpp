@@ -8,10 +8,10 @@
 namespace ground {
 namespace {
 
-constexpr double kInputMemory = 12;  // of commands before a prediction, for delay and lag [s]
-constexpr double kSlack = 1.5;       // of the horizon: what starts earlier is no prediction over it
-/// Below these a craft does not move, and errors in parts of its motion mean nothing.
-const Vector3<double> kLeastSpread(0.01, 0.01, 0.05);
+constexpr double kInputMemory = 12;  // commands kept before a prediction, for delay and lag [s]
+constexpr double kSlack = 1.5;       // longest prediction, relative to the horizon
+/// Smallest spread by which errors are divided, that of a craft at rest [m/s], [m/s], [rad/s].
+const Vector3<double> kMinSpread(0.01, 0.01, 0.05);
 
 }  // namespace
 
@@ -51,11 +51,11 @@ void ModelMonitor::command(double time, const Vector2<double>& thrusters, double
   const double oldest = time - params_.horizon * kSlack - kInputMemory;
   const auto past = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) -
                     inputs_.times.begin() - 1;
-  if (past < static_cast<long>(inputs_.size() / 2)) return;  // now and then, not each time
+  if (past < static_cast<long>(inputs_.size() / 2)) return;  // drops many at once, to save time
   inputs_.drop(static_cast<std::size_t>(past));
 }
 
-/// The newest state that is a horizon old.
+/// The newest state that is at least one horizon old, or nullptr.
 const ModelMonitor::Sample* ModelMonitor::start(double time) const {
   const auto after =
       std::upper_bound(samples_.begin(), samples_.end(), time - params_.horizon + 1e-6,
@@ -100,7 +100,7 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
   }
   for (const Score& s : scores_) square += (s.nu - mean).cwiseAbs2() / count;
   error.mean = mean_error;
-  error.spread = square.cwiseSqrt().cwiseMax(kLeastSpread);
+  error.spread = square.cwiseSqrt().cwiseMax(kMinSpread);
   error.error = error.mean.cwiseQuotient(error.spread).sum();
   error.error_now = error.nu.cwiseAbs().cwiseQuotient(error.spread).sum();
   error.covered = time - scores_.front().time;
@@ -137,8 +137,8 @@ void ModelContest::add(double time, const ModelMonitor::Error& first,
 }
 
 std::optional<Preference> ModelContest::preference() const {
-  // Errors of overlapping predictions are alike; those of blocks a horizon long hardly are.
-  constexpr int kFewest = 4;
+  // Errors of overlapping predictions are correlated; means over blocks of one horizon hardly are.
+  constexpr int kMinBlocks = 4;
   std::vector<double> means;
   double sum = 0, count = 0;
   double end = differences_.empty() ? 0 : differences_.front().first + horizon_;
@@ -152,7 +152,7 @@ std::optional<Preference> ModelContest::preference() const {
     count += 1;
   }
   const double blocks = static_cast<double>(means.size());
-  if (means.size() < kFewest) return std::nullopt;
+  if (means.size() < kMinBlocks) return std::nullopt;
   Preference found;
   for (const double m : means) found.difference += m / blocks;
   double square = 0;

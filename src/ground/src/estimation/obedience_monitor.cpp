@@ -10,37 +10,36 @@
 namespace ground {
 namespace {
 
-constexpr double kInterval = 0.1;     // over which velocities change visibly [s]
-constexpr double kMemory = 40;        // of evidence [s]
-constexpr double kLeastHalf = 0.5;    // evidence of each half of the time
-constexpr double kMostGap = 0.25;     // without a state; beyond, an interval says nothing [s]
-constexpr double kPush = 0.03;        // white disturbance, of full thrust [1/sqrt(Hz)]
-constexpr double kTrim = 0.05;        // constant disturbance, of full thrust
-constexpr double kDrag = 0.5;         // share of the motion without thrust that may be wrong
-constexpr double kFreedom = 4;        // of Student's t
-constexpr double kPlausible = -2;     // likelihood of what is less than two deviations off
-constexpr double kLeastLift = 0.5;    // below, a craft sits as it is told
-constexpr std::size_t kMany = 4000;   // commands, before old ones are forgotten
+constexpr double kInterval = 0.1;     // length of intervals; velocities change visibly [s]
+constexpr double kMemory = 40;        // how long intervals are kept [s]
+constexpr double kMinHalf = 0.5;      // smallest evidence of each half of a period
+constexpr double kMaxGap = 0.25;      // longest gap between states within an interval [s]
+constexpr double kPush = 0.03;        // white disturbance, relative to full thrust [1/sqrt(Hz)]
+constexpr double kTrim = 0.05;        // constant disturbance, relative to full thrust
+constexpr double kDrag = 0.5;         // relative error of the motion without thrust
+constexpr double kFreedom = 4;        // degrees of freedom of Student's t
+constexpr double kPlausible = -2;     // log-likelihood of an error of about two deviations
+constexpr double kMinLift = 0.5;      // with less lift, the craft sits on the floor by command
+constexpr std::size_t kMaxCommands = 4000;  // old commands are dropped beyond this number
 
-/// Of the commanded thrust, within which a model may be wrong.
+/// Thrust relative to the commanded one, within which a model may be wrong.
 constexpr std::array<double, 3> kShares = {0.5, 1, 2};
-/// By which commands may act later than the model says: by the network, or an actuator's lag [s].
-constexpr std::array<double, 3> kLate = {0, 0.1, 0.2};
+/// Additional delays of commands, by the network or an actuator's lag [s].
+constexpr std::array<double, 3> kExtraDelays = {0, 0.1, 0.2};
 
 double square(double x) { return x * x; }
 
-/// Minus logarithm of Student's density in `dimension` dimensions, but for a constant.
+/// Minus logarithm of Student's density in `dimension` dimensions, up to a constant.
 double loss(double square_of_z, int dimension) {
   return 0.5 * (kFreedom + dimension) * std::log1p(square_of_z / kFreedom);
 }
 
-/// What a craft may do instead of what it is told: what to say, and what its thrusters get. The
-/// first one is that they get nothing.
+/// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
 struct Explanation {
-  const char* text;
-  bool swapped;
-  double left, right;  ///< shares that arrive
-  bool lifted;
+  const char* text;    ///< for messages, after "it moves"
+  bool swapped;        ///< left and right thruster are swapped
+  double left, right;  ///< thrust of the thrusters relative to the commanded one
+  bool lifted;         ///< whether the lift fan works
 };
 constexpr Explanation kExplanations[] = {
     {"as without thrust", false, 0, 0, true},
@@ -51,7 +50,7 @@ constexpr Explanation kExplanations[] = {
     {"as if the right thruster were off", false, 1, 0, true},
     {"as if it sat on the floor, without lift", false, 1, 1, false}};
 
-/// A model whose craft sits down without lift: full thrust hardly moves it then.
+/// The model with friction of the skirt, so that without lift full thrust hardly moves the craft.
 Model sitting(Model model) {
   if (!model.hasEffect("skirt_friction")) {
     model.addEffect(makeEffect("skirt_friction"));
@@ -70,7 +69,7 @@ Vector3<double> overFloor(const RigidState<double>& state) {
 
 }  // namespace
 
-/// Variances of what is predicted and measured.
+/// Variances of the difference between predicted and measured velocities.
 struct ObedienceMonitor::Spread {
   double velocity, yaw_rate;
 
@@ -89,7 +88,7 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
       most_(2 * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
   static_assert(std::size(kExplanations) == kCount);
-  static_assert(kShares.size() * kLate.size() == kToldCount && kLate.size() == kLateCount);
+  static_assert(kShares.size() * kExtraDelays.size() == kToldCount && kExtraDelays.size() == kDelayCount);
 }
 
 void ObedienceMonitor::reset() {
@@ -103,7 +102,7 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
   if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
   forgetOldCommands(time);
   for (std::size_t i = 0; i < told_.size(); ++i)
-    told_[i].add(time + kLate[i], thrusters.x(), thrusters.y(), lift);
+    told_[i].add(time + kExtraDelays[i], thrusters.x(), thrusters.y(), lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = kExplanations[i];
     const double left = e.swapped ? thrusters.y() : thrusters.x();
@@ -113,9 +112,9 @@ void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, do
 }
 
 void ObedienceMonitor::forgetOldCommands(double time) {
-  if (told_[0].size() < kMany) return;
+  if (told_[0].size() < kMaxCommands) return;
   const double oldest =
-      time - kActuatorMemory - dynamics_.inputDelay() - kLate.back() - kMostGap;
+      time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
   std::size_t count = 0;
   while (count + 1 < told_[0].size() && told_[0].times[count + 1] < oldest) ++count;
   for (InputSequence& told : told_) told.drop(count);
@@ -127,14 +126,14 @@ void ObedienceMonitor::measure(double time, const RigidState<double>& state,
   const Sample now{time, centre(state), nu_variance};
   const double elapsed = time - start_.time;
   if (started_ && elapsed < kInterval) return;
-  if (started_ && elapsed <= kMostGap && lifted()) intervals_.push_back(compare(now));
+  if (started_ && elapsed <= kMaxGap && lifted()) intervals_.push_back(compare(now));
   started_ = true;
   start_ = now;
   while (!intervals_.empty() && intervals_.front().end <= time - kMemory)
     intervals_.pop_front();
 }
 
-/// The state of the craft's centre, where the mocap sees another point or heading.
+/// The state of the craft's centre, given that of the tracked point.
 RigidState<double> ObedienceMonitor::centre(const RigidState<double>& seen) const {
   try {
     return stateSeenAs(derivatives_, {seen.eta, seen.nu});
@@ -144,7 +143,7 @@ RigidState<double> ObedienceMonitor::centre(const RigidState<double>& seen) cons
 }
 
 bool ObedienceMonitor::lifted() const {
-  return told_[0].size() > 0 && told_[0].lift.back() >= kLeastLift;
+  return told_[0].size() > 0 && told_[0].lift.back() >= kMinLift;
 }
 
 Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
@@ -179,7 +178,7 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   return interval;
 }
 
-/// For each other explanation, of the last `duration` seconds.
+/// Evidence of the last `duration` seconds for each other hypothesis.
 ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) const {
   const auto recent = [&](const Interval& i) { return i.end > start_.time - duration; };
   Told told = Told::Zero();
@@ -191,8 +190,8 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
   for (const Interval& i : intervals_) {
     if (!recent(i)) continue;
     Evidence better = i.others - i.told(best);
-    // A trim is the same in all intervals: what fits a little better in each is no evidence, except
-    // for thrust that is missing altogether.
+    // A trim is the same in all intervals, so a slightly better fit in each of them is no evidence,
+    // except for the hypothesis of no thrust.
     if (i.told(best) > kPlausible) better.tail<kCount - 1>() = better.tail<kCount - 1>().min(0);
     evidence += better;
   }
@@ -207,27 +206,27 @@ std::string ObedienceMonitor::disobedience(double duration) const {
   for (double span : {duration, 2 * duration, 4 * duration}) {
     const Evidence all = evidenceOfOthers(span), recent = evidenceOfOthers(span / 2);
     Eigen::Index best = 0;
-    if (all.maxCoeff(&best) < kEvidence || recent(best) < kLeastHalf ||
-        all(best) - recent(best) < kLeastHalf)
+    if (all.maxCoeff(&best) < kEvidence || recent(best) < kMinHalf ||
+        all(best) - recent(best) < kMinHalf)
       continue;
     return "it moves " + likely(span, best);
   }
   return "";
 }
 
-/// The explanations that are not much worse than the best one. Those intervals of the last `duration`
-/// seconds decide in which the craft clearly did not do as it was told: before, it did, which speaks
-/// against all of them. Without such an interval it is `best`.
+/// Texts of the hypotheses that are not much worse than the best one. Uses only those intervals of
+/// the last `duration` seconds in which the craft clearly did not follow its commands, because
+/// earlier obedience is evidence against all of them. Without such an interval, the text of `best`.
 std::string ObedienceMonitor::likely(double duration, Eigen::Index best) const {
   Evidence others = Evidence::Zero();
   for (const Interval& i : intervals_)
     if (i.end > start_.time - duration && i.told.maxCoeff() < kPlausible) others += i.others;
   if ((others == 0).all()) return kExplanations[best].text;
-  std::string said;
+  std::string text;
   for (Eigen::Index i = 0; i < others.size(); ++i)
     if (others(i) > others.maxCoeff() - kEvidence)
-      said += (said.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
-  return said;
+      text += (text.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
+  return text;
 }
 
 }  // namespace ground

@@ -11,11 +11,11 @@
 namespace ground {
 namespace {
 
-/// What the forward pass knew at a pose.
+/// Result of the forward pass at a pose.
 struct Step {
   MotionFilter predicted, filtered;
-  bool starts = false;  ///< begins anew: nothing before is linked to it
-  bool used = false;
+  bool starts = false;  ///< the filter restarted here, without link to earlier poses
+  bool used = false;    ///< the pose was accepted
 };
 
 void check(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
@@ -56,7 +56,7 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
       used_stamp = stamps[k];
       jump.clear();
     } else if (jump.add(stamps[k], eta.row(k), params)) {
-      // The craft is elsewhere: take the poses from the first one there once more.
+      // The craft jumped: filter again from the first pose after the jump.
       start = k - JumpDetector::kMinPoses + 1;
       k = start - 1;
       used_stamp = stamps[start];

@@ -7,13 +7,13 @@
 namespace ground {
 namespace {
 
-constexpr double kWallStep = 0.15;        // between the clocks that slewing does not explain [s]
-constexpr double kSlew = 0.1;             // fastest correction of a wall clock [s/s]; chrony: 0.083
-constexpr double kSimulatedBack = 0.05;   // that a simulated clock goes back [s]
-constexpr double kSimulatedAhead = 0.5;   // that one step is too long [s]
-constexpr double kPaceWindow = 0.5;       // over which a pace is measured [s]
-constexpr double kPaceMemory = 0.7;       // of a faster pace, kept from window to window
-constexpr double kBehindMemory = 1.0;     // of having fallen behind [s]
+constexpr double kWallStep = 0.15;       // smallest jump of a wall clock [s]
+constexpr double kSlew = 0.1;            // fastest slewing of a wall clock [s/s]; chrony: 0.083
+constexpr double kSimulatedBack = 0.05;  // smallest jump back of a simulated clock [s]
+constexpr double kSimulatedAhead = 0.5;  // smallest jump ahead of a simulated clock [s]
+constexpr double kPaceWindow = 0.5;      // duration of a measurement of the pace [s]
+constexpr double kPaceMemory = 0.7;      // smallest relative pace from one measurement to the next
+constexpr double kBehindMemory = 1.0;    // time after which a delay is no longer caught up [s]
 
 }  // namespace
 
@@ -61,7 +61,7 @@ double TimeJumpDetector::simulated(double steady, double time, double elapsed, d
   return 0;
 }
 
-/// A pause does not make the pace slow at once: time may catch up after it.
+/// Measures the pace. A pause lowers it only gradually, because the clock may catch up afterwards.
 void TimeJumpDetector::learnPace(double steady, double time) {
   const double window = steady - pace_steady_;
   if (window < kPaceWindow) return;

@@ -7,9 +7,9 @@
 namespace ground {
 namespace {
 
-constexpr int kSettled = 5;            // poses after which velocities are believed
-constexpr int kTolerated = 3;          // poses that may be left out, one made good by each used
-constexpr double kBackwardJump = 1.0;  // so much earlier is another clock, not a late pose [s]
+constexpr int kMinAccepted = 5;        // number of poses after which an estimate is valid
+constexpr int kMaxRejected = 3;        // largest count of rejected poses of a valid estimate
+constexpr double kBackwardJump = 1.0;  // an earlier stamp than this means that time jumped [s]
 
 class FiniteDifferenceEstimator : public VelocityEstimator {
  public:
@@ -17,8 +17,8 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
 
  private:
   struct Sample {
-    double time = 0;  // since the start [s]
-    double dt = 0;    // over which the velocity is the difference [s]
+    double time = 0;  // time since the start [s]
+    double dt = 0;    // interval of the difference [s]
     Vector3<double> eta = Vector3<double>::Zero();
     Vector3<double> velocity = Vector3<double>::Zero();  // difference, world frame
     Vector3<double> nu = Vector3<double>::Zero();        // filtered, body
@@ -39,7 +39,7 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
     const double since = time_ - past(0).time;
     const Vector3<double> expected = past(0).eta + since * velocity_;
     if (!sameMotion(expected, eta, since, count_ > 1 ? 1.0 : kUnknownMotion, params_)) return false;
-    // Stamps of one poll say nothing of the time between the poses: look back further.
+    // Stamps of the same poll do not give the time between poses: use an older sample.
     int back = 0;
     while (back < std::min(count_, kMaxMedian) - 1 && time_ - past(back).time < kMinInterval)
       ++back;
@@ -61,12 +61,12 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
     return true;
   }
 
-  /// `n`: differences in the median.
+  /// Sets the estimate; `n`: number of differences in the median.
   void publish(int n) {
     const Sample& newest = past(0);
     estimate_.eta = newest.eta;
     bodyMotion(velocity_, Vector3<double>::Zero(), newest.eta.z(), estimate_.nu, estimate_.nu_dot);
-    // The median is no smooth function of time: its slope is taken over its own length.
+    // The median is not smooth in time, so its slope is taken over its own length.
     estimate_.nu_dot.setZero();
     if (n > 1) {
       const Sample& oldest = past(n - 1);
@@ -77,9 +77,9 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
     for (int i = 0; i < 3; ++i) {
       const double variance = params_.noise(i) * params_.noise(i), speed = typicalSpeed(i);
       estimate_.eta_covariance(i, i) = variance;
-      // Of the noise alone, not of the median's delay. A difference has 2 sigma^2 / dt^2;
-      // neighbours are anticorrelated, so that the median of n falls off faster than 1/n (fitted
-      // to simulated noise, within 6% up to n = 31).
+      // Variance by the pose noise, without the median's delay. A difference has the variance
+      // 2 sigma^2 / dt^2. Neighbours are anticorrelated, so the variance of the median of n
+      // decreases faster than 1/n (exponent fitted to simulated noise, within 6% up to n = 31).
       estimate_.nu_covariance(i, i) =
           n > 0 ? 2 * variance / (dt * dt) / std::pow(n, kFallOff) : speed * speed;
     }
@@ -95,7 +95,7 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
   std::array<Sample, kCapacity> samples_;
   std::array<double, kMaxMedian> scratch_;
   int count_ = 0;
-  double time_ = 0;                                     // since the start [s]
+  double time_ = 0;                                     // time since the start [s]
   Vector3<double> velocity_ = Vector3<double>::Zero();  // world frame
 };
 
@@ -111,21 +111,21 @@ class KalmanEstimator : public VelocityEstimator {
 
   bool advance(double dt, const Vector3<double>& eta) override {
     filter_.predict(dt, params_);
-    const bool believed = filter_.correct(eta, params_);
+    const bool accepted = filter_.correct(eta, params_);
     publish();
-    return believed;
+    return accepted;
   }
 
   void publish() {
     estimate_.eta = filter_.position();
     bodyMotion(filter_.velocity(), filter_.acceleration(), estimate_.eta.z(), estimate_.nu,
                estimate_.nu_dot);
-    // A wrong heading turns the velocity: (u, v) += (v, -u) d psi.
+    // A heading error rotates the velocity: (u, v) += (v, -u) d psi.
     const Vector2<double> turned(estimate_.nu.y(), -estimate_.nu.x());
     const Eigen::Matrix3d &x = filter_.axis(0).P, &y = filter_.axis(1).P, &psi = filter_.axis(2).P;
     estimate_.eta_covariance.diagonal() << x(0, 0), y(0, 0), psi(0, 0);
     Matrix3<double>& C = estimate_.nu_covariance;
-    // x and y share model and noise, so that the turn into the body's frame leaves their mean.
+    // x and y have the same model and noise, so rotation into the body frame preserves their mean.
     C.topLeftCorner<2, 2>() = psi(0, 0) * turned * turned.transpose();
     C.diagonal().head<2>().array() += 0.5 * (x(1, 1) + y(1, 1));
     C.topRightCorner<2, 1>() = psi(0, 1) * turned;
@@ -155,8 +155,8 @@ void VelocityEstimator::reset() {
 
 const StateEstimate& VelocityEstimator::reject(const char* why) {
   estimate_.used = estimate_.ignored = false;
-  rejected_ = std::min(rejected_ + 1, kTolerated + 1);
-  estimate_.valid = estimate_.valid && rejected_ <= kTolerated;
+  rejected_ = std::min(rejected_ + 1, kMaxRejected + 1);
+  estimate_.valid = estimate_.valid && rejected_ <= kMaxRejected;
   estimate_.status = why;
   return estimate_;
 }
@@ -188,7 +188,7 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
   jump_.clear();
   estimate_.used = true;
   estimate_.ignored = false;
-  estimate_.valid = accepted_ >= kSettled;
+  estimate_.valid = accepted_ >= kMinAccepted;
   estimate_.status = estimate_.valid ? "" : "too few poses since the filter started";
   return estimate_;
 }

@@ -13,13 +13,13 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kSettled = 0.01;  // gain of the log-posterior that ends the search
-constexpr double kCentred = 0.02;  // mean of the relative changes of thrust that is left
-constexpr double kLongestLevel = 1.0;  // step of a level's logarithm
+constexpr double kMinGain = 0.01;      // gain of the log-posterior below which the search ends
+constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative changes of thrust
+constexpr double kMaxLevelStep = 1.0;  // longest step of a level's logarithm
 
-// Places in DisturbanceLevels::names:
+// Indices into DisturbanceLevels::names:
 constexpr int kFirstTime = 3, kFirstTrim = 11;
-constexpr int kLoud[] = {0, 1, 2, 6, 7, 8};  // follow the loudness of the run: sigma and white
+constexpr int kScaledByLoudness[] = {0, 1, 2, 6, 7, 8};  // sigma and white
 
 /// The prior of levels and loudness.
 struct Prior {
@@ -37,7 +37,7 @@ struct Prior {
   }
 };
 
-/// A step of damped scoring within bounds: parameters at a bound that want out stay there.
+/// A step of damped scoring within bounds. Parameters at a bound do not step outwards.
 Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::VectorXd& score,
                             double damping, const Free& free, const std::vector<double>& scaled) {
   const auto n = score.size();
@@ -63,7 +63,7 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
       const double low = free.lower[at] / free.scale[at], high = free.upper[at] / free.scale[at];
       const double to = scaled[at] + found(i);
       step(moving[i]) = std::clamp(to, low, high) - scaled[at];
-      // Holding it lets the others follow.
+      // Solve again with this parameter held, so that the others adapt to it.
       if ((scaled[at] <= low && to < low) || (scaled[at] >= high && to > high))
         changed = held[at] = true;
     }
@@ -73,7 +73,7 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
   return step;
 }
 
-/// Ascends to the likeliest point.
+/// Ascends to the point of largest posterior.
 class Ascent {
  public:
   Ascent(RunFilters& search, const LevelPrior& prior, const GreyBoxPoint& start,
@@ -93,7 +93,7 @@ class Ascent {
 
   GreyBoxFit run() {
     if (options_.far) {
-      // Were what differs between runs free from the start, it would take the parameters' place.
+      // With free trims from the start, differences between runs would replace the parameters.
       const std::set<int> held = held_;
       for (int i = kFirstTrim; i < kLevels; ++i) held_.insert(i);
       climb(std::numeric_limits<double>::infinity());
@@ -101,7 +101,7 @@ class Ascent {
       held_ = held;
     }
     climb(options_.cap);
-    if (centreThrust()) climb(options_.cap);  // or back
+    if (centreThrust()) climb(options_.cap);
     return result();
   }
 
@@ -111,7 +111,7 @@ class Ascent {
     return search_.evaluate(point, cap) + prior_(point) - 0.5 * away.dot(free_.prior * away);
   }
 
-  /// The free parameters' coordinates over scale, from the mean of their prior.
+  /// The free parameters' coordinates over scale, minus the mean of their prior.
   Eigen::VectorXd fromExpected(const Model& model) const {
     const std::vector<double> coordinates = model.coordinates();
     Eigen::VectorXd away = -free_.expected;
@@ -125,7 +125,7 @@ class Ascent {
     score_ = found.score.colwise().sum().transpose() - free_.prior * fromExpected(point_.model);
     information_ = found.information;
     by_acceleration_ = found.by_acceleration;
-    // What the recordings cannot tell stays as it was.
+    // Parameters do not move along directions that are not identifiable.
     const Eigen::MatrixXd unseen = knownBy(by_acceleration_).unseen;
     if (unseen.cols() == 0) return;
     score_ -= unseen * (unseen.transpose() * score_);
@@ -133,7 +133,8 @@ class Ascent {
     information_ += unseen * (unseen.transpose() * across) - across - across.transpose();
   }
 
-  /// Levels, then the loudness of each run: its derivatives are sums of those by the run's levels.
+  /// Derivatives by the levels, then by the loudness of each run. The latter are sums of
+  /// derivatives by the run's levels.
   void deriveLevels() {
     const auto found = search_.levelScores(point_);
     const auto runs = static_cast<Eigen::Index>(found.size());
@@ -149,11 +150,11 @@ class Ascent {
       level_information_.topLeftCorner<kLevels, kLevels>() += run.information;
       double slope = -kPrecision * point_.loudness[static_cast<std::size_t>(i)], bend = kPrecision;
       Eigen::VectorXd across = Eigen::VectorXd::Zero(kLevels);
-      for (const int a : kLoud) {
+      for (const int a : kScaledByLoudness) {
         slope += run.score(a);
         across += run.information.col(a);
       }
-      for (const int a : kLoud) bend += across(a);
+      for (const int a : kScaledByLoudness) bend += across(a);
       level_score_(kLevels + i) = slope;
       level_information_(kLevels + i, kLevels + i) = bend;
       level_information_.block(0, kLevels + i, kLevels, 1) = across;
@@ -167,8 +168,9 @@ class Ascent {
     }
   }
 
-  /// Thrust that is off by the same in all runs is the parameter's: along the way between the two
-  /// the likelihood is nearly flat, and steps are small.
+  /// Moves the mean of the runs' relative changes of thrust into the parameter k. The likelihood is
+  /// nearly flat along this direction, so that scoring steps would be small. Returns whether the
+  /// derivatives have to be computed again.
   bool centreThrust() {
     const auto k = std::find(options_.free.begin(), options_.free.end(), "k");
     if (k == options_.free.end() || !options_.levels || held_.count(kLevels - 1)) return false;
@@ -178,7 +180,9 @@ class Ascent {
       mean += filter.constants()(3) / count;
       square += std::pow(filter.constants()(3), 2) / count;
     }
-    if (std::abs(mean) < kCentred || std::abs(mean) < kCentred * point_.levels.thrust) return false;
+    if (std::abs(mean) < kMaxMeanThrust ||
+        std::abs(mean) < kMaxMeanThrust * point_.levels.thrust)
+      return false;
     const GreyBoxPoint before = point_;
     const std::vector<double> scaled = scaled_;
     const double best = best_;
@@ -193,13 +197,13 @@ class Ascent {
     return true;
   }
 
-  /// Parameters and levels take turns: their joint information is zero, but far from the top a
-  /// step of the levels may overshoot where one of the parameters does as expected.
+  /// Ascends by alternating steps of parameters and levels, because their joint information is
+  /// zero. Each has its own damping: far from the maximum, steps of the levels overshoot more.
   void climb(double cap) {
     best_ = value(point_, cap);
     if (!std::isfinite(best_))
       throw std::runtime_error("the model's motion along the recordings is not finite");
-    // Slow and white parts stand in for each other: the levels' steps swing unless damped.
+    // Damped, because slow and white wrench substitute for each other and steps would oscillate.
     Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
     int i = 0;
     for (; i < options_.max_iterations && !(parameters.settled && levels.settled); ++i) {
@@ -219,12 +223,12 @@ class Ascent {
   /// Ascent of the parameters alone, or of the levels alone.
   struct Turn {
     bool absent;
-    double damping, least;  ///< at the start, at the least
-    double calmer;          ///< factor on the damping after a step that did as expected
+    double damping, least;  ///< current and smallest damping
+    double calmer;          ///< factor on the damping after a step with the expected gain
     bool settled = absent;
   };
 
-  /// Moves a point and its parameters by a damped step; returns the gain that is expected.
+  /// Moves a point and its parameters by a damped step; returns the expected gain.
   using Move = double (Ascent::*)(double damping, GreyBoxPoint&, std::vector<double>& scaled) const;
 
   double moveParameters(double damping, GreyBoxPoint& point, std::vector<double>& scaled) const {
@@ -240,10 +244,10 @@ class Ascent {
     Eigen::VectorXd step = damped.ldlt().solve(level_score_);
     const double expected = level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
-      // Scoring would change the square of a deviation alone by 2 step of it, where it is likeliest.
+      // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.
       if (i < kFirstTime || i >= kFirstTime + 3)
         step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
-      step(i) = std::clamp(step(i), -kLongestLevel, kLongestLevel);
+      step(i) = std::clamp(step(i), -kMaxLevelStep, kMaxLevelStep);
     }
     point.levels = fromLogs(logs(point.levels) + step.head<kLevels>());
     for (std::size_t r = 0; r < point.loudness.size(); ++r)
@@ -262,19 +266,19 @@ class Ascent {
         point_ = other;
         scaled_ = scaled;
         best_ = found;
-        turn.settled = gain < kSettled && expected < 2 * kSettled;
-        if (gain > kSettled) other_turn.settled = other_turn.absent;
+        turn.settled = gain < kMinGain && expected < 2 * kMinGain;
+        if (gain > kMinGain) other_turn.settled = other_turn.absent;
         const double trust = gain / expected;
         turn.damping = std::max(turn.least, turn.damping * (trust > 0.5    ? turn.calmer
                                                             : trust < 0.25 ? 4
                                                                            : 1));
         return;
       }
-      if (expected < kSettled) break;
+      if (expected < kMinGain) break;
       turn.damping *= trial < 2 ? 10 : 30;
     }
     turn.settled = true;
-    value(point_, cap);  // back to where derivatives belong
+    value(point_, cap);  // sets the filters back to point_ for the next derivatives
   }
 
   GreyBoxFit result() {

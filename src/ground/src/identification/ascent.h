@@ -1,14 +1,14 @@
-// The way up to the likeliest parameters and levels.
+// Maximisation of the posterior of parameters and levels.
 #pragma once
 
 #include "run_filters.h"
 
 namespace ground::detail {
 
-/// Sets all coordinates, within the bounds of the parameters.
+/// Sets all coordinates, clamped to the bounds of the parameters.
 void setCoordinates(Model& model, const std::vector<double>& coordinates);
 
-/// The likeliest point near a start. Throws as GreyBox::fit does.
+/// The point of largest posterior near a start. Throws as GreyBox::fit does.
 GreyBoxFit ascend(RunFilters& filters, const LevelPrior& prior, const GreyBoxPoint& start,
                   const GreyBoxOptions& options);
 

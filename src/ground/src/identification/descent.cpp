@@ -11,23 +11,21 @@
 namespace ground::detail {
 namespace {
 
-/// Relative change of the cost at which the last descent ends. An exact fit has no use for the fine
-/// one, its cost falls until nothing is left of it. From near by the last step is the smallest, and
-/// fits that are compared need not agree further.
+/// Relative change of the cost at which the last descent ends: in general, and with
+/// FitOptions::near, where comparisons of fits need no finer tolerance.
 constexpr double kFineTolerance = 1e-8, kNearTolerance = 1e-6;
 
-/// Times that a parameter is released from its bound, so that none goes in circles.
+/// How often a parameter may be released from its bound, so that the search cannot cycle.
 constexpr int kMaxReleases = 5;
 
-/// Relative rise of the cost that is accepted for parameters without information to keep their
-/// start.
+/// Largest relative rise of the cost for parameters without information to keep their start.
 constexpr double kMaxRise = 0.01;
 
 double fineTolerance(const FitOptions& options) {
   return options.near ? kNearTolerance : kFineTolerance;
 }
 
-/// Ends a solve when a parameter has come to a bound.
+/// Ends a solve when a parameter has reached a bound.
 class AtBound : public ceres::IterationCallback {
  public:
   AtBound(const Free& free, const std::vector<double>& scaled) : free_(free), scaled_(scaled) {}
@@ -44,8 +42,8 @@ class AtBound : public ceres::IterationCallback {
   const std::vector<double>& scaled_;
 };
 
-/// One solve by ceres; `scaled` and `initial` are start and result. With `until_bound` it ends at
-/// the first bound that it meets.
+/// One solve by ceres; `scaled` and `initial` are start and result. With `until_bound` it ends when
+/// a parameter reaches a bound.
 ceres::Solver::Summary solve(Linearisation& windows, const Free& free, const RobustLoss& robust,
                              double tolerance, int iterations, bool until_bound,
                              std::vector<double>& scaled, Initials& initial) {
@@ -69,7 +67,7 @@ ceres::Solver::Summary solve(Linearisation& windows, const Free& free, const Rob
   }
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = iterations;
-  // Steps are cut off at the bounds; to search along each would cost as much as the steps do.
+  // Steps are cut at the bounds; a line search along each would cost as much as the steps.
   options.max_num_line_search_step_size_iterations = 0;
   options.function_tolerance = tolerance;
   options.parameter_tolerance = 1e-10;
@@ -102,18 +100,18 @@ Eigen::VectorXd gradient(Linearisation& windows, const Free& free, const RobustL
   return sum.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n));
 }
 
-/// Whether a parameter is on one of its bounds.
+/// Whether parameter i is on one of its bounds.
 bool onBound(const Free& free, const Solution& at, std::size_t i) {
   return free.inward(i, at.scaled[i]) != 0;
 }
 
-/// Whether the cost falls from the bound of a parameter into its range.
+/// Whether the cost decreases from the bound of parameter i into its range.
 bool fallsInwards(const Eigen::VectorXd& slope, const Free& free, const Solution& at,
                   std::size_t i) {
   return slope(i) * free.inward(i, at.scaled[i]) < -1e-6 * (1e-6 + at.cost);
 }
 
-/// The free parameters that are not held, based at a solution.
+/// The free parameters that are not held; the held ones have the values of a solution.
 Free moving(const Free& free, const std::vector<bool>& held, const Solution& at) {
   Free result;
   result.base = free.coordinates(at.scaled.data());
@@ -127,7 +125,7 @@ Free moving(const Free& free, const std::vector<bool>& held, const Solution& at)
   return result;
 }
 
-/// Moves a solution to the end of one solve in which the `held` parameters stay.
+/// One solve from a solution, in which the `held` parameters are constant.
 void solveBeside(const std::vector<bool>& held, Linearisation& windows, const Free& free,
                  const RobustLoss& robust, double tolerance, const FitOptions& options,
                  Solution& solution) {
@@ -148,8 +146,8 @@ void solveBeside(const std::vector<bool>& held, Linearisation& windows, const Fr
     if (!held[i]) solution.scaled[i] = scaled[j++];
 }
 
-/// The parameters to hold at first: those that are fixed, and with `near` those on a bound from which
-/// the cost does not fall inwards.
+/// The parameters to hold at first: the fixed ones, and with `near` those on a bound from which the
+/// cost does not decrease inwards.
 std::vector<bool> heldAtFirst(Linearisation& windows, const Free& free, const RobustLoss& robust,
                               bool near, const std::vector<bool>& fixed, Solution& solution) {
   std::vector<bool> held = fixed;
@@ -163,7 +161,7 @@ std::vector<bool> heldAtFirst(Linearisation& windows, const Free& free, const Ro
   return held;
 }
 
-/// Holds the parameters that have come to a bound; whether there are any.
+/// Holds the parameters that have reached a bound; returns whether there are any.
 bool holdOnBounds(const Free& free, const Solution& solution, std::vector<bool>& held) {
   bool changed = false;
   for (std::size_t i = 0; i < held.size(); ++i)
@@ -171,10 +169,9 @@ bool holdOnBounds(const Free& free, const Solution& solution, std::vector<bool>&
   return changed;
 }
 
-/// Descends by one loss with an active set of bounds. The solver's steps shorten to nothing in
-/// front of a bound, whatever the other parameters still have to go; so those that have come to a
-/// bound are held there while the others go on, and are released when the cost falls inwards.
-/// Parameters that are `fixed` stay where they are.
+/// Descends by one loss with an active set of bounds. In front of a bound the solver's steps
+/// shorten to zero for all parameters. Parameters at a bound are therefore held while the others
+/// continue, and are released if the cost decreases inwards. `fixed` parameters are constant.
 void descendWithinBounds(Linearisation& windows, const Free& free, const RobustLoss& robust,
                          double tolerance, const FitOptions& options, Solution& solution,
                          std::vector<bool> fixed = {}) {

@@ -12,15 +12,15 @@
 
 namespace ground::detail {
 
-/// Relative change of the cost at which a descent ends: one that only has to come near, and one
-/// that another follows.
+/// Relative change of the cost at which a descent ends: for an approximate solution, and for a
+/// descent that is followed by a finer one.
 constexpr double kApproachTolerance = 5e-2, kCoarseTolerance = 1e-5;
 
-/// Widths of the losses to descend by, one after the other. Least squares come first, they have the
-/// widest basin; absolute values are approached from them.
+/// Widths of the losses to descend by, one after the other. Least squares come first because they
+/// have the widest basin of attraction; smaller widths approach absolute values.
 std::vector<double> lossesOf(FitOptions::Objective objective);
 
-/// Where a descent ended.
+/// End of a descent.
 struct Solution {
   std::vector<double> scaled;  ///< free parameters, in coordinates over scale
   Initials initial;
@@ -28,20 +28,20 @@ struct Solution {
   double cost = kInfinity;   ///< half the sum of the losses
   int iterations = 0;
   bool usable = false, converged = false;
-  std::string message;  ///< of the solver
+  std::string message;  ///< message of the solver
 };
 
-/// Descends from `scaled` by one loss after the other, to the fine tolerance by the last, to
-/// `coarse` by those before and by least squares.
+/// Descends from `scaled` by one loss after the other. The last loss ends at the fine tolerance
+/// unless it is least squares; all others end at `coarse`.
 Solution descend(Linearisation& windows, const Free& free, const std::vector<double>& losses,
                  const FitOptions& options, std::vector<double> scaled, Initials initial,
                  double coarse = kCoarseTolerance);
 
-/// The same fit with its start along directions that the data do not see (columns of `unseen`): on
-/// its way a descent may have gone any length along them. As many parameters as there are such
-/// directions, those that move most along them, are put back to their start, and the others are
-/// fitted beside them. Returns what was found where that raises the cost: the data do rule the
-/// start out.
+/// Moves a solution back to its start along directions that are not identifiable (columns of
+/// `unseen`), along which a descent may have moved any distance. For each such direction, the
+/// parameter that changes most along it is fixed at its start, and the other parameters are fitted
+/// again. Returns `found` if this raises the cost by more than 1%, which means that the data rule
+/// out the start.
 Solution startKept(Linearisation& windows, const Free& free, const Eigen::MatrixXd& unseen,
                    const FitOptions& options, const Solution& found);
 

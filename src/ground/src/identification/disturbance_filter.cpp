@@ -22,7 +22,7 @@ void inverseRoot(const double S[3][3], double weight, double root[3][3]) {
     for (int j = 0; j < 3; ++j) root[i][j] = weight * rows[i][j];
 }
 
-/// The state of the filter as it goes through a run.
+/// The state of the filter during a run.
 class Pass {
  public:
   Pass(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses,
@@ -37,7 +37,7 @@ class Pass {
     mobility_ = mobility_.inverse().eval();
   }
 
-  /// A stretch begins at sample k: pose and velocity are those measured.
+  /// Begins a stretch at sample k, with measured pose and velocity.
   void start(std::size_t k) {
     if (k > 0) passGap(simulation_, run_.times[k]);
     const auto row = static_cast<Eigen::Index>(k);
@@ -46,7 +46,7 @@ class Pass {
     covariance_.start(random_, k == 0);
   }
 
-  /// Takes in the pose of sample k, and fills in what belongs to it.
+  /// Kalman correction by the pose of sample k; fills in its FilterSample.
   void correct(std::size_t k, double cap, FilterSample& s) {
     s.predicted = at_;
     compare(k, s);
@@ -73,7 +73,7 @@ class Pass {
       for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance_.P[i][j];
   }
 
-  /// Goes on to the time of the next sample, s.dt later.
+  /// Kalman prediction to the time of the next sample, s.dt later.
   void move(double until, FilterSample& s) {
     simulation_.state() = seeded();
     simulation_.advance(until);
@@ -103,7 +103,7 @@ class Pass {
   }
 
  private:
-  static constexpr int kThrust = 6;  ///< direction of a Jet
+  static constexpr int kThrust = 6;  ///< index of the derivative by thrust in a Jet
 
   static std::vector<Jet> coordinatesWithThrust(const Model& model) {
     std::vector<Jet> coordinates;
@@ -112,7 +112,7 @@ class Pass {
     return coordinates;
   }
 
-  /// The state with derivatives by itself.
+  /// The state as variables 0 to 5 of a Jet.
   RigidState<Jet> seeded() const {
     RigidState<Jet> state;
     for (int i = 0; i < 3; ++i) {
@@ -131,7 +131,8 @@ class Pass {
     s.innovation(2) = wrapAngle(s.innovation(2));
   }
 
-  /// Gives an innovation that is farther off than `cap` the noise that makes it as far as that.
+  /// Increases the noise of an innovation beyond the Mahalanobis limit `cap` so that it equals the
+  /// limit; sets the whitening and the log-density.
   static void weigh(const double S[3][3], double cap, double inverse[3][3], FilterSample& s) {
     double distance = 0;
     for (int a = 0; a < 3; ++a)
@@ -158,7 +159,7 @@ class Pass {
     }
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < 3; ++j) {
-        double sum = 0;  // the mean of the motion by velocity at the step's start and end
+        double sum = 0;  // mean of the derivatives by velocity at the step's start and end
         for (int l = 0; l < 3; ++l)
           sum += (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0)) * mobility_(l, j);
         s.response[i][j] = 0.5 * s.dt * sum;

@@ -1,4 +1,4 @@
-// Extended Kalman filter of one recording, with the disturbance as states of its own.
+// Extended Kalman filter along one recording, with the disturbance as additional states.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,43 +18,45 @@ constexpr int kFilterStates = 13;
 using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;
 using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
-/// What the filter leaves behind at a sample: all that derivatives of its innovations need.
+/// Output of the filter at a sample: everything that derivatives of its innovations need.
 struct FilterSample {
   RigidState<double> predicted, filtered;
-  Vector3<double> push;                        ///< wrench that acts until the next sample
-  double gain[kFilterStates][3];               ///< of the innovation
-  double whitening[3][3];                      ///< inverse of the root of its covariance, lower
+  Vector3<double> push;           ///< wrench that acts until the next sample
+  double gain[kFilterStates][3];  ///< Kalman gain
+  double whitening[3][3];         ///< inverse Cholesky factor of the innovation's covariance, lower
   Vector3<double> innovation;
-  double seen[3][6];                           ///< derivative of the pose by pose and velocity
-  double motion[6][6];                         ///< of the next pose and velocity by these
-  double response[6][3];                       ///< of these by a wrench that is held
-  double by_thrust[6];                         ///< of these by a relative change of all thrust
-  double dt;                                   ///< to the next sample; 0 at the end of a stretch
-  double log_density;                          ///< of the pose after those before it; 0 at a start
-  bool starts;                                 ///< a stretch: nothing is carried over but trims
-  bool capped;                                 ///< counts as noisier than its level says
+  double seen[3][6];              ///< derivative of the pose by pose and velocity
+  double motion[6][6];            ///< derivative of the next pose and velocity by these
+  double response[6][3];          ///< derivative of the next pose and velocity by a held wrench
+  double by_thrust[6];            ///< derivative of these by a relative change of all thrust
+  double dt;                      ///< time to the next sample; 0 at the end of a stretch [s]
+  double log_density;             ///< log-density of the pose given those before it; 0 at a start
+  bool starts;                    ///< first sample of a stretch: only the trims are carried over
+  bool capped;                    ///< the noise of the pose was increased (GreyBoxOptions::cap)
 };
 
-/// What the filter believes at a sample, having seen its pose.
+/// Filtered state at a sample: its distribution given the poses up to and including the sample.
 struct FilterBelief {
   int sample = 0;
   Vector13 mean = Vector13::Zero();
   Matrix13 covariance = Matrix13::Zero();
-  double log_likelihood = 0;  ///< of the poses so far
-  Eigen::MatrixXd sensitivity;  ///< of the mean to free parameters' coordinates over scale
+  double log_likelihood = 0;  ///< log-likelihood of the poses so far
+  Eigen::MatrixXd sensitivity;  ///< derivative of the mean by free coordinates over scale
 };
 
-/// Derivatives of the log-likelihood of one run, added up over blocks of time.
+/// Derivatives of the log-likelihood of one run by coordinates over scale, summed over blocks of
+/// time.
 struct RunScores {
   Eigen::MatrixXd score;        ///< a row a block
   Eigen::MatrixXd information;
-  /// The information if not the disturbance's wrench stays the same when parameters change but the
-  /// acceleration that was seen. A craft twice as heavy under twice the wrenches moves alike, and
-  /// the wrench's level is fitted: only by accelerations does the mass stay as unknown as it is.
+  /// Information if parameters change while the accelerations by the disturbance stay the same,
+  /// instead of its wrenches. A craft twice as heavy under twice the wrenches has the same motion,
+  /// and the level of the wrench is fitted, so only this information shows that the mass is not
+  /// identifiable.
   Eigen::MatrixXd by_acceleration;
 };
 
-/// The same by the logarithms of the levels.
+/// Derivatives of the log-likelihood of one run by the logarithms of the levels.
 struct RunLevelScores {
   Eigen::VectorXd score;
   Eigen::MatrixXd information;
@@ -62,11 +64,11 @@ struct RunLevelScores {
 
 class DisturbanceFilter {
  public:
-  /// The run has to outlive it.
+  /// The run must outlive the filter.
   DisturbanceFilter(const RunData& run, double max_gap);
 
-  /// Filters the run; returns the log-likelihood, not finite where the motion is not. Levels are
-  /// those of this run. Fills in `kept`, beliefs whose samples are given in ascending order.
+  /// Filters the run; returns the log-likelihood, NaN if the motion is not finite. `levels` are
+  /// those of this run. Fills in the beliefs in `kept`, whose samples are given in ascending order.
   double run(const Model& model, const DisturbanceLevels& levels, double cap,
              std::vector<FilterBelief>* kept = nullptr);
 
@@ -74,12 +76,12 @@ class DisturbanceFilter {
   /// the beliefs in `kept`, in ascending order of their samples.
   RunScores scores(const Model& model, const Free& free, double block,
                    std::vector<FilterBelief>* kept = nullptr) const;
-  /// By the logarithms of the levels, all samples together.
+  /// Derivatives by the logarithms of the levels, over all samples.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
-  /// Whitened innovations' response to wrenches, held from sample to sample, (3 n, columns).
+  /// Response of the whitened innovations to wrenches held from sample to sample, (3 n, columns).
   Eigen::MatrixXd responses(const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
 
-  /// The log-likelihood of blocks of time; not finite where the motion is not.
+  /// The log-likelihood of blocks of time; not finite if the motion is not finite.
   Eigen::VectorXd densities(double block) const;
 
   const std::vector<FilterSample>& samples() const { return samples_; }
@@ -89,9 +91,9 @@ class DisturbanceFilter {
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }
   const Eigen::Vector4d& constantsSigma() const { return constants_sigma_; }
-  /// The Ornstein-Uhlenbeck wrench as filtered, one row a sample.
+  /// The filtered Ornstein-Uhlenbeck wrench, one row a sample.
   const Eigen::MatrixX3d& wrench() const { return wrench_; }
-  /// The constant states as filtered, one row a sample.
+  /// The filtered constant states, one row a sample.
   const Eigen::MatrixX4d& constantsSoFar() const { return constants_; }
 
  private:
@@ -105,7 +107,7 @@ class DisturbanceFilter {
   Eigen::MatrixX3d wrench_;
   Eigen::MatrixX4d constants_;
   Eigen::Vector4d constants_sigma_;
-  DisturbanceLevels levels_;  ///< of the last run()
+  DisturbanceLevels levels_;  ///< levels of the last run()
 };
 
 }  // namespace ground::detail

@@ -1,4 +1,4 @@
-// What a fit says of its parameters.
+// Estimates of the parameters of a fit, with intervals.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,15 +11,15 @@ namespace ground::detail {
 /// Correlation of the estimates, (n, n).
 Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free);
 
-/// Condition number of the scaled information; infinite when it is singular.
+/// Condition number of the scaled information; infinite if it is singular.
 double conditionOf(const Uncertainty& u);
 
-/// Quantile of Student's t that ends a 95% interval.
+/// 97.5% quantile of Student's t, for 95% intervals.
 double quantileOf(double freedom);
 
-/// What is told of the free parameter `i`: its value before the fit and its interval of `quantile`
-/// deviations to either side. `scaled` and `deviation` are of its coordinate over its scale; an
-/// infinite deviation means that it is not identifiable from the data.
+/// Estimate of the free parameter `i`, with the interval of `quantile` deviations to either side.
+/// `before` is its value before the fit. `scaled` and `deviation` are those of its coordinate over
+/// its scale; an infinite deviation means that it is not identifiable from the data.
 FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
                            double scaled, double deviation, double quantile, double before);
 

@@ -8,8 +8,8 @@
 namespace ground::detail {
 namespace {
 
-/// How the filter's state changes with free parameters, a column for each: first under the same
-/// wrenches of the disturbance, then (half() columns on) under the same accelerations.
+/// Derivatives of the filter's state by free parameters, a column for each: first with the same
+/// wrenches of the disturbance, then (from column half() on) with the same accelerations.
 class Sensitivity {
  public:
   Sensitivity(const Model& model, const Free& free, const RunData& run)
@@ -34,7 +34,7 @@ class Sensitivity {
 
   int half() const { return groups_ * Jet::kDirections; }
   int columns() const { return 2 * half(); }
-  /// Of element a of the whitened innovation.
+  /// Derivatives of element a of the whitened innovation.
   const double* white(int a) const { return white_.data() + a * columns(); }
 
   void forget(double until) {
@@ -58,7 +58,7 @@ class Sensitivity {
                      columns());
   }
 
-  /// Under the same wrenches, (kFilterStates, parameters).
+  /// Derivatives with the same wrenches, (kFilterStates, parameters).
   Eigen::MatrixXd underWrenches() const {
     Eigen::MatrixXd sensitivity(kN, n_);
     for (int i = 0; i < kN; ++i)
@@ -96,7 +96,7 @@ class Sensitivity {
     }
   }
 
-  int n_, groups_;  ///< parameters; groups of as many as a Jet has directions
+  int n_, groups_;  ///< number of parameters; number of groups of Jet::kDirections parameters
   std::vector<Dynamics<Jet>> dynamics_;
   std::vector<Matrix3<Jet>> mobility_;
   std::vector<Simulation<Jet>> simulations_;
@@ -105,18 +105,18 @@ class Sensitivity {
 
 constexpr int kPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
 constexpr int kColumns = kPasses * Lanes::kCount;
-constexpr double kSmall = 1e-3;  // change of a level's logarithm
+constexpr double kLevelChange = 1e-3;  // change of a level's logarithm for finite differences
 /// Derivatives at a sample by the levels: three of the whitened innovation, six of its covariance.
 using LevelRows = std::array<std::array<double, kColumns>, 9>;
 
-/// How the filter goes on when a level is changed a little, one level in each lane.
+/// Finite differences of the filter by the levels, one level in each lane.
 class LevelDeviation {
  public:
   LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise, int pass)
       : first_(pass * Lanes::kCount), unchanged_(randomOf(levels, noise)) {
     for (int lane = 0; lane < Lanes::kCount; ++lane) {
       auto values = levels.values();
-      if (first_ + lane < kLevels) values[first_ + lane] *= std::exp(kSmall);
+      if (first_ + lane < kLevels) values[first_ + lane] *= std::exp(kLevelChange);
       setLane(lane, randomOf(DisturbanceLevels::of(values), noise));
     }
     for (Lanes& value : x_) value = Lanes(0.0);
@@ -151,7 +151,7 @@ class LevelDeviation {
     const auto unchanged = unchanged_.over(s.dt);
     covariance_.move(s, step);
     moveDeviation(s, step.left, step.mean, x_, 1);
-    // The wrench itself decays otherwise.
+    // A different correlation time changes the decay of the filtered wrench.
     for (int i = 0; i < 3; ++i) {
       const Lanes more = (step.mean[i] - Lanes(unchanged.mean[i])) * Lanes(wrench_(6 + i));
       for (int j = 0; j < 6; ++j) x_[j] += Lanes(s.response[j][i]) * more;
@@ -171,7 +171,7 @@ class LevelDeviation {
     for (int i = 0; i < 4; ++i) random_.constant[i][lane] = one.constant[i];
   }
 
-  /// Where the noise was raised for one pose, the deviation follows the gain that the filter had.
+  /// Uses the gain of the unchanged levels, for a pose whose noise was increased.
   static void takeGain(const FilterSample& s, Lanes K[kN][3]) {
     for (int i = 0; i < kN; ++i)
       for (int a = 0; a < 3; ++a) K[i][a] = Lanes(s.gain[i][a]);
@@ -202,7 +202,7 @@ class LevelDeviation {
 
   void put(const Lanes& change, std::array<double, kColumns>& row) const {
     for (int lane = 0; lane < Lanes::kCount; ++lane)
-      row[static_cast<std::size_t>(first_ + lane)] = change[lane] / kSmall;
+      row[static_cast<std::size_t>(first_ + lane)] = change[lane] / kLevelChange;
   }
 
   void correctState(const FilterSample& s, const Lanes K[kN][3], const Lanes innovation[3]) {
@@ -220,10 +220,10 @@ class LevelDeviation {
   Random<Lanes> random_;
   Covariance<Lanes> covariance_;
   Lanes x_[kN];
-  Vector13 wrench_ = Vector13::Zero();  ///< of the filter itself; its last elements are not used
+  Vector13 wrench_ = Vector13::Zero();  ///< filtered wrench at elements 6 to 8; others are not used
 };
 
-/// Score and information of the levels, from a sample's rows and its whitened innovation.
+/// Sums of score and information of the levels over samples.
 class LevelSums {
  public:
   void add(const LevelRows& rows, const Vector3<double>& e) {
@@ -234,7 +234,7 @@ class LevelSums {
         addScore(a == b ? 0.5 * (e(a) * e(a) - 1) : e(a) * e(b), rows[at++]);
     }
     for (std::size_t i = 0; i < rows.size(); ++i) {
-      // Diagonal elements of the covariance count half, the others stand for two.
+      // Weight 1/2 for diagonal elements of the covariance; the others occur twice in the matrix.
       const double weight = i == 3 || i == 5 || i == 8 ? 0.5 : 1.0;
       for (std::size_t l = 0; l < kLevels; ++l) {
         const double factor = weight * rows[i][l];
@@ -261,7 +261,7 @@ class LevelSums {
   double information_[kLevels][kColumns] = {}, score_[kColumns] = {};
 };
 
-/// Adds up what a sample tells of n parameters: `sums` is (n, columns), by rows.
+/// Adds the information of a sample about n parameters to `sums`, (n, columns), row by row.
 void addInformation(const Sensitivity& sensitivity, int n, std::vector<double>& sums) {
   const int half = sensitivity.half(), count = sensitivity.columns();
   for (int a = 0; a < 3; ++a) {

@@ -10,19 +10,23 @@
 namespace ground::detail {
 
 constexpr int kN = kFilterStates;
-// From pose to pose errors stay far below their noise; twice the step of a simulation.
-constexpr double kFilterStep = 0.01;  // [s]
-// Standard deviations of a stretch's first state, generously: pose as measured, velocity smoothed.
+// Longest step [s], twice that of a simulation: between poses its error is far below the pose
+// noise.
+constexpr double kFilterStep = 0.01;
+// Standard deviations of a stretch's first state, measured pose and smoothed velocity; deliberately
+// large. [m], [rad], [m/s], [rad/s]
 constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, kFirstYawRate = 3.0;
 
-/// Levels as the recursion needs them, of one set (double) or eight side by side (Lanes).
+/// Variances that the recursion uses, for one set of levels (double) or eight sets (Lanes).
 template <typename V>
 struct Random {
-  V variance[3], time[3], white[3];  ///< of X, Y, N: stationary variance, [s], density
-  V noise[3];                        ///< variance of x, y, psi
+  V variance[3], time[3], white[3];  ///< X, Y, N: stationary variance, correlation time, density
+  V noise[3];                        ///< variance of measured x, y, psi
   V constant[4];                     ///< variance of the constant states
 
-  /// Over a step of length h [s]: what is left of the wrench, its mean over the step, noise.
+  /// The wrench over a step of length h [s]. For an initial Ornstein-Uhlenbeck wrench d its end has
+  /// mean left * d and variance `added`; its time average has mean `mean` * d. The average of the
+  /// white wrench has variance `density`.
   struct Step {
     V left[3], mean[3], added[3], density[3];
   };
@@ -54,12 +58,12 @@ inline Random<double> randomOf(const DisturbanceLevels& levels, const Vector3<do
   return random;
 }
 
-/// Covariance of the filter's state, whole and symmetric.
+/// Covariance of the filter's state, a full symmetric matrix.
 template <typename V>
 struct Covariance {
   V P[kN][kN];
 
-  /// Pose and velocity anew; `first`: also what is constant.
+  /// Initial covariance of a stretch. Keeps that of the constant states unless `first`.
   void start(const Random<V>& random, bool first) {
     const int known = first ? kN : 9;
     for (int i = 0; i < kN; ++i)
@@ -72,7 +76,7 @@ struct Covariance {
     for (int i = 9; first && i < kN; ++i) P[i][i] = random.constant[i - 9];
   }
 
-  /// S = H P H' + R and P H'.
+  /// Computes P H' and S = H P H' + R.
   void see(const FilterSample& s, const Random<V>& random, V PH[kN][3], V S[3][3]) const {
     for (int i = 0; i < kN; ++i)
       for (int a = 0; a < 3; ++a) {
@@ -104,7 +108,7 @@ struct Covariance {
   }
 
  private:
-  /// Covariance of the moved pose and velocity with the state before.
+  /// Covariance of the next pose and velocity with the state before the step.
   void moveOnce(const FilterSample& s, const typename Random<V>::Step& step, V top[6][kN]) const {
     V push[3][kN];  // covariance of the wrench that acts with the state
     for (int j = 0; j < kN; ++j) {
@@ -119,10 +123,10 @@ struct Covariance {
     }
   }
 
-  /// Covariance of pose and velocity, with the noise that comes in on the way.
+  /// Covariance of the next pose and velocity, with the process noise of the step.
   void moveMotion(const FilterSample& s, const typename Random<V>::Step& step,
                   const V top[6][kN]) {
-    V pushed[6][3];  // covariance with the wrench that acts, and a third of its noise
+    V pushed[6][3];  // covariance with the acting wrench, including a third of its noise
     for (int i = 0; i < 6; ++i)
       for (int k = 0; k < 3; ++k)
         pushed[i][k] = (step.mean[k] * top[i][6 + k] + top[i][9 + k]) +
@@ -136,12 +140,12 @@ struct Covariance {
       }
   }
 
-  /// Covariances with the wrench and with what is constant.
+  /// Covariances with the wrench and with the constant states.
   void moveWrench(const FilterSample& s, const typename Random<V>::Step& step,
                   const V top[6][kN]) {
     for (int i = 0; i < 6; ++i) {
       for (int k = 0; k < 3; ++k) {
-        const V half = V(s.response[i][k]) * step.added[k] * V(0.5);  // of the noise on the way
+        const V half = V(s.response[i][k]) * step.added[k] * V(0.5);  // process noise of the step
         P[i][6 + k] = P[6 + k][i] = top[i][6 + k] * step.left[k] + half;
       }
       for (int k = 9; k < kN; ++k) P[i][k] = P[k][i] = top[i][k];
@@ -178,7 +182,7 @@ void gainOf(const V PH[kN][3], const V inverse[3][3], V K[kN][3]) {
       K[i][a] = PH[i][0] * inverse[0][a] + PH[i][1] * inverse[1][a] + PH[i][2] * inverse[2][a];
 }
 
-/// Moves deviations of the filter's state, a row a state, each row `count` long.
+/// Propagates `count` deviations of the filter's state by one step; x is (kN, count), row by row.
 template <typename V>
 void moveDeviation(const FilterSample& s, const V left[3], const V mean[3], V* x, int count) {
   const auto at = [&](int i) { return x + i * count; };
@@ -196,19 +200,20 @@ void moveDeviation(const FilterSample& s, const V left[3], const V mean[3], V* x
   }
 }
 
-/// Starts a stretch anew: only what is constant is carried over.
+/// Sets deviations to zero at the start of a stretch, except for those of the constant states.
 template <typename V>
 void forgetDeviation(V* x, int count) {
   for (int i = 0; i < 9 * count; ++i) x[i] = V(0.0);
 }
 
-/// Lets actuators follow their commands while the motion is not known.
+/// Advances the actuators over a gap, in which the motion is not known.
 inline void passGap(Simulation<Jet>& simulation, double until) {
   simulation.state() = {};
   simulation.advance(until);
 }
 
-/// The part of a change of the innovation that is left of it as whitened; and the state's.
+/// Corrects `count` deviations of the state by the filter's gain. `white`: deviations of the
+/// whitened innovation. `unseen`: direct changes of the measurement, or null.
 inline void correctDeviation(const FilterSample& s, const double* unseen, double* x, double* white,
                       int count) {
   for (int j = 0; j < count; ++j) {

@@ -19,9 +19,9 @@ namespace {
 /// Descents from all starts that could be simulated.
 struct Descents {
   Solution best;
-  std::vector<double> costs;  ///< at the end of each
+  std::vector<double> costs;  ///< cost at the end of each
 
-  /// How many came to the same end as the best.
+  /// How many converged to the best cost.
   int atBest() const {
     const double same = best.cost + 1e-4 * std::abs(best.cost) + 1e-12;
     return static_cast<int>(
@@ -33,8 +33,8 @@ bool isRobust(const FitOptions& options) {
   return options.objective == FitOptions::Objective::kLeastSquares;
 }
 
-/// Descends from every start, by way of a fit to short pieces if there are any. Throws
-/// std::runtime_error when that from the model's own values fails: they are what the user gave.
+/// Descends from every start, after a fit to short pieces if given. Throws std::runtime_error if
+/// the descent from the model's values, which the user chose, fails.
 Descents descendFromStarts(Linearisation& windows, const SimulationError* short_pieces,
                            const Free& free, const FitOptions& options) {
   const Model& model = windows.model();
@@ -62,8 +62,8 @@ Descents descendFromStarts(Linearisation& windows, const SimulationError* short_
   return result;
 }
 
-/// Goes on from least squares by the robust loss, whose width follows from the residuals if none is
-/// given. Returns what was found where there are no outliers.
+/// Continues from least squares with the robust loss; without a given width, the residuals set it.
+/// Returns `found` for an exact fit or if the robust fit fails.
 Solution weighOutliers(Linearisation& windows, const Free& free, const FitOptions& options,
                        const Solution& found) {
   const double delta =
@@ -77,8 +77,8 @@ Solution weighOutliers(Linearisation& windows, const Free& free, const FitOption
   return robust;
 }
 
-/// Uncertainty of the solution, which is moved back to its start along the directions that the
-/// data do not see.
+/// Uncertainty of the solution. First moves the solution back to its start along directions that
+/// are not identifiable.
 Uncertainty judge(Linearisation& windows, const Free& free, const FitOptions& options,
                   Solution& solution) {
   const Uncertainty first = uncertainty(windows, free, solution, options.block);
@@ -95,7 +95,7 @@ Model modelAt(const Model& model, const Free& free, const Solution& solution) {
   const std::vector<double> coordinates = free.coordinates(solution.scaled.data());
   const auto infos = model.parameters();
   std::vector<double> values = model.values();
-  // On a bound rounding may have taken a value outside.
+  // Rounding may take a value at a bound out of its range.
   for (const int i : free.index)
     values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
   Model result = model;
@@ -103,7 +103,7 @@ Model modelAt(const Model& model, const Free& free, const Solution& solution) {
   return result;
 }
 
-/// The thesis's objective (3.4) from given initial states. Throws std::runtime_error when the model
+/// The thesis's objective (3.4) from given initial states. Throws std::runtime_error if the model
 /// cannot be simulated.
 double thesisObjective(const SimulationError& problem, const Model& model,
                        const Initials& initial) {

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
 
-/// A root of a covariance that may be singular.
+/// Square root of a covariance that may be singular.
 Matrix13 rootOf(const Matrix13& covariance) {
   const Eigen::LDLT<Matrix13> ldlt(covariance);
   const Matrix13 lower = ldlt.matrixL();
@@ -36,12 +36,12 @@ class Normal {
   std::normal_distribution<double> normal_;
 };
 
-/// How the random wrench changes over the step to the next sample.
+/// Change of the random wrench over the step to the next sample.
 struct WrenchStep {
   double dt;              ///< [s]
-  Vector3<double> left;   ///< share of the Ornstein-Uhlenbeck wrench that is left
-  Vector3<double> fresh;  ///< standard deviation of what is added to it [N], [N m]
-  Vector3<double> white;  ///< standard deviation of the white wrench's mean [N], [N m]
+  Vector3<double> left;   ///< fraction of the Ornstein-Uhlenbeck wrench that remains
+  Vector3<double> fresh;  ///< standard deviation of its random change [N], [N m]
+  Vector3<double> white;  ///< standard deviation of the white wrench's average [N], [N m]
 };
 
 /// The steps to the samples after `first`.
@@ -111,7 +111,7 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
   Eigen::MatrixXd drawn(count, 6 * draws);  // channels of a draw beside each other
   Normal normal(random);
   std::size_t at = 0;
-  double passed = 0;  // weight of the alternatives before
+  double passed = 0;  // total weight of the earlier alternatives
   for (Eigen::Index i = 0; i < draws; ++i) {
     const double share = (static_cast<double>(i) + 0.5) / static_cast<double>(draws);
     while (at + 1 < alternatives.size() && passed + alternatives[at].weight < share)
@@ -122,7 +122,7 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
     if (model.away.size() > 0) from += sensitivity * model.away;
     auto rows = drawn.middleCols(6 * i, 6);
     drawMotion(run, model.model, steps[at], from, first, normal, rows);
-    // Each row has its own band: one draw of the noise for all rows keeps the bands smooth.
+    // Bands are computed row by row, so one draw of the noise for all rows keeps them smooth.
     Eigen::Matrix<double, 6, 1> noise;
     noise << one.levels.position * run.noise(0), one.levels.position * run.noise(1),
         one.levels.heading * run.noise(2), options.velocity_noise;
@@ -130,8 +130,8 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
   }
   Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
                   Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6)};
-  // The real motion has any rank among the drawn ones with the same probability: ends that are
-  // order statistics hold `part` of the real ones exactly, however few draws there are.
+  // The real motion has every rank among the draws with equal probability, so a band between order
+  // statistics has coverage `part` for any number of draws.
   const auto outside = static_cast<Eigen::Index>(
       std::lround(0.5 * (1 - options.part) * (static_cast<double>(draws) + 1)));
   std::vector<double> values(static_cast<std::size_t>(draws));

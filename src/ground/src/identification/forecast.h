@@ -1,4 +1,4 @@
-// Monte Carlo prediction of a run from what the filter knows at a sample.
+// Monte Carlo prediction of a run from the filtered state at a sample.
 #pragma once
 
 #include <random>
@@ -9,7 +9,7 @@
 
 namespace ground::detail {
 
-/// What the filter believes at a sample under some levels.
+/// The filtered state at a sample for one set of levels.
 struct Alternative {
   DisturbanceLevels levels;
   FilterBelief belief;
@@ -19,12 +19,12 @@ struct Alternative {
 /// Parameters of one draw.
 struct DrawnModel {
   Model model;
-  Eigen::VectorXd away;  ///< from the likeliest ones, coordinates over scale
+  Eigen::VectorXd away;  ///< deviation from the maximum-likelihood values, coordinates over scale
 };
 
 /// Draws a motion of each model from belief.sample (the same in all alternatives) to sample `last`.
-/// Each alternative gets its weight's share of the draws. `sensitivity`: of the belief's mean to
-/// DrawnModel::away.
+/// Each alternative gets a number of draws in proportion to its weight. `sensitivity`: derivative
+/// of the belief's mean by DrawnModel::away.
 Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
                     const std::vector<Alternative>& alternatives,
                     const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,

@@ -17,7 +17,7 @@ void addFree(const ParameterInfo& info, int index, double coordinate, double sca
   free.reciprocal.push_back(reciprocal);
   free.lower.push_back(reciprocal ? info.toCoordinate(info.upper) : info.lower);
   free.upper.push_back(reciprocal ? info.toCoordinate(info.lower) : info.upper);
-  // A bound that the value may not reach, as of a mass, still has to be a number to the solver.
+  // The solver needs a closed bound also for an open range, such as that of a mass.
   const bool infinite = reciprocal && free.lower.back() == 0 && !std::isinf(info.neutral);
   if (infinite || free.lower.back() == std::numeric_limits<double>::min())
     free.lower.back() = 1e-6 * free.scale.back();
@@ -29,8 +29,8 @@ void refuseUnidentifiable(const std::vector<std::string>& names) {
   };
   if (has("k") && has("I_z") && (has("m") || has("l")))
     throw std::invalid_argument(
-        "m or l cannot be free together with k and I_z: velocities only tell k/m, k l/I_z and the "
-        "dampings over m and I_z; weigh the craft and measure its lever");
+        "m or l cannot be free together with k and I_z: velocities only identify k/m, k l/I_z and "
+        "the dampings over m and I_z; weigh the craft and measure its lever");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Parameters that a fit may change, in numbers of order one.
+// The free parameters of a fit, scaled to order one.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,10 +12,10 @@ namespace ground::detail {
 /// Scaling between solver variables of order one and coordinates of the model.
 struct Free {
   std::vector<double> base;  ///< coordinates of all parameters, the free ones at their start
-  std::vector<int> index;
+  std::vector<int> index;    ///< indices of the free parameters in Model::parameters()
   std::vector<double> scale, lower, upper;  ///< bounds in coordinates
-  std::vector<bool> reciprocal;             ///< the value is one over the coordinate
-  /// Precision and mean of their prior, by coordinates over scale.
+  std::vector<bool> reciprocal;             ///< the coordinate is 1/value
+  /// Precision and mean of the prior of coordinates over scale.
   Eigen::MatrixXd prior;
   Eigen::VectorXd expected;
 
@@ -24,10 +24,10 @@ struct Free {
     for (std::size_t i = 0; i < index.size(); ++i) all[index[i]] = scaled[i] * scale[i];
     return all;
   }
-  /// Whether the value grows with the coordinate, or falls.
+  /// 1 if the value increases with the coordinate, -1 if it decreases.
   double sign(int i) const { return reciprocal[i] ? -1 : 1; }
-  /// Sign of the way from the bound that a value sits on into the range; 0 inside the range. A step
-  /// that is cut off short of the bound by rounding is on it.
+  /// Direction from a bound into the range: 1 on the lower bound, -1 on the upper bound, 0 inside.
+  /// The tolerance allows for steps that rounding cuts before the bound.
   int inward(std::size_t i, double scaled) const {
     constexpr double kOnBound = 1e-7;
     return scaled - lower[i] / scale[i] <= kOnBound   ? 1
@@ -37,7 +37,7 @@ struct Free {
 };
 
 /// The named parameters at the model's values. Throws std::invalid_argument on an unknown or
-/// repeated name and on masses, levers and thrusts that motion does not distinguish.
+/// repeated name, and on a set of mass, lever, inertia and thrust that is not identifiable.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
 
 }  // namespace ground::detail

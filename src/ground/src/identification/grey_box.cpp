@@ -18,9 +18,10 @@ using namespace detail;
 
 namespace {
 
-constexpr double kVague = 0.3;  // deviation of parameters without information, in parts of the scale
+// Standard deviation of parameters without information, in coordinates over scale.
+constexpr double kVagueDeviation = 0.3;
 
-/// Throws std::invalid_argument.
+/// Throws std::invalid_argument on bad options.
 void checkForecast(const ForecastOptions& options, std::size_t samples) {
   for (std::size_t i = 0; i < options.starts.size(); ++i) {
     const int start = options.starts[i];
@@ -37,7 +38,7 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     throw std::invalid_argument("too few draws for the ends of the band");
 }
 
-/// Values of a run's loudness to weigh, relative to the one expected.
+/// Values of a run's loudness to average over, relative to the expected one.
 std::vector<double> loudnessAbout(bool unknown) {
   if (!unknown) return {0};
   std::vector<double> values;
@@ -45,14 +46,14 @@ std::vector<double> loudnessAbout(bool unknown) {
   return values;
 }
 
-/// A model for each draw, its uncertain parameters within their bounds.
+/// A model for each draw, with uncertain parameters clamped to their bounds.
 std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& options,
                                    const Free& free, std::mt19937_64& random) {
   const auto n = static_cast<Eigen::Index>(options.free.size());
   if (n == 0)
     return std::vector<DrawnModel>(static_cast<std::size_t>(options.draws), {model, {}});
   Eigen::MatrixXd information = options.information;
-  information.diagonal().array() += 1 / (kVague * kVague);
+  information.diagonal().array() += 1 / (kVagueDeviation * kVagueDeviation);
   const Eigen::LLT<Eigen::MatrixXd> root(information);
   std::normal_distribution<double> normal;
   std::vector<DrawnModel> models;
@@ -73,7 +74,7 @@ std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& op
   return models;
 }
 
-/// From logarithms to weights that sum to 1.
+/// Converts logarithms of weights to weights that sum to 1.
 void normaliseWeights(std::vector<Alternative>& alternatives) {
   double largest = -kInfinity, sum = 0;
   for (const Alternative& one : alternatives) largest = std::max(largest, one.weight);
@@ -113,7 +114,8 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
   std::vector<double> scaled;
   for (std::size_t i = 0; i < free.index.size(); ++i)
     scaled.push_back(free.base[free.index[i]] / free.scale[i]);
-  const auto at = [&](const Eigen::VectorXd& away) {  // of levels' logarithms and loudness
+  // `away`: change of the levels' logarithms and of the loudness.
+  const auto at = [&](const Eigen::VectorXd& away) {
     GreyBoxPoint point = fit.point;
     point.levels = fromLogs(logs(point.levels) + away.head<kLevels>());
     point.loudness.resize(runs_.size(), 0.0);
@@ -127,27 +129,27 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
       Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
   Eigen::VectorXd lost = Eigen::VectorXd::Zero(count);
   for (int c = 0; c < count; ++c) {
-    constexpr double kStep = 0.3;  // of a logarithm: the slope of a mean over what is likely
+    constexpr double kStep = 0.3;  // of a logarithm: averages the slope over the likely range
     if (c < kLevels && std::count(options.held.begin(), options.held.end(), names[c])) continue;
     const Eigen::VectorXd away = kStep * Eigen::VectorXd::Unit(count, c);
     const Known more = at(away), less = at(-away);
     slopes.col(c) = (more.variance - less.variance) / (2 * kStep);
     lost(c) = (less.volume - more.volume) / (2 * kStep);
   }
-  // Levels come out low, for the parameters follow some of what is random: one Newton step to where
-  // the restricted likelihood is largest (Patterson and Thompson 1971).
+  // Fitted levels are biased low, because the parameters also fit part of the disturbance: one
+  // Newton step to the maximum of the restricted likelihood (Patterson and Thompson 1971).
   const Eigen::LDLT<Eigen::MatrixXd> levels(fit.level_information);
   const Eigen::VectorXd away = 0.5 * levels.solve(lost);
   const Known known = at(away);
   const Eigen::VectorXd& variance = known.variance;
-  // Twice the squared mean over the variance: of the estimated variances (Satterthwaite 1946).
+  // Satterthwaite (1946): twice the squared variance over the variance of the estimated variance.
   const Eigen::MatrixXd doubt = slopes * levels.solve(slopes.transpose());
-  constexpr double kLeast = 3, kMost = 1e6;  // degrees of freedom
+  constexpr double kMinFreedom = 3, kMaxFreedom = 1e6;  // degrees of freedom
   std::vector<double> freedom;
   for (Eigen::Index i = 0; i < variance.size(); ++i)
-    freedom.push_back(doubt(i, i) > 0
-                          ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i), kLeast, kMost)
-                          : kMost);
+    freedom.push_back(doubt(i, i) > 0 ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i),
+                                                   kMinFreedom, kMaxFreedom)
+                                      : kMaxFreedom);
   return estimatesBy(known, fit.point.model, free, scaled, freedom);
 }
 
@@ -238,7 +240,8 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   free.scale = options.scale;
   const std::vector<DrawnModel> models = drawModels(point.model, options, free, random);
   for (auto& possible : alternatives) normaliseWeights(possible);
-  // It hardly depends on the levels: those that are likeliest in the end serve all alternatives.
+  // The sensitivity hardly depends on the levels: the most probable ones at the last start serve
+  // all alternatives.
   std::vector<FilterBelief> sensitive(options.starts.size());
   for (std::size_t i = 0; i < sensitive.size(); ++i) sensitive[i].sample = options.starts[i];
   if (!options.free.empty() && !alternatives.empty()) {

@@ -16,15 +16,15 @@
 namespace ground {
 namespace detail {
 
-/// A wrench from outside the model, of the scalar type of the dynamics it is put into.
+/// An additional wrench whose value, with derivatives, is set from outside.
 class OutsideWrench final : public Effect {
  public:
   const EffectInfo& info() const override {
-    static const EffectInfo info{"outside wrench", "wrench that the model does not know", {}, 0};
+    static const EffectInfo info{"outside wrench", "wrench from outside the model", {}, 0};
     return info;
   }
   unsigned hooks() const override { return kWrench; }
-  /// Itself: whoever sets the value is the one who steps the dynamics.
+  /// The object itself, because one thread sets the value and steps the dynamics.
   std::shared_ptr<const Effect> forThread() const override {
     return std::shared_ptr<const Effect>(std::shared_ptr<const Effect>(), this);
   }
@@ -41,10 +41,12 @@ namespace {
 
 using detail::OutsideWrench;
 
-constexpr int kSettling = 10;    // samples until a stretch's initial state is found
-constexpr double kLimit = 25.0;  // of an innovation's squared Mahalanobis distance, 3 degrees
+constexpr int kSettling = 10;  // samples for the filter to settle at the start of a stretch
+// Limit of an innovation's squared Mahalanobis distance, 3 degrees of freedom.
+constexpr double kMaxDistance = 25.0;
 
-/// The state at a linearisation point, with no wrench, and which derivatives a Jet carries.
+/// The state at a linearisation point, with zero wrench, as variables of a Jet. `columns`: which of
+/// the nine elements of state and wrench are variables.
 struct Seeded {
   RigidState<Jet> state;
   Vector3<Jet> wrench = Vector3<Jet>::Zero();
@@ -59,7 +61,7 @@ struct Seeded {
   }
 };
 
-/// Inertia-free view of the model's wrench: what the inputs add to the acceleration, times mass.
+/// Wrench of the thrusters: the acceleration that the inputs cause, times the mass matrix.
 Vector3<double> thrustWrench(const Dynamics<Jet>& dynamics, OutsideWrench& outside, double t,
                              const RigidState<double>& at, const Vector2<Jet>& input, double lift) {
   const Seeded seeded(at, {6, 7, 8});
@@ -83,7 +85,7 @@ double liftAt(const InputSequence& inputs, double t) {
 
 }  // namespace
 
-/// What the smoother needs of a forward pass, per sample.
+/// Results of the forward pass that the smoother needs, per sample.
 struct WrenchFilter::Pass {
   explicit Pass(std::size_t count)
       : predicted(count),
@@ -126,14 +128,14 @@ class WrenchFilter::Lineariser {
       along_.push_back(stateSeenAs(dynamics_, {run.eta.row(k), run.nu.row(k)}));
   }
 
-  /// A stretch begins at sample k.
+  /// Begins a stretch at sample k.
   void start(std::size_t k) {
     simulations_.clear();
     for (std::size_t p = 0; p < passes_.size(); ++p)
       simulations_.emplace_back(dynamics_, run_.inputs, RigidState<Jet>(), run_.times[k]);
   }
 
-  /// What is seen at sample k.
+  /// Linearises the measurement at sample k.
   void see(std::size_t k, Sample& sample) const {
     const Seeded here(along_[k], {0, 1, 2, 3, 4, 5});
     const Measurement<Jet> seen = dynamics_.measure(here.state);
@@ -149,14 +151,14 @@ class WrenchFilter::Lineariser {
     sample.dt = 0;
   }
 
-  /// The wrench of the thrusters at sample k, body_frd.
+  /// The wrench of the thrusters at sample k, body.
   Vector3<double> thrust(std::size_t k) {
     return thrustWrench(dynamics_, outside_, run_.inputs.drive.since(run_.times[k]), along_[k],
                         simulations_[0].actuated(),
                         liftAt(run_.inputs, run_.times[k] - dynamics_.inputDelay().a));
   }
 
-  /// The motion from sample k to the next.
+  /// Linearises the motion from sample k to the next.
   void move(std::size_t k, Sample& sample) {
     sample.dt = run_.times[k + 1] - run_.times[k];
     for (std::size_t p = 0; p < passes_.size(); ++p) {
@@ -191,7 +193,8 @@ class WrenchFilter::Lineariser {
   const Eigen::MatrixX3d& poses_;
   detail::OutsideWrench outside_;
   Dynamics<Jet> dynamics_;
-  /// A Jet carries eight derivatives. The ninth, by y, only matters to effects that depend on place.
+  /// The elements by which to differentiate in each pass. A Jet has eight derivatives; the ninth,
+  /// by y, takes a second pass and matters only to effects that depend on the position.
   std::vector<std::vector<int>> passes_ = {{0, 2, 3, 4, 5, 6, 7, 8}};
   std::vector<RigidState<double>> along_;  ///< the measured motion
   std::vector<Simulation<Jet>> simulations_;
@@ -216,7 +219,8 @@ void WrenchFilter::linearise(const Model& model, const RunData& run,
 
 WrenchFilter::Matrix9 WrenchFilter::initialCovariance(WrenchNature nature,
                                                       const WrenchNoise& noise) const {
-  constexpr double kSpeed = 0.3, kYawRate = 3.0;  // errors of smoothed velocities, generously
+  // Standard deviations of smoothed velocities, deliberately large [m/s], [rad/s].
+  constexpr double kSpeed = 0.3, kYawRate = 3.0;
   Vector9 sigma;
   sigma << 3 * noise.position, 3 * noise.position, 3 * noise.heading, kSpeed, kSpeed, kYawRate,
       force_scale_, force_scale_, moment_scale_;
@@ -236,7 +240,7 @@ WrenchFilter::Matrix9 WrenchFilter::processNoise(const Sample& sample, WrenchNat
     Q.topLeftCorner<6, 6>() = scaled * by_wrench.transpose() / sample.dt;
     return Q;
   }
-  // Integrals over a step in which the response to a wrench grows in proportion to time.
+  // Integrals over a step during which the response to a wrench grows linearly.
   Q.topLeftCorner<6, 6>() = scaled * by_wrench.transpose() * (sample.dt / 3);
   Q.topRightCorner<6, 3>() = scaled * (sample.dt / 2);
   Q.bottomLeftCorner<3, 6>() = Q.topRightCorner<6, 3>().transpose();
@@ -267,7 +271,7 @@ Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, 
       S.diagonal() += variance;
       Matrix3<double> inverse = S.inverse();
       const double distance = innovation.dot(inverse * innovation);
-      const double inflation = std::max(1.0, distance / kLimit);
+      const double inflation = std::max(1.0, distance / kMaxDistance);
       inverse /= inflation;
       const Vector2<double> ahead = worldToBody<double>(sample.heading, innovation.head<2>());
       const double c = std::cos(sample.heading), si = std::sin(sample.heading);
@@ -279,7 +283,7 @@ Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, 
       if (k - stretches_[s] >= kSettling) {
         result.valid[k] = true;
         result.log_likelihood -= 0.5 * (std::log(S.determinant()) + 3 * std::log(inflation) +
-                                        std::min(distance, kLimit));
+                                        std::min(distance, kMaxDistance));
       }
       const Eigen::Matrix<double, 9, 3> K = PH * inverse;
       x += K * innovation;
@@ -360,7 +364,7 @@ InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::Matri
     Matrix9 P = pass.filtered_covariance[last];
     for (int k = last; k >= first; --k) {
       if (k < last) {
-        // Rauch, Tung, Striebel 1965; scaled, for the units' sizes are far apart
+        // Rauch, Tung, Striebel 1965; scaled, because the states differ by orders of magnitude.
         const Matrix9& next = pass.predicted_covariance[k + 1];
         const Vector9 scale = next.diagonal().cwiseSqrt().cwiseInverse();
         const Matrix9 scaled = scale.asDiagonal() * next * scale.asDiagonal();
@@ -379,15 +383,16 @@ InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::Matri
   return result;
 }
 
-/// The filter is linear: its error when only the acting wrench is at work follows the same gains.
+/// Responses to acting wrenches. The filter is linear, so its error under one wrench alone follows
+/// from the same gains.
 void WrenchFilter::respond(const Pass& pass, const Eigen::MatrixXd& acting,
                            const std::vector<int>& channels, Eigen::MatrixXd& responses) const {
-  constexpr int kTogether = 16;
-  using Errors = Eigen::Matrix<double, 9, kTogether>;
+  constexpr int kBatch = 16;  // wrenches computed together
+  using Errors = Eigen::Matrix<double, 9, kBatch>;
   std::vector<Errors> predicted(samples_.size()), filtered(samples_.size());
   responses.resize(static_cast<Eigen::Index>(samples_.size()), acting.cols());
-  for (Eigen::Index begin = 0; begin < acting.cols(); begin += kTogether) {
-    const Eigen::Index end = std::min<Eigen::Index>(acting.cols(), begin + kTogether);
+  for (Eigen::Index begin = 0; begin < acting.cols(); begin += kBatch) {
+    const Eigen::Index end = std::min<Eigen::Index>(acting.cols(), begin + kBatch);
     for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
       const int first = stretches_[s], last = stretches_[s + 1] - 1;
       for (int k = first; k <= last; ++k) {

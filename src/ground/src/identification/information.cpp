@@ -11,7 +11,8 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kUnidentified = 30;  // deviation in parts of a parameter's typical size
+// Largest deviation, relative to a parameter's typical size, of an identified parameter.
+constexpr double kMaxDeviation = 30;
 
 }  // namespace
 
@@ -22,18 +23,20 @@ Known knownBy(const Eigen::MatrixXd& information) {
   const Eigen::MatrixXd even =
       size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
-  constexpr double kUnseen = 1e-10;      // eigenvalue, as a share of the largest
-  constexpr double kTakesPart = 1e-12;  // squared share of a parameter in a direction
-  Eigen::Index first = 0;  // direction that is seen
-  while (first < n && !(eigen.eigenvalues()(first) > kUnseen * eigen.eigenvalues()(n - 1))) ++first;
+  constexpr double kMinEigenvalue = 1e-10;     // of identifiable directions, over the largest
+  constexpr double kMaxParticipation = 1e-12;  // squared, of identified parameters in the others
+  Eigen::Index first = 0;                      // first identifiable direction
+  while (first < n &&
+         !(eigen.eigenvalues()(first) > kMinEigenvalue * eigen.eigenvalues()(n - 1)))
+    ++first;
   const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.eigenvectors();
   Known known;
   known.variance = directions.rightCols(n - first).cwiseAbs2() *
                    eigen.eigenvalues().tail(n - first).cwiseInverse();
   for (Eigen::Index i = 0; i < n; ++i)
     known.identified.push_back(
-        eigen.eigenvectors().row(i).head(first).squaredNorm() < kTakesPart &&
-        known.variance(i) < kUnidentified * kUnidentified);
+        eigen.eigenvectors().row(i).head(first).squaredNorm() < kMaxParticipation &&
+        known.variance(i) < kMaxDeviation * kMaxDeviation);
   known.volume = eigen.eigenvalues().tail(n - first).array().log().sum() +
                  2 * size.array().log().sum();
   known.unseen = directions.leftCols(first).householderQr().householderQ() *
@@ -47,7 +50,7 @@ std::vector<FittedParameter> estimatesBy(const Known& known, const Model& model,
   std::vector<FittedParameter> result;
   const auto infos = model.parameters();
   for (std::size_t i = 0; i < scaled.size(); ++i) {
-    constexpr double kNormal = 1.959964;
+    constexpr double kNormal = 1.959964;  // 97.5% quantile
     const double deviation =
         known.identified[i] ? std::sqrt(known.variance(static_cast<Eigen::Index>(i))) : kInfinity;
     const ParameterInfo& info = infos[free.index[i]];

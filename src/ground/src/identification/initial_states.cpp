@@ -35,7 +35,7 @@ class InitialCost {
         residualsOf(problem_, model_, coordinates_, {}, window_, state, jacobian != nullptr);
     const Eigen::Index rows = found.residuals.size();
     if (!found.finite) {
-      // The solver takes a step back from what is not finite.
+      // The solver rejects a step to residuals that are not finite.
       std::fill_n(residuals, rows, kInfinity);
       return false;
     }

@@ -9,11 +9,10 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kMostKept = 64e6;  // bytes of derivatives
-/// Work that is worth starting threads for [s].
-constexpr double kLittle = 300e-6;
+constexpr double kMaxKept = 64e6;         // derivatives that are kept [bytes]
+constexpr double kMinThreadWork = 300e-6;  // shorter work runs in one thread [s]
 
-/// First row of a part of a window of so many samples.
+/// First row of a part of a window with `samples` samples.
 int firstRow(int samples, int part, int parts) {
   return 3 * static_cast<int>(static_cast<long long>(samples) * part / parts);
 }
@@ -22,7 +21,7 @@ int firstRow(int samples, int part, int parts) {
 
 /// Residuals and derivatives of a group of windows.
 struct Linearisation::Rows {
-  bool fresh = false;  ///< holds derivatives at the point that is kept
+  bool fresh = false;  ///< holds derivatives at the kept point
   LaneRows lanes;
   std::vector<WindowResiduals> alone;
 
@@ -39,7 +38,7 @@ Linearisation::Linearisation(const SimulationError& problem, const Model& model,
     : problem_(problem), model_(model), threads_(threads) {}
 Linearisation::~Linearisation() = default;
 
-/// Makes room to keep the derivatives at a point, if they are not too many.
+/// Prepares to keep the derivatives at a point, unless they are too large.
 void Linearisation::keepFor(const ParameterPoint& point, std::size_t groups) {
   const auto columns = static_cast<double>(point.free.size()) + problem_.initialSize();
   double samples = 0;
@@ -47,7 +46,7 @@ void Linearisation::keepFor(const ParameterPoint& point, std::size_t groups) {
   coordinates_ = point.coordinates;
   free_ = point.free;
   initial_ = point.initial;
-  kept_.resize(3 * sizeof(double) * samples * columns < kMostKept ? groups : 0);
+  kept_.resize(3 * sizeof(double) * samples * columns < kMaxKept ? groups : 0);
   for (auto& rows : kept_) {
     if (!rows) rows = std::make_unique<Rows>();
     rows->fresh = false;
@@ -71,7 +70,7 @@ void Linearisation::evaluate(const ParameterPoint& point, bool derivatives, cons
                     initial_ == point.initial;
   if (derivatives && !same) keepFor(point, groups->size());
   const auto begin = std::chrono::steady_clock::now();
-  const int threads = work_[derivatives] < kLittle ? 1 : threadCount(threads_);
+  const int threads = work_[derivatives] < kMinThreadWork ? 1 : threadCount(threads_);
   inParallel(groups->size(), threads, [&](std::size_t g) {
     const WindowPlans::Group& group = (*groups)[g];
     const bool keep = !kept_.empty() && (derivatives || (same && kept_[g]->fresh));
@@ -153,7 +152,7 @@ void Linearisation::normalEquations(
       }
       return;
     }
-    // The lanes' parts end at visits of their own.
+    // Each lane's parts end at different visits.
     const int lanes = static_cast<int>(group.windows.size());
     int counts[Lanes::kCount], samples[Lanes::kCount], part[Lanes::kCount] = {};
     for (int lane = 0; lane < lanes; ++lane) {

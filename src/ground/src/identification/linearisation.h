@@ -1,4 +1,4 @@
-// Residuals of all windows at a point, simulated once whatever loss they are put under.
+// Residuals of all windows at a point. One simulation serves all losses.
 #pragma once
 
 #include <functional>
@@ -12,33 +12,33 @@
 
 namespace ground::detail {
 
-/// Where windows are simulated.
+/// Parameters and initial states at which windows are simulated.
 struct ParameterPoint {
-  std::vector<double> coordinates;  ///< of the model
-  const std::vector<int>& free;     ///< parameters to take derivatives by
-  const Initials& initial;          ///< states of the windows
+  std::vector<double> coordinates;  ///< coordinates of the model
+  const std::vector<int>& free;     ///< indices of the parameters to differentiate by
+  const Initials& initial;          ///< initial states of the windows
 };
 
-/// Residuals of all windows and their derivatives. It keeps those of the last point at which it
-/// took derivatives, up to 64 MB: the robust loss starts and the uncertainty is found where a
-/// descent ended, without another simulation. For one fit at a time.
+/// Residuals of all windows and their derivatives. Keeps those of the last point with derivatives,
+/// up to 64 MB, so that the robust loss and the uncertainty need no simulation at the end of a
+/// descent. For one fit at a time.
 class Linearisation {
  public:
-  /// Over so many threads (0: all cores). Problem and model have to outlive it.
+  /// Uses `threads` threads (0: all cores). Problem and model must outlive it.
   Linearisation(const SimulationError& problem, const Model& model, int threads);
   ~Linearisation();
 
-  /// Loss of each window; not finite where a simulation is not. With `derivatives` it takes and
-  /// keeps these as well, for normalEquations at the same point.
+  /// Loss of each window; not finite if its simulation is not finite. With `derivatives` it also
+  /// computes and keeps these, for normalEquations at the same point.
   std::vector<double> losses(const ParameterPoint& point, const Weigh& weigh,
                              bool derivatives = false);
 
   /// Residuals of all windows that can be simulated.
   std::vector<double> residuals(const ParameterPoint& point);
 
-  /// Calls take(window, part, equations) for each window and part, in any order, from any of the
-  /// threads. A window is divided into parts(window) stretches of time. Equations are not finite
-  /// where the simulation is not.
+  /// Calls take(window, part, equations) for each window and part, in any order, from any thread. A
+  /// window is divided into parts(window) stretches of time. Equations are not finite if the
+  /// simulation is not finite.
   void normalEquations(const ParameterPoint& point, const Weigh& weigh,
                        const std::function<int(int window)>& parts,
                        const std::function<void(int, int, const NormalEquations&)>& take);
@@ -57,13 +57,13 @@ class Linearisation {
   const SimulationError& problem_;
   const Model& model_;
   const int threads_;
-  std::vector<std::unique_ptr<Rows>> kept_;  ///< of the groups of windows, or empty
-  std::vector<double> coordinates_;          ///< what they were taken at
+  std::vector<std::unique_ptr<Rows>> kept_;  ///< rows of each group of windows, or empty
+  std::vector<double> coordinates_;          ///< point of kept_: coordinates, free_ and initial_
   std::vector<int> free_;
   Initials initial_;
   std::vector<std::unique_ptr<Rows>> spare_;
-  std::mutex mutex_;  ///< of spare_
-  /// Work of the last evaluation, without and with derivatives [s].
+  std::mutex mutex_;  ///< guards spare_
+  /// CPU time of the last evaluation, without and with derivatives [s].
   double work_[2] = {kInfinity, kInfinity};
 };
 

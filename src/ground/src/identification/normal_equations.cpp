@@ -5,13 +5,13 @@
 namespace ground::detail {
 namespace {
 
-// Columns that are multiplied with as many others at once: their products fill the registers.
+// Size of the column blocks that are multiplied at once: their products fill the registers.
 #ifdef __AVX512F__
 constexpr int kBlock = 4;
 #else
 constexpr int kBlock = 2;
 #endif
-constexpr int kTile = 48;  // rows that stay near while all blocks pass over them
+constexpr int kTile = 48;  // rows that stay in the cache while all blocks are multiplied
 
 const double* flat(const Lanes* x) { return reinterpret_cast<const double*>(x); }
 double* flat(Lanes* x) { return reinterpret_cast<double*>(x); }

@@ -10,7 +10,8 @@
 
 namespace ground::detail {
 
-/// J'WJ, J's and the loss. Columns of J are the free parameters, then a window's initial state.
+/// Normal equations: A = J'WJ, b = J's, and the loss. Columns of J are the free parameters, then a
+/// window's initial state.
 struct NormalEquations {
   Eigen::MatrixXd A;
   Eigen::VectorXd b;
@@ -27,25 +28,25 @@ struct NormalEquations {
   NormalEquations& operator-=(const NormalEquations& other);
 };
 
-/// Derivatives of a window's residuals, a row each; the columns are the free parameters, then the
-/// numbers of the initial state, then as many zeros as make them a multiple of eight.
+/// Derivatives of a window's residuals, a row each. The columns are the free parameters, then the
+/// initial state, then zeros up to a multiple of eight.
 using Derivatives = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Residuals of a window at some parameters and initial state.
 struct WindowResiduals {
   int window;
-  bool finite;                ///< else the simulation was not
-  Eigen::VectorXd residuals;  ///< u, v, r (x, y, psi) after each other for every sample
-  Derivatives derivatives;    ///< empty where not asked for
+  bool finite;                ///< whether the simulation is finite
+  Eigen::VectorXd residuals;  ///< u, v, r (or x, y, psi) of each sample in turn
+  Derivatives derivatives;    ///< empty unless requested
 };
 
-/// Residuals and derivatives of windows side by side: three rows a visit.
+/// Residuals and derivatives of up to eight windows in lanes: three rows a visit.
 struct LaneRows {
   std::vector<Lanes> residuals;
-  std::vector<Lanes> derivatives;  ///< `stride` of each residual: the columns, then zeros
+  std::vector<Lanes> derivatives;  ///< `stride` per residual: the columns, then zeros
   int stride = 0;
 
-  /// Makes room for so many rows; derivatives beyond the columns are zero.
+  /// Allocates rows; derivatives beyond the columns are zero.
   void prepare(int rows, int columns);
 };
 
@@ -53,12 +54,12 @@ struct LaneRows {
 NormalEquations normalEquations(const WindowResiduals& rows, int columns, int first, int last,
                                 const Weigh& weigh);
 
-/// Sums of the normal equations of several windows side by side.
+/// Sums of the normal equations of up to eight windows in lanes.
 class LaneSums {
  public:
   explicit LaneSums(int columns);
   void add(const LaneRows& rows, int first, int last, const Weigh& weigh);
-  /// Moves the sums of one lane out and sets them to zero.
+  /// Sets `result` to the sums of one lane, and these sums to zero.
   void take(int lane, NormalEquations& result);
 
  private:
@@ -68,7 +69,7 @@ class LaneSums {
   Lanes loss_ = 0.0;
 };
 
-/// Sums of the losses of each lane.
+/// Sum of the losses of each lane.
 Lanes losses(const std::vector<Lanes>& residuals, const Weigh& weigh);
 
 }  // namespace ground::detail

@@ -1,4 +1,4 @@
-// Work shared out over threads.
+// Distributes work over threads.
 #pragma once
 
 #include <sched.h>
@@ -10,7 +10,7 @@
 
 namespace ground::detail {
 
-/// Number of threads: for 0 as many as the process may use cores.
+/// Number of threads: `wanted`, or for 0 the number of cores that the process may use.
 inline int threadCount(int wanted) {
   if (wanted > 0) return wanted;
   cpu_set_t cores;

@@ -1,4 +1,4 @@
-// The loss that residuals are put under: Pseudo-Huber.
+// Pseudo-Huber loss of residuals.
 #pragma once
 
 #include <cmath>
@@ -9,14 +9,14 @@ namespace ground::detail {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// What a loss makes of each of `count` residuals: weight W and product s of J'WJ and J's, and the
-/// loss itself, twice what the cost grows by. Without `weight` only the loss is asked for.
+/// Evaluates a loss for `count` residuals: weight W and product s for J'WJ and J's, and the loss
+/// itself, which is twice its contribution to the cost. If `weight` is null, sets only the loss.
 using Weigh = std::function<void(const double* residuals, int count, double* weight,
                                  double* product, double* loss)>;
 
-/// Pseudo-Huber loss rho(r) = 2 delta^2 (sqrt(1 + (r/delta)^2) - 1): r^2 for residuals below delta,
-/// 2 delta |r| above. Infinite delta: least squares. Least-squares solvers are given its signed
-/// root f(r) as residual, rho = f^2.
+/// Pseudo-Huber loss rho(r) = 2 delta^2 (sqrt(1 + (r/delta)^2) - 1): about r^2 for residuals below
+/// delta, about 2 delta |r| above. Infinite delta: least squares. Least-squares solvers use its
+/// signed root f(r) as the residual, rho = f^2.
 struct RobustLoss {
   double delta = kInfinity;
 
@@ -28,7 +28,7 @@ struct RobustLoss {
     const double root = std::sqrt(1 + r * r / (delta * delta)), f = factor(r);
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
-  /// As Weigh: f'^2, f f', f^2. Loops without branches are made of vectors.
+  /// See Weigh: f'^2, f f', f^2. The compiler vectorises the loops, which have no branches.
   void weigh(const double* residuals, int count, double* weight, double* product,
              double* loss) const {
     const double over = 1 / (delta * delta);
@@ -63,7 +63,7 @@ struct RobustLoss {
   double score(double r) const {
     return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
   }
-  /// Half the second derivative of the loss, averaged over about `width` (no less than delta):
+  /// Half the second derivative of the loss, averaged over about `width` (at least delta), because
   /// absolute values have all their curvature at zero, where few residuals are.
   double curvature(double r, double width) const {
     const double square = 1 + r * r / (width * width);

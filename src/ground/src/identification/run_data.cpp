@@ -8,11 +8,11 @@ namespace ground {
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
                                double length, double max_gap) {
   if (!(length > 0)) throw std::invalid_argument("the length of windows must be positive");
-  constexpr int kFewest = 6;  // samples that say something about an initial velocity
+  constexpr int kMinSamples = 6;  // enough to identify an initial velocity
   std::vector<Window> windows;
   const auto add = [&](int first, int last) {
     const double duration = run.times[last] - run.times[first];
-    if (last - first + 1 >= kFewest && duration > 0.5 * length)
+    if (last - first + 1 >= kMinSamples && duration > 0.5 * length)
       windows.push_back({run_index, first, last});
   };
   int first = -1;

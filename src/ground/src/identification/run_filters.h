@@ -1,4 +1,4 @@
-// The filters of all recordings at a point of the space that is searched.
+// The filters of all recordings at one point of the search space.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,24 +11,25 @@ namespace ground::detail {
 
 using LevelVector = Eigen::Matrix<double, kLevels, 1>;
 
-constexpr double kLoudness = 0.5;  // deviation of its prior
+constexpr double kLoudness = 0.5;  // standard deviation of the prior of loudness
 
-/// Logarithms of the levels, and back.
+/// Conversion between levels and their logarithms.
 LevelVector logs(const DisturbanceLevels& levels);
 DisturbanceLevels fromLogs(const LevelVector& logs);
 
-/// The levels of one run, its loudness included.
+/// The levels of one run, including its loudness.
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run);
 
-/// All but evaluate() are of the point that it was called with last. Sums are over the runs.
+/// Filters of all runs. First call evaluate(); all other functions refer to the point of its last
+/// call.
 class RunFilters {
  public:
   RunFilters(const std::vector<RunData>& runs, double max_gap, int threads);
 
-  /// The log-likelihood, not finite where the motion is not.
+  /// The log-likelihood of all runs; not finite if the motion is not finite.
   double evaluate(const GreyBoxPoint& point, double cap);
 
-  /// One block a run; the information with the parameters' prior.
+  /// Sums over the runs, one block each; the information includes the prior of the parameters.
   RunScores scores(const GreyBoxPoint& point, const Free& free) const;
   /// Level scores of each run.
   std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point) const;

@@ -1,4 +1,4 @@
-// What windows of all lengths are cut from.
+// The runs of a simulation error, from which windows of all lengths are cut.
 #pragma once
 
 #include <vector>
@@ -11,8 +11,8 @@ namespace ground {
 struct SimulationError::Data {
   std::vector<RunData> runs;
   std::vector<Vector3<double>> sigma;   ///< standard deviations of u, v, r
-  std::vector<detail::Rows3> measured;  ///< what each run's simulations are compared with
-  std::vector<Vector3<double>> weight;  ///< of their errors: one over the standard deviations
+  std::vector<detail::Rows3> measured;  ///< measurements of the target: velocities or poses
+  std::vector<Vector3<double>> weight;  ///< weight of their errors: 1 / standard deviation
 };
 
 }  // namespace ground

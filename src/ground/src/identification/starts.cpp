@@ -13,12 +13,12 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kPieceLength = 0.3;        // of short pieces [s]
-constexpr std::size_t kMaxPieces = 64;      // enough to come near
-constexpr double kInitialTolerance = 1e-4;  // cost of a sample that is left to the fit that follows
+constexpr double kPieceLength = 0.3;        // length of short pieces [s]
+constexpr std::size_t kMaxPieces = 64;      // enough for an approximate solution
+constexpr double kInitialTolerance = 1e-4;  // cost per sample; the following fit refines it
 
-/// The sum of squares with the measured initial states. Throws std::runtime_error when a window's
-/// simulation is not finite; the solver would say it on stderr, in its words.
+/// The sum of squares with the measured initial states. Throws std::runtime_error if a window's
+/// simulation is not finite, because the solver would write its own message to stderr.
 double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled,
                  bool derivatives) {
   const Initials initial = measuredInitials(windows.problem());
@@ -74,7 +74,7 @@ std::vector<double> approach(Linearisation& windows, Linearisation& pieces, cons
   try {
     if (near.usable && squaresOf(windows, free, near.scaled, true) < far) return near.scaled;
   } catch (const std::runtime_error&) {
-    // what suits short windows need not suit long ones
+    // Values that fit short windows may diverge over long ones.
   }
   return from;
 }

@@ -1,4 +1,4 @@
-// Where the descents of a fit start.
+// Starts of the descents of a fit.
 #pragma once
 
 #include <vector>
@@ -9,23 +9,22 @@
 
 namespace ground::detail {
 
-/// The model's own values, then as many others as make `count`: positive ones up to ten times
-/// smaller or larger, the others as far off as they are typically large. Coordinates over scale.
+/// `count` starts, in coordinates over scale: the model's values, then random ones. Non-negative
+/// parameters are scaled by a factor of 0.1 to 10; others are shifted by up to their scale.
 std::vector<std::vector<double>> startsOf(const Free& free, int count);
 
-/// Short windows cut from those of a problem, at most 64, spread over them.
+/// At most 64 short windows, cut from those of a problem and spread evenly over them.
 std::vector<Window> shortPieces(const SimulationError& problem);
 
-/// Values nearer to the data than the given ones, where there are any: those that fit short pieces
-/// of the windows. Over a short time a simulation depends little on what came before, and the cost
-/// has hardly any minimum but one. Throws std::runtime_error when the given ones cannot be
-/// simulated.
+/// A better start: values fitted to short pieces of the windows, or `from` if these do not lower
+/// the cost. Over a short time a simulation depends little on its past, so the cost rarely has more
+/// than one minimum. Throws std::runtime_error if the model cannot be simulated at `from`.
 std::vector<double> approach(Linearisation& windows, Linearisation& pieces, const Free& free,
                              const FitOptions& options, const std::vector<double>& from);
 
-/// Initial states to start from at the given values: those of the options; else measured ones, or,
-/// where these values are near, those that suit them best, for a model may turn and shift what is
-/// measured by any amount.
+/// Initial states at the start of a descent: those of the options if given. Otherwise fitted ones
+/// with FitOptions::near, because effects may rotate and shift the measurement by any amount, and
+/// measured ones without.
 Initials initialsAt(const std::vector<double>& scaled, const SimulationError& problem,
                     const Model& model, const Free& free, const FitOptions& options);
 

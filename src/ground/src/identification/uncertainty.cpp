@@ -13,8 +13,8 @@ double durationOf(const SimulationError& problem, const Window& window) {
   return times[window.last] - times[window.first];
 }
 
-/// Normal equations without the last `k` columns, the initial state: whatever it is, it follows
-/// along. The loss is left out.
+/// Normal equations after elimination of the last `k` columns, the initial state (Schur
+/// complement). Without the loss.
 NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
   const Eigen::MatrixXd& A = whole.A;
   const Eigen::VectorXd& b = whole.b;
@@ -26,8 +26,8 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
   return result;
 }
 
-/// Normal equations of the scaled free parameters and a window's initial state, of each window's
-/// blocks of about `block` seconds.
+/// Normal equations of the scaled free parameters and a window's initial state, for blocks of about
+/// `block` seconds of each window.
 std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windows,
                                                             const Free& free,
                                                             const ParameterPoint& point,
@@ -47,7 +47,7 @@ std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windo
     blocks[w].assign(parts(static_cast<int>(w)), NormalEquations::zero(n + k));
   const auto weigh = [robust, width](const double* residuals, int count, double* weight,
                                      double* product, double* loss) {
-    const RobustLoss by = robust;  // nothing that is written to
+    const RobustLoss by = robust;  // a local copy, so that the loop is vectorised
     const double over = width;
     for (int i = 0; i < count; ++i) {
       weight[i] = by.curvature(residuals[i], over);
@@ -81,7 +81,7 @@ double deviationOf(std::vector<double> residuals) {
 
 namespace {
 
-/// The equations of all windows, and how they change when a block is left out.
+/// The equations of all windows, and their change if one block is left out.
 struct Jackknife {
   NormalEquations whole;
   std::vector<NormalEquations> changes;
@@ -104,24 +104,26 @@ Jackknife withoutEach(const std::vector<std::vector<NormalEquations>>& blocks, i
   return result;
 }
 
-/// Splits the parameters' space into directions that the data see, the columns of the result, and
-/// those that they do not, `unseen`; says which parameters are identified.
+/// Splits the parameter space into identifiable directions (columns of the result) and the others,
+/// Uncertainty::unseen. Sets which parameters are identified.
 Eigen::MatrixXd seenDirections(const Eigen::MatrixXd& information, Uncertainty& result) {
-  constexpr double kNothing = 1e-14, kNoDirection = 1e-10, kTakesPart = 1e-6;
+  constexpr double kMinInformation = 1e-14, kMinEigenvalue = 1e-10;  // relative to the largest
+  constexpr double kMaxParticipation = 1e-6;  // squared, of identified parameters in `unseen`
   const auto n = static_cast<int>(information.rows());
   result.identified.assign(n, true);
   const double largest = information.diagonal().maxCoeff();
   Eigen::VectorXd unit(n);
   for (int i = 0; i < n; ++i) {
-    result.identified[i] = information(i, i) > kNothing * largest;
+    result.identified[i] = information(i, i) > kMinInformation * largest;
     unit(i) = result.identified[i] ? 1 / std::sqrt(information(i, i)) : 0;
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * information *
                                                              unit.asDiagonal());
-  int first = 0;  // directions before it are not seen
-  while (first < n && !(eigen.eigenvalues()(first) > kNoDirection * eigen.eigenvalues()(n - 1)))
+  int first = 0;  // first identifiable direction
+  while (first < n && !(eigen.eigenvalues()(first) > kMinEigenvalue * eigen.eigenvalues()(n - 1)))
     for (int i = 0, j = first++; i < n; ++i)
-      if (std::pow(eigen.eigenvectors()(i, j), 2) > kTakesPart) result.identified[i] = false;
+      if (std::pow(eigen.eigenvectors()(i, j), 2) > kMaxParticipation)
+        result.identified[i] = false;
   const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
   result.unseen = sizes.asDiagonal() * eigen.eigenvectors().leftCols(first);
   return unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
@@ -135,7 +137,7 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   double total = 0;
   for (const Window& window : problem.windows()) total += durationOf(problem, window);
-  // In short data blocks are shorter: a covariance of n parameters needs several times n of them.
+  // A covariance of n parameters needs several times n blocks, so short data have shorter blocks.
   block = std::min(block, total / (4 * n));
   const std::vector<std::vector<NormalEquations>> blocks =
       equationsOfBlocks(windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial},

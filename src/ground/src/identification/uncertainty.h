@@ -1,4 +1,4 @@
-// How well a fit knows its parameters.
+// Uncertainty of fitted parameters.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,21 +9,21 @@
 
 namespace ground::detail {
 
-/// How well the free parameters are known, in scaled coordinates.
+/// Uncertainty of the free parameters, in scaled coordinates.
 struct Uncertainty {
   Eigen::MatrixXd information, covariance;
-  std::vector<bool> identified;  ///< false: the data say nothing, the variance is infinite
+  std::vector<bool> identified;  ///< false: not identifiable from the data, infinite variance
   Eigen::MatrixXd unseen;        ///< columns: directions along which the cost does not change
   int blocks = 0;
 };
 
-/// Jackknife over blocks of about `block` seconds, inside which residuals may be correlated: each
-/// block is left out once, and one Newton step says where the estimate, the initial states with it,
-/// would go. Unlike the sum of squared scores it is not fooled by residuals that the fit has made
-/// small (MacKinnon and White 1985, HC3).
+/// Jackknife over blocks of about `block` seconds, within which residuals may be correlated: each
+/// block is left out once, and one Newton step gives the estimate without it, initial states
+/// included. Unlike the sum of squared scores it is not biased by residuals that the fit has
+/// reduced (MacKinnon and White 1985, HC3).
 Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at, double block);
 
-/// Standard deviation that the median of the residuals' sizes stands for; 0 without any.
+/// Robust standard deviation from the median of |residuals|; 0 if there are none.
 double deviationOf(std::vector<double> residuals);
 
 }  // namespace ground::detail

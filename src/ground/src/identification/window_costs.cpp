@@ -10,7 +10,7 @@ using RowMajor = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic
 
 }  // namespace
 
-/// A window's own rows, as the last evaluation left them.
+/// The rows of one window, from the last evaluation.
 class WindowCosts::OwnCost : public ceres::CostFunction {
  public:
   OwnCost(const WindowCosts& all, std::size_t window) : all_(all), window_(window) {
@@ -48,8 +48,8 @@ class WindowCosts::OwnCost : public ceres::CostFunction {
   std::size_t window_;
 };
 
-/// The rows that all windows share. Without free parameters they are a constant, which some window
-/// has to take along.
+/// The rows that all windows share. Without free parameters they are a constant; ceres then needs
+/// an initial state as their variable.
 class WindowCosts::SharedCost : public ceres::CostFunction {
  public:
   explicit SharedCost(const WindowCosts& all) : all_(all) {
@@ -111,14 +111,14 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns);
   for (const Share& share : windows_)
     if (share.finite) sum += share.shared;
-  // Where derivatives do not distinguish parameters, rounding may leave less than 0.
+  // Rounding may make pivots of indistinguishable parameters negative.
   const Eigen::LDLT<Eigen::MatrixXd> decomposed(sum);
   const Eigen::MatrixXd upper = decomposed.matrixU();
   const Eigen::PermutationMatrix<Eigen::Dynamic> order(decomposed.transpositionsP());
   shared_ = decomposed.vectorD().cwiseMax(0).cwiseSqrt().asDiagonal() * upper * order;
 }
 
-/// Takes the rows of the initial state out of [J r]'[J r].
+/// Eliminates the initial state from [J r]'[J r] by rows of its Cholesky factor.
 void WindowCosts::eliminate(const NormalEquations& equations, Share& share) const {
   const auto n = static_cast<Eigen::Index>(free_.index.size());
   const Eigen::Index k = equations.b.size() - n, columns = k + n + 1;
@@ -136,7 +136,7 @@ void WindowCosts::eliminate(const NormalEquations& equations, Share& share) cons
   for (Eigen::Index i = 0; i < k; ++i) {
     const Eigen::Index rest = columns - i;
     const double left = A(i, i);
-    // A column that depends on those before it leaves only rounding.
+    // Only rounding remains of a column that depends on the earlier ones.
     if (!(left > 1e-14 * equations.A(n + i, n + i))) continue;
     share.own.row(i).tail(rest) = A.row(i).tail(rest) / std::sqrt(left);
     for (Eigen::Index j = i + 1; j < columns; ++j)

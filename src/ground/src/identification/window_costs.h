@@ -10,14 +10,17 @@
 
 namespace ground::detail {
 
-/// The costs of all windows at one point, evaluated together whenever the solver moves. A window's
-/// residuals r (after the loss) and derivatives J, hundreds of rows, are passed on as a few rows of
-/// the Cholesky factor of [J r]'[J r]: the sum of squares and the normal equations are the same.
-/// Those that the window's initial state takes part in are the window's own; the others are added
-/// up and shared by all.
+/// The costs of all windows at one point, evaluated together whenever the solver moves.
+///
+/// A window's residuals r (after the loss) and derivatives J have hundreds of rows. ceres gets a
+/// few rows of the Cholesky factor R of [J r]'[J r] = R'R instead, which has the same sum of
+/// squares and the same normal equations. With columns ordered as initial state, free parameters,
+/// residual, the first rows of R involve the window's initial state and form its own cost. The
+/// remaining block of [J r]'[J r] depends only on the free parameters; it is summed over all
+/// windows and factorised once, as their shared cost.
 class WindowCosts : public ceres::EvaluationCallback {
  public:
-  /// Variables are `scaled` (unless there are none) and the windows' initial states; all has to
+  /// Variables are `scaled` (unless empty) and the windows' initial states. All arguments must
   /// outlive it.
   WindowCosts(Linearisation& windows, const Free& free, const RobustLoss& robust,
               std::vector<double>& scaled, Initials& initial);
@@ -32,8 +35,8 @@ class WindowCosts : public ceres::EvaluationCallback {
   /// Columns are the initial state, the free parameters, the residual.
   struct Share {
     bool finite = false;
-    Eigen::MatrixXd own;     ///< rows of the Cholesky factor, as many as the initial state has
-    Eigen::MatrixXd shared;  ///< what is left of [J r]'[J r] in the other columns
+    Eigen::MatrixXd own;     ///< rows of the Cholesky factor, one for each initial state variable
+    Eigen::MatrixXd shared;  ///< Schur complement: the rest of [J r]'[J r] in the other columns
   };
   void eliminate(const NormalEquations& equations, Share& share) const;
 
@@ -42,9 +45,9 @@ class WindowCosts : public ceres::EvaluationCallback {
   const RobustLoss robust_;
   std::vector<double>& scaled_;
   Initials& initial_;
-  std::vector<double> losses_;  ///< without derivatives there is no more
+  std::vector<double> losses_;  ///< loss of each window, from evaluations without derivatives
   std::vector<Share> windows_;
-  Eigen::MatrixXd shared_;  ///< Cholesky factor
+  Eigen::MatrixXd shared_;  ///< Cholesky factor of the sum of all Share::shared
   bool has_derivatives_ = false;
 };
 

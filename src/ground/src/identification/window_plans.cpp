@@ -6,7 +6,7 @@
 namespace ground::detail {
 namespace {
 
-/// Sets measurements and weights of a group that has its windows and plan.
+/// Sets measurements and weights of a group from its windows and plan.
 void gather(const std::vector<Window>& windows, const std::vector<Rows3>& measured,
             const std::vector<Vector3<double>>& weight, WindowPlans::Group& group) {
   const LanePlan& plan = group.plan;

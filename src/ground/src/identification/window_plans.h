@@ -1,4 +1,4 @@
-// Windows that are simulated side by side.
+// Groups of windows that are simulated together, one in each lane.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,27 +15,27 @@ namespace ground::detail {
 /// Measurements, a row each.
 using Rows3 = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-/// Groups of windows, of about the same length each, and the steps of their simulations. They stay
-/// the same from one evaluation to the next unless the delay of the inputs changes.
+/// Groups of windows of similar length, and the steps of their simulations. They are reused until
+/// the delay of the inputs changes.
 class WindowPlans {
  public:
   struct Group {
-    std::vector<int> windows;  ///< one a lane
+    std::vector<int> windows;  ///< window of each lane
     LanePlan plan;
-    /// Of each visit of the plan: measurement and weight of its error, both 0 in lanes that are not
-    /// measured then.
+    /// Measurement and weight of its error at each visit of the plan; both are 0 in lanes without a
+    /// measurement.
     std::vector<std::array<Lanes, 3>> measured, weight;
 
-    /// Whether the lanes are filled enough to be faster than one simulation after the other.
-    bool together() const { return windows.size() >= kFewestLanes; }
+    /// Whether simulation in lanes is faster than one simulation after the other.
+    bool together() const { return windows.size() >= kMinLanes; }
 
    private:
-    static constexpr std::size_t kFewestLanes = 4;
+    static constexpr std::size_t kMinLanes = 4;
   };
   using Groups = std::shared_ptr<const std::vector<Group>>;
 
-  /// Groups of windows of `runs`; `measured` is what each run is compared with, `weight` that of
-  /// its errors. Delay, whether it `varies` and settling as in LanePlan.
+  /// Groups of windows of `runs`. `measured`, `weight`: measurements of each run and weights of
+  /// their errors. For `delay`, `varies` and `settling` see LanePlan.
   Groups get(const std::vector<RunData>& runs, const std::vector<Window>& windows,
              const std::vector<Rows3>& measured, const std::vector<Vector3<double>>& weight,
              double delay, bool varies, const Settling& settling);

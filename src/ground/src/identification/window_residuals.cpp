@@ -11,11 +11,12 @@
 namespace ground::detail {
 namespace {
 
-constexpr int kPass = Jet::kDirections;  // derivatives that are taken at once
-constexpr int kMaxInitial = 6;           // numbers of an initial state
+constexpr int kPass = Jet::kDirections;  // derivatives per pass
+constexpr int kMaxInitial = 6;           // largest size of an initial state
 
-/// True state whose measured pose is the given one; nu is the true velocity. A fixed point, reached
-/// in two rounds: offsets of heading and position do not feed back on each other.
+/// True state whose measured pose is the given one; nu is the true velocity. A fixed-point
+/// iteration that converges in two rounds, because the position offset depends on the heading but
+/// not vice versa.
 template <typename T>
 RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& measured,
                               const Vector3<T>& nu) {
@@ -27,8 +28,8 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& mea
   return state;
 }
 
-/// The state at a window's start: from an initial velocity at the measured pose, or from an initial
-/// pose and velocity.
+/// The state at a window's start: the measured pose and an initial velocity, or an initial pose and
+/// velocity.
 template <typename T>
 RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measured,
                            const std::array<T, kMaxInitial>& initial, int size) {
@@ -37,7 +38,7 @@ RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measur
   return {{initial[0], initial[1], initial[2]}, {initial[3], initial[4], initial[5]}};
 }
 
-/// Where a simulation is taken: parameters and initial state, with derivatives by some of them.
+/// Parameters and initial state of a simulation, with derivatives by some of them.
 template <typename T>
 struct Variables {
   std::vector<T> coordinates;
@@ -47,7 +48,8 @@ struct Variables {
       : coordinates(values.begin(), values.end()) {
     initial.fill(T(0.0));
   }
-  /// Takes derivatives by the columns [begin, end): free parameters, then the initial state.
+  /// Makes the columns [begin, end) variables; columns are the free parameters, then the initial
+  /// state.
   void seed(const std::vector<int>& free, int begin, int end) {
     const int count = static_cast<int>(free.size());
     for (int column = begin; column < end; ++column)
@@ -56,13 +58,13 @@ struct Variables {
   }
 };
 
-/// Eigen's allFinite() looks at one number at a time.
+/// Faster than Eigen's allFinite(), which tests one number at a time.
 bool allFinite(const Derivatives& rows) {
   Vec8 sum = {};
   for (Eigen::Index i = 0; i < rows.size(); i += 8) {
     Vec8 part;
     std::memcpy(&part, rows.data() + i, sizeof part);
-    sum += 0.0 * part;  // not a number, if one is not
+    sum += 0.0 * part;  // NaN if a number is not finite
   }
   for (int i = 0; i < 8; ++i)
     if (sum[i] != 0) return false;
@@ -81,7 +83,7 @@ Evaluation::Evaluation(const SimulationError& error, const Model& model,
       columns_(derivatives ? static_cast<int>(free.size()) + error.initialSize() : 0) {}
 
 WindowPlans::Groups Evaluation::groups() const {
-  // Whether the delay varies must not differ from pass to pass.
+  // All passes must agree on whether the delay varies.
   Variables<Jet> point(coordinates_);
   for (const int parameter : free_) point.coordinates[parameter].v[0] = 1.0;
   const Dynamics<Jet> dynamics(model_, point.coordinates);
@@ -91,7 +93,8 @@ WindowPlans::Groups Evaluation::groups() const {
                             dynamics.settling());
 }
 
-/// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without.
+/// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without
+/// derivatives.
 template <typename V, typename D, class Simulate>
 void Evaluation::inPasses(const Simulate& simulate) const {
   if (columns_ == 0) {

@@ -1,4 +1,4 @@
-// Simulations of windows against their measurements, one by one and side by side.
+// Residuals of simulations of windows, one by one or in lanes.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,33 +12,34 @@
 
 namespace ground::detail {
 
-/// "The model's motion is not finite in …".
+/// Error message "the model's motion is not finite in …".
 std::string notFinite(const SimulationError& problem, int window);
 
 /// Weighted residuals of one window at coordinates of the model and an initial state; with
-/// `derivatives` also those by the parameters of the indices `free` and by the initial state.
+/// `derivatives` also their derivatives by the parameters with indices `free` and by the initial
+/// state.
 WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
                             const std::vector<double>& coordinates, const std::vector<int>& free,
                             int window, const Eigen::VectorXd& initial, bool derivatives);
 
-/// Simulates every window from the given initial states. Throws std::runtime_error when a motion is
+/// Simulates every window from the given initial states. Throws std::runtime_error if a motion is
 /// not finite.
 WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
                               const Initials& initial);
 
-/// Simulations of windows at coordinates of a model. With `derivatives` it takes those by the
-/// parameters of the indices `free` and by the initial state. All arguments have to outlive it.
+/// Simulates windows at coordinates of a model. With `derivatives` it also computes derivatives by
+/// the parameters with indices `free` and by the initial state. All arguments must outlive it.
 class Evaluation {
  public:
   Evaluation(const SimulationError& error, const Model& model,
              const std::vector<double>& coordinates, const std::vector<int>& free,
              bool derivatives);
 
-  /// Groups of windows to simulate side by side.
+  /// Groups of windows to simulate in lanes.
   WindowPlans::Groups groups() const;
-  /// One window from its initial state.
+  /// Simulates one window from its initial state.
   void one(int window, const Eigen::VectorXd& initial, WindowResiduals& result) const;
-  /// A group of windows, `initial` being the states of all windows.
+  /// Simulates a group of windows; `initial` has the initial states of all windows.
   void together(const WindowPlans::Group& group, const std::vector<Eigen::VectorXd>& initial,
                 LaneRows& result) const;
 

@@ -9,7 +9,7 @@
 namespace ground {
 namespace {
 
-constexpr double kMostAhead = 1.0;  // of a stamp; beyond, it is of another clock [s]
+constexpr double kMaxAhead = 1.0;  // a stamp farther in the future is from another clock [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 bool finite(const MotorCommand& c) {
@@ -65,7 +65,7 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
 
 void GroundLink::setParams(const GroundLinkParams& params) {
   check(params);
-  // What is fresh stays fresh for as long as the new timeouts say.
+  // Applies the new timeouts to the last command, state and packet.
   command_until_ += params.command_timeout - params_.command_timeout;
   state_until_ += params.state_timeout - params_.state_timeout;
   next_packet_ += 1 / params.keepalive_rate - 1 / params_.keepalive_rate;
@@ -77,11 +77,11 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   if (state_ == State::kArmed || fixed_.port != 0) return false;
   if (fixed_.known() && from.host != fixed_.host) return false;
   const bool unknown = peer_.port == 0;
-  // The craft's hello may be any datagram, so that a stray one may have been taken for it: until
-  // the craft is certain, whoever speaks its protocol is a better guess.
+  // Any first datagram counts as the craft's, so it may have been a stray one. Until the craft is
+  // certain, a sender of telemetry replaces it.
   const bool better = !peer_locked_ && telemetry;
-  // A craft that was restarted speaks from another port of its address. Only one that used to send
-  // telemetry can be known to have gone silent.
+  // A restarted craft sends from another port of its address. Silence is only known of a craft that
+  // has sent telemetry.
   const bool back = peer_speaks_ && telemetry && from.host == peer_.host &&
                     now - peer_heard_ > params_.peer_timeout;
   if (!unknown && !better && !back) return false;
@@ -110,7 +110,7 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
 
 void GroundLink::command(double now, double age, const std::string& source,
                          const MotorCommand& command) {
-  watch(now);  // a command that comes too late must not drive on
+  watch(now);  // a command after the timeout must not prevent the fault
   const bool armed = state_ == State::kArmed;
   if (armed && source != armed_source_)
     return refuse("a command of " + source + " is not of " + armed_source_ +
@@ -121,7 +121,7 @@ void GroundLink::command(double now, double age, const std::string& source,
     return refuse("a command of " + source + " is thrust without lift", true);
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
-  if (age < -kMostAhead)
+  if (age < -kMaxAhead)
     return refuse("a command of " + source + " has a stamp from the future: the clocks differ",
                   true);
   if (source != command_source_ && command_until_ > now) {
@@ -140,7 +140,8 @@ void GroundLink::refuse(const std::string& why, bool of_controller) {
   refusal_ = why;
   if (!of_controller) return;
   command_problem_ = why;
-  // The controller's last word was not a zero command. While armed the old one runs out instead.
+  // A refused command is not a zero command, so it prevents arming. While armed, the last accepted
+  // command becomes stale instead.
   if (state_ != State::kArmed) command_until_ = kNever;
 }
 
@@ -148,7 +149,7 @@ void GroundLink::state(double now, double age, bool valid, const std::string& pr
   watch(now);
   state_valid_ = valid;
   state_problem_ = problem;
-  const bool believed = std::isfinite(age) && age >= -kMostAhead;
+  const bool believed = std::isfinite(age) && age >= -kMaxAhead;
   state_until_ = believed ? now - std::max(0.0, age) + params_.state_timeout : kNever;
   watch(now);
 }
@@ -160,9 +161,9 @@ void GroundLink::timeJumped(double now, const std::string& what) {
 }
 
 void GroundLink::disobeyed(double now, const std::string& how) {
-  // In a silence it is told nothing.
+  // No commands are sent during a silence.
   if (state_ == State::kArmed && !silent_until_)
-    fault(now, because("the craft does not do as it is told", how));
+    fault(now, because("the craft does not follow its commands", how));
 }
 
 void GroundLink::confine(double now, const std::string& problem) {
@@ -221,9 +222,9 @@ std::string GroundLink::silence(double now, double duration) {
   if (silent_until_ || lost_since_ != kNever) return reason_;
   if (!(duration > 0 && duration <= kLongestSilence))
     return "a silence must be longer than 0 s and at most 2 s";
-  if (std::max(command_.left, command_.right) > kMostSilentThrust)
+  if (std::max(command_.left, command_.right) > kMaxSilentThrust)
     return "the thrust is above 0.5, too much for a craft that may not stop";
-  transmit(now);  // so that the time of the last packet is known
+  transmit(now);  // so that the silence begins with a packet at a known time
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
   silent_until_ = now + duration;
   enter(State::kArmed, "silent: nothing is sent, to see whether the craft stops by itself");
@@ -251,15 +252,15 @@ void GroundLink::watch(double now) {
   if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
   watchState(now);
   if (state_ != State::kArmed) return;
-  // It may have been restarted, and is not to be met by thrust when it is back.
+  // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (deaf())
-    return disobeyed(now, "it counts the commands that reach it, and none does any more");
+    return disobeyed(now, "its count of received commands stands still");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
 }
 
-/// Sends zeros while the state is lost, for a while.
+/// Sends zeros while the state is lost, for at most recovery_time.
 void GroundLink::watchState(double now) {
   const std::string lost = params_.require_state ? stateProblem(now) : "";
   if (!lost.empty() && lost_since_ == kNever) {
@@ -275,13 +276,13 @@ void GroundLink::watchState(double now) {
   }
 }
 
-/// A craft that has never sent telemetry may be silent: nothing is known of it.
+/// Whether a craft that has sent telemetry is silent for too long. Others may always be silent.
 bool GroundLink::craftSilent(double now) const {
   return peer_speaks_ && params_.craft_timeout > 0 && now - peer_heard_ > params_.craft_timeout;
 }
 
-/// Whether the craft itself says that nothing reaches it; one that is silent says nothing. In a
-/// silence nothing can reach it.
+/// Whether the craft's own count shows that it receives no commands. Not during a silence, in which
+/// none are sent.
 bool GroundLink::deaf() const {
   return !silent_until_ && peer_count_ && params_.obedience_timeout > 0 &&
          peer_heard_ - peer_counted_ > params_.obedience_timeout;

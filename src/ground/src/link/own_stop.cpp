@@ -14,7 +14,7 @@ constexpr std::size_t kLargestFile = 4 << 20;  // thousands of trials [bytes]
 constexpr char kUnproven[] =
     "it is not proven that this craft stops by itself (rosrun ground prove_stop)";
 
-/// The newest trial of the real craft that was decided; undefined when there is none.
+/// The newest decided trial of the real craft; undefined if there is none.
 YAML::Node newestDecided(const YAML::Node& trials) {
   YAML::Node newest(YAML::NodeType::Undefined);
   for (const YAML::Node& trial : trials) {

@@ -10,7 +10,8 @@ namespace ground {
 namespace {
 
 constexpr unsigned kOff = 1000, kRange = 1000;
-constexpr std::size_t kLongestTelemetry = 128;  // three floats, nine ints and a count: 120 bytes at most
+// A message has three floats, nine ints and a count: at most 120 bytes.
+constexpr std::size_t kLongestTelemetry = 128;
 
 unsigned toMotor(double value) {
   return kOff + static_cast<unsigned>(std::lround(kRange * std::clamp(value, 0.0, 1.0)));
@@ -41,11 +42,11 @@ std::string encodeMotors(const MotorCommand& command) {
 
 bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason) {
   proto::Motors motors;
-  // Partial, because protobuf prints to stderr when a required field is missing.
+  // Partial, because protobuf prints to stderr if a required field is missing.
   if (!motors.ParsePartialFromString(datagram)) return refuse("it is cut or garbled", reason);
   if (!motors.unknown_fields().empty()) return refuse("it has fields of another message", reason);
   if (!motors.IsInitialized()) return refuse("a motor is missing", reason);
-  if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor stands twice", reason);
+  if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor is given twice", reason);
   MotorCommand read;
   double lift_right = 0;
   if (!fromMotor(motors.motor_l(), read.left) || !fromMotor(motors.motor_r(), read.right) ||
@@ -75,7 +76,7 @@ std::string encodeTelemetry(const CraftTelemetry& t) {
 
 bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t, std::string* reason) {
   proto::DroneState state;
-  // An empty datagram parses too, and a stranger's bytes often parse as fields nobody knows.
+  // protobuf also parses an empty datagram, and often parses foreign bytes as unknown fields.
   if (datagram.empty()) return refuse("it is empty", reason);
   if (datagram.size() > kLongestTelemetry) return refuse("it is too long", reason);
   if (!state.ParseFromString(datagram)) return refuse("it is cut or garbled", reason);

@@ -5,7 +5,7 @@
 namespace ground {
 namespace {
 
-constexpr double kMostThrustTrim = 0.3;  // thrust would change its sign now and then
+constexpr double kMaxThrustTrim = 0.3;  // with more, some runs would have reversed thrust
 
 /// The first channel that is negative or not finite; empty when there is none.
 std::string firstBad(const Vector3<double>& values) {
@@ -30,7 +30,7 @@ std::string Disturbance::validate() const {
   for (int i = 0; i < 3; ++i)
     if (sigma(i) > 0 && time(i) == 0)
       return std::string("time of ") + "XYN"[i] + " must be positive, because its sigma is";
-  if (!(trim_thrust >= 0 && trim_thrust <= kMostThrustTrim))
+  if (!(trim_thrust >= 0 && trim_thrust <= kMaxThrustTrim))
     return "trim of the thrust must be between 0 and 0.3";
   return "";
 }

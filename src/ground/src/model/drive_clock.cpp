@@ -10,7 +10,7 @@ namespace ground {
 DriveClock::DriveClock(std::vector<double> starts) : starts_(std::move(starts)) {
   for (std::size_t i = 0; i < starts_.size(); ++i)
     if (!std::isfinite(starts_[i]) || (i > 0 && starts_[i] <= starts_[i - 1]))
-      throw std::invalid_argument("the starts of drives have to be finite and ascending");
+      throw std::invalid_argument("the starts of drives must be finite and ascending");
 }
 
 bool DriveClock::command(double time, double lift) {
@@ -37,7 +37,7 @@ void DriveClock::record(double began, double as_of) {
   const auto first = std::lower_bound(starts_.begin(), starts_.end(), began - kDisorder);
   const auto last = std::upper_bound(first, starts_.end(), as_of);
   starts_.insert(starts_.erase(first, last), began);
-  // Nothing is known of the lift yet: its next command belongs to the drive that was recorded.
+  // Without earlier commands, the next command with lift belongs to the recorded drive.
   if (newest_ == kNever) off_since_ = as_of;
 }
 

@@ -22,8 +22,7 @@ bool isZero(const Dual<V, N>& x) {
   return isZero(x.a) && x.isConstant();
 }
 
-/// Whether a mass matrix, its derivatives included, is other than that of a body whose centre of
-/// mass is its origin and that is equally heavy both ways.
+/// Whether a mass matrix, including its derivatives, is not of the form diag(m, m, I_z).
 template <typename T>
 bool couples(const Matrix3<T>& mass) {
   for (int i = 0; i < 3; ++i)
@@ -104,7 +103,7 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   yaw_gain_ = body_.k * lever_;
 }
 
-/// An effect whose parameters begin at `p`.
+/// Adds an effect whose parameters begin at `p`.
 template <typename T>
 void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   instances_.push_back(entry.effect->forThread());
@@ -254,7 +253,7 @@ void Dynamics<T>::hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& co
   run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
 }
 
-/// One stage of a step, `after` its beginning.
+/// One stage of a Runge-Kutta step, `after` seconds from the beginning of the step.
 template <typename T>
 template <bool kFirst, bool kLast, bool kPose, typename H>
 GROUND_INLINE void Dynamics<T>::take(Stages<T, kPose, H>& stages, const T& t, const H& after,

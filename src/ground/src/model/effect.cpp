@@ -31,7 +31,7 @@ struct Registry {
   std::string problem;  ///< empty when there is none
 };
 
-/// As effects register themselves in it, before and while other libraries are loaded.
+/// The registry without loading libraries: effects register themselves while a library is loaded.
 Registry& ownRegistry() {
   static Registry registry;
   return registry;
@@ -46,7 +46,8 @@ bool loadLibraries() {
   return true;
 }
 
-/// With the effects of all libraries that are listed; throws std::runtime_error on what is wrong.
+/// The registry after loading all listed libraries. Throws std::runtime_error if a library cannot
+/// be loaded or an effect cannot be registered.
 Registry& registry() {
   [[maybe_unused]] static const bool loaded = loadLibraries();
   Registry& registry = ownRegistry();

@@ -85,8 +85,8 @@ class ExpressionEffect final : public Effect {
   GROUND_HOOKS_OF(LanesJet)
 #undef GROUND_HOOKS_OF
 
-  /// Throws std::invalid_argument when the derivative of a state is not finite at these values of
-  /// the parameters.
+  /// Throws std::invalid_argument if the derivative of a state is not finite at these values of the
+  /// parameters.
   void requireFiniteRates(const std::vector<double>& parameters) const {
     for (int trial = 0; trial < kTrials; ++trial) {
       tryAt(trial, parameters);
@@ -211,7 +211,7 @@ class ExpressionEffect final : public Effect {
     return formula;
   }
 
-  /// Sets the variables and states to those of a trial, off the special points 0 and 1.
+  /// Sets the variables and states to the values of a trial, away from the special points 0 and 1.
   void tryAt(int trial, const std::vector<double>& parameters) const {
     for (int i = 0; i < firstParameter(); ++i) {
       const bool input = i >= 6 && i < variableCount();
@@ -221,7 +221,7 @@ class ExpressionEffect final : public Effect {
     std::copy(parameters.begin(), parameters.end(), values_.begin() + firstParameter());
   }
 
-  /// An effect has to vanish at its neutral parameters, otherwise nothing can be compared to it.
+  /// An effect must vanish at its neutral parameters, so that models with and without it compare.
   void requireZero(const std::vector<double>& neutral) const {
     for (int trial = 0; trial < kTrials; ++trial) {
       tryAt(trial, neutral);
@@ -232,7 +232,7 @@ class ExpressionEffect final : public Effect {
     }
   }
 
-  /// "c = 0, tau = 0.2" for messages.
+  /// Parameter values for messages, such as "c = 0, tau = 0.2".
   std::string listed(const std::vector<double>& parameters) const {
     std::ostringstream text;
     for (std::size_t i = 0; i < parameters.size(); ++i)
@@ -242,9 +242,9 @@ class ExpressionEffect final : public Effect {
 
   ExpressionDefinition definition_;
   EffectInfo info_;
-  mutable std::vector<double> values_;  ///< of variables, states, parameters; scratch of one thread
+  mutable std::vector<double> values_;  ///< variables, states, parameters; scratch of one thread
   std::vector<Formula> components_;     ///< X, Y, N, thrust_L, thrust_R
-  std::vector<Formula> rates_;          ///< of the states
+  std::vector<Formula> rates_;          ///< derivatives of the states
 };
 
 }  // namespace
@@ -266,12 +266,12 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
                   [](const auto& component) { return component.second.empty(); }))
     throw std::invalid_argument("effect '" + definition.name +
                                 "' has none of X, Y, N, thrust_L, thrust_R");
-  if (definition.parameters.size() > kMostEffectParameters)
+  if (definition.parameters.size() > kMaxEffectParameters)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMostEffectParameters) + " parameters");
-  if (definition.states.size() > kMostEffectStates)
+                                std::to_string(kMaxEffectParameters) + " parameters");
+  if (definition.states.size() > kMaxEffectStates)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMostEffectStates) + " states");
+                                std::to_string(kMaxEffectStates) + " states");
   std::set<std::string> names(variableNames().begin(), variableNames().end());
   names.insert("pi");
   const auto take = [&](const std::string& what, const std::string& name) {
@@ -284,7 +284,7 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition) {
     take("state", state.name);
     if (state.rate.empty())
       throw std::invalid_argument("effect '" + definition.name + "': state " + state.name +
-                                  " has no formula of its derivative");
+                                  " has no formula for its derivative");
     if (!std::isfinite(state.initial))
       throw std::invalid_argument("effect '" + definition.name + "': the initial value of state " +
                                   state.name + " is not finite");

@@ -6,12 +6,12 @@
 namespace ground {
 namespace {
 
-/// What a lane does, one after the other.
+/// Steps of one lane under one command, and the sample measured at their end.
 struct Part {
   Stretch stretch;
   Vector2<double> thrusters;
   double lift;
-  int sample;  ///< measured at the end, or negative
+  int sample;  ///< sample measured at the end; negative if there is none
 };
 
 std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
@@ -22,7 +22,7 @@ std::vector<Part> partsOf(const Lane& lane, Stepping stepping) {
     Stretch stretch;
     while (stepping.next(lane.samples[sample], stretch))
       parts.push_back({stretch, stepping.thrusters(), stepping.lift(), -1});
-    // Two samples of one instant are two visits.
+    // Two samples at the same time are two visits.
     if (parts.size() == before)
       parts.push_back({{1, 0, 0, stepping.t()}, stepping.thrusters(), stepping.lift(), -1});
     parts.back().sample = sample;
@@ -40,7 +40,7 @@ void set(LanePlan::Step& step, int lane, double h, double by_delay,
   step.lift[lane] = lift;
 }
 
-/// Where each lane is among its parts.
+/// The current part of each lane.
 class Progress {
  public:
   explicit Progress(const std::vector<std::vector<Part>>& parts)
@@ -48,7 +48,7 @@ class Progress {
     for (int lane = 0; lane < lanes_; ++lane) begin(lane);
   }
 
-  /// Finds the steps to where the first lane comes to the end of its part; false at the end of all.
+  /// Plans the steps until the next end of a part in any lane; false if all lanes are finished.
   bool next() {
     step_.count = 0;
     for (int lane = 0; lane < lanes_; ++lane)
@@ -58,11 +58,12 @@ class Progress {
   }
   const LanePlan::Step& step() const { return step_; }
 
-  /// Goes to the end of these steps, and adds the samples that are measured there.
+  /// Advances all lanes by these steps, and adds the samples measured at the end.
   void advance(std::vector<LanePlan::Sample>& measured) {
     for (int lane = 0; lane < lanes_; ++lane) {
       if (left_[lane] == 0) continue;
-      for (int i = 0; i < step_.count; ++i) step_.t[lane] += step_.h[lane];  // rounded as the run's
+      // Step by step, so that t is rounded as in the simulation.
+      for (int i = 0; i < step_.count; ++i) step_.t[lane] += step_.h[lane];
       if ((left_[lane] -= step_.count) > 0) continue;
       const int sample = parts_[lane][at_[lane]++].sample;
       if (sample >= 0) measured.push_back({lane, sample});
@@ -85,8 +86,8 @@ class Progress {
   const std::vector<std::vector<Part>>& parts_;
   int lanes_;
   LanePlan::Step step_;
-  std::size_t at_[Lanes::kCount] = {};  ///< part of each lane
-  int left_[Lanes::kCount] = {};        ///< steps of it
+  std::size_t at_[Lanes::kCount] = {};  ///< current part of each lane
+  int left_[Lanes::kCount] = {};        ///< remaining steps of that part
 };
 
 }  // namespace
@@ -118,7 +119,7 @@ LanePlan::LanePlan(const std::vector<Lane>& lanes, double delay, bool varies,
   }
 }
 
-/// Effects settle until the start; lanes with fewer commands have been off before.
+/// Plans the settling of effects before the start. Lanes with fewer commands begin with zeros.
 void LanePlan::settle(const std::vector<Lane>& lanes,
                       const std::vector<std::vector<Stepping::Held>>& before) {
   std::size_t longest = 0;

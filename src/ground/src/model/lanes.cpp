@@ -1,6 +1,7 @@
 #include "ground/model/lanes.h"
 
-// The C library's vector functions (libmvec of glibc), by loops that the compiler takes them for.
+// These declarations let the compiler replace the loops below by the vector functions of glibc
+// (libmvec).
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define GROUND_VECTOR_FUNCTION __attribute__((simd("notinbranch"), const))
 #else

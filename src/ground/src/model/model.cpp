@@ -37,7 +37,7 @@ const std::vector<ParameterInfo>& bodyParameters() {
     return info;
   };
   const double positive = std::numeric_limits<double>::min();
-  // Accelerations are linear in 1/I_z: fits that start far away find the way.
+  // Accelerations are linear in 1/I_z, so fits converge from far away.
   ParameterInfo inertia =
       entry("I_z", "kg m^2", "moment of inertia about the centre of mass", positive, &B::I_z);
   inertia.coordinate = Coordinate::kReciprocal;
@@ -75,8 +75,8 @@ void Model::addEffect(EffectPtr effect) {
   const EffectInfo& info = effect->info();
   if (hasEffect(info.name))
     throw std::invalid_argument("the model has effect '" + info.name + "' already");
-  if (effects.size() >= kMostEffects)
-    throw std::invalid_argument("a model has at most " + std::to_string(kMostEffects) + " effects");
+  if (effects.size() >= kMaxEffects)
+    throw std::invalid_argument("a model has at most " + std::to_string(kMaxEffects) + " effects");
   const std::size_t length = std::accumulate(
       effects.begin(), effects.end(), formulaLength(*effect),
       [](std::size_t sum, const Entry& e) { return sum + formulaLength(*e.effect); });

@@ -25,7 +25,7 @@ namespace ground {
 namespace {
 
 constexpr char kSchema[] = "ground/model/1";
-constexpr std::size_t kLargestFile = 1000000;  // [bytes]; a model takes some thousand
+constexpr std::size_t kLargestFile = 1000000;  // [bytes]; a typical model has some thousand
 
 ParameterInfo inputMaxInfo() {
   ParameterInfo info;
@@ -42,7 +42,7 @@ std::string names(const std::vector<ParameterInfo>& parameters) {
   return list;
 }
 
-/// Lines at which the values of a body stand in their file, counted from 1.
+/// Line of each value of the body in its file, counted from 1.
 using BodyLines = std::map<std::string, int>;
 
 void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, BodyLines& lines) {
@@ -109,7 +109,7 @@ ParameterInfo readExpressionParameter(const YamlReader& reader, const std::strin
   return info;
 }
 
-/// Formulas of the components of an effect, by their names.
+/// Reads the formulas of an effect's components.
 void readComponents(const YamlReader& reader, const YAML::Node& node,
                     ExpressionDefinition& definition) {
   const std::string what = "expression of " + definition.name;
@@ -128,7 +128,7 @@ void readComponents(const YamlReader& reader, const YAML::Node& node,
   });
 }
 
-/// A state: the formula of its derivative, or a map of that and its initial value.
+/// Reads a state: the formula of its derivative, or a map with that formula and the initial value.
 ExpressionDefinition::State readState(const YamlReader& reader, const std::string& name,
                                       const YAML::Node& node) {
   if (!node.IsMap()) return {name, reader.text(node, name), 0};
@@ -214,7 +214,7 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
                             parameters[i].doc + ", " + parameters[i].unit + ")");
 }
 
-/// Numbers by channel, those that are not there zero; `thrust` where there is such a channel.
+/// Reads numbers by channel; missing ones stay zero. `thrust`: if not null, "thrust" is a channel.
 void readChannels(const YamlReader& reader, const std::string& what, const YAML::Node& node,
                   Vector3<double>& channels, double* thrust = nullptr) {
   reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
@@ -287,7 +287,7 @@ void readProvenance(const YamlReader& reader, const YAML::Node& node, Provenance
   });
 }
 
-/// Shortest text that reads back as the same number.
+/// Shortest text that parses as the same number.
 std::string format(double value) {
   if (std::isinf(value)) return value > 0 ? ".inf" : "-.inf";
   for (int digits = 6;; ++digits) {
@@ -404,7 +404,8 @@ std::runtime_error systemError(const std::string& path, const std::string& what)
   return std::runtime_error(path + ": " + what + ": " + std::strerror(errno));
 }
 
-/// Renames a file to a name that must not exist. False with errno set, EEXIST if it does.
+/// Renames a file to a name that must not exist. On failure returns false and sets errno (EEXIST if
+/// the name exists).
 bool moveToNewName(const std::string& temporary, const std::string& path) {
   // link() fails when the path exists, so that nothing is overwritten even in a race.
   if (link(temporary.c_str(), path.c_str()) == 0) return true;

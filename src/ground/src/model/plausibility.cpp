@@ -9,13 +9,13 @@ namespace ground {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kLeastAcceleration = 1e-4;  // [m/s^2]
-constexpr double kMostAcceleration = 1e4;    // [m/s^2]
+constexpr double kMinAcceleration = 1e-4;  // [m/s^2]
+constexpr double kMaxAcceleration = 1e4;    // [m/s^2]
 
 double fullThrust(const Body<double>& b) { return 2 * b.k * b.input_max; }
 double acceleration(const Body<double>& b) { return fullThrust(b) / b.m; }
 
-/// A parameter of the body: name, SI unit, place, and size on a middling craft.
+/// A parameter of the body: name, SI unit, member, and value on a typical craft.
 struct Key {
   const char* name;
   const char* unit;
@@ -38,13 +38,13 @@ const Key& keyNamed(const std::string& name) {
                        [&](const Key& key) { return key.name == name; });
 }
 
-/// A ratio that has much the same size for all crafts.
+/// A ratio of parameters that is similar for all crafts.
 struct Ratio {
   const char* meaning;
   const char* unit;
   double lower, upper;
   double (*value)(const Body<double>&);
-  std::vector<const char*> keys;  ///< of which it is made
+  std::vector<const char*> keys;  ///< the parameters in the ratio
 };
 
 double gyrationOverLever(const Body<double>& b) { return std::sqrt(b.I_z / b.m) / b.l; }
@@ -56,7 +56,7 @@ double topYawRate(const Body<double>& b) { return b.k * b.input_max * b.l / b.N_
 const std::vector<Ratio>& ratios() {
   // clang-format off
   static const std::vector<Ratio> all = {
-      // first: the one by which a craft is refused
+      // The first ratio decides whether a craft is refused.
       {"full thrust accelerates the craft by", "m/s^2",
        0.05, 50, acceleration, {"m", "k", "input_max"}},
       {"the radius of gyration over the lever is", "",
@@ -79,7 +79,7 @@ bool sound(const Ratio& ratio, const Body<double>& body) {
   return value >= ratio.lower && value <= ratio.upper;
 }
 
-/// A unit in which a value may have been typed by mistake.
+/// A unit in which a user may have typed a value by mistake.
 struct Unit {
   const char* key;
   const char* name;
@@ -109,12 +109,13 @@ Body<double> converted(Body<double> body, const Unit& unit) {
   return body;
 }
 
-/// How far a value is from that of a middling craft, in decades.
+/// Distance of a value from that of a typical craft, in decades.
 double distance(const Body<double>& body, const Key& key) {
   return std::abs(std::log10(body.*key.place / key.typical));
 }
 
-/// How far ratios and the value of a key are from the middle of their ranges, in decades.
+/// Sum of distances, in decades: of the value of a key from that of a typical craft, and of all
+/// bounded ratios from the middle of their ranges.
 double strangeness(const Body<double>& body, const Key& key) {
   double sum = distance(body, key);
   for (const Ratio& ratio : ratios()) {
@@ -125,9 +126,8 @@ double strangeness(const Body<double>& body, const Key& key) {
   return sum;
 }
 
-/// The unit that brings most of the ratios that are off back into their ranges and puts none out
-/// of its own; of equals the one by which craft and value become the more ordinary; nullptr when
-/// there is none.
+/// The unit whose conversion brings the most ratios into their ranges and none out of its range.
+/// Among equals, the one with the smallest strangeness after conversion. nullptr if there is none.
 const Unit* probableUnit(const Body<double>& body) {
   const Unit* best = nullptr;
   int best_repaired = 0;
@@ -150,7 +150,7 @@ const Unit* probableUnit(const Body<double>& body) {
   return best;
 }
 
-/// Of the values that make a ratio the one that is farthest from those of a middling craft.
+/// The parameter of a ratio whose value is farthest from that of a typical craft.
 const Key& strangest(const Ratio& ratio, const Body<double>& body) {
   return keyNamed(
       *std::max_element(ratio.keys.begin(), ratio.keys.end(), [&](const char* a, const char* b) {
@@ -170,8 +170,8 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
                         const Unit* unit) {
   std::ostringstream text;
   const double value = body.*key.place;
-  text << key.name << ": " << withUnit(value, key.unit) << " is hardly meant: " << ratio.meaning
-       << ' ' << withUnit(ratio.value(body), ratio.unit) << ", where crafts have ";
+  text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning
+       << ' ' << withUnit(ratio.value(body), ratio.unit) << "; crafts have ";
   if (std::isinf(ratio.upper)) {
     text << "more than " << withUnit(ratio.lower, ratio.unit);
   } else {
@@ -187,8 +187,8 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 
 std::vector<Implausibility> implausibilities(const Body<double>& body) {
   std::vector<Implausibility> found;
-  // What is wrong is told of the values as they stand, each unit found with the ones before it
-  // put right.
+  // Each unit is searched for after the conversions already found. Messages about ratios that no
+  // unit explains quote the original values.
   Body<double> repaired = body;
   while (const Unit* unit = probableUnit(repaired)) {
     const Body<double> next = converted(repaired, *unit);
@@ -201,18 +201,18 @@ std::vector<Implausibility> implausibilities(const Body<double>& body) {
   for (const Ratio& ratio : ratios()) {
     if (sound(ratio, repaired)) continue;
     const Key& key = strangest(ratio, repaired);
-    const bool told = std::any_of(found.begin(), found.end(),
-                                  [&](const Implausibility& f) { return f.key == key.name; });
-    if (!told) found.push_back(describe(key, ratio, body, nullptr));
+    const bool reported = std::any_of(found.begin(), found.end(),
+                                      [&](const Implausibility& f) { return f.key == key.name; });
+    if (!reported) found.push_back(describe(key, ratio, body, nullptr));
   }
   const double a = acceleration(body);
-  if (a >= kLeastAcceleration && a <= kMostAcceleration) return found;
+  if (a >= kMinAcceleration && a <= kMaxAcceleration) return found;
   const std::vector<const char*>& causes = ratios().front().keys;
   for (Implausibility& one : found) {
     if (std::find(causes.begin(), causes.end(), one.key) == causes.end()) continue;
     one.refused = true;
-    one.message += "; refused, as below " + withUnit(kLeastAcceleration, "") + " and above " +
-                   withUnit(kMostAcceleration, "m/s^2") + " no craft can be meant";
+    one.message += "; refused, because no craft has less than " + withUnit(kMinAcceleration, "") +
+                   " or more than " + withUnit(kMaxAcceleration, "m/s^2");
     break;
   }
   return found;

@@ -5,8 +5,8 @@
 
 namespace ground {
 
-// Values and derivatives as registers hold them: the eight derivatives of a Jet are one slice; each
-// derivative of a LanesJet is one.
+// raw() gives access to the vector register of a value, Slices to those of its derivatives. A slice
+// is one Vec8: all eight derivatives of a Jet, or one derivative of a LanesJet in eight lanes.
 GROUND_INLINE double raw(const double& x) { return x; }
 GROUND_INLINE const Vec8& raw(const Lanes& x) { return x.x; }
 GROUND_INLINE double& raw(double& x) { return x; }
@@ -38,9 +38,14 @@ struct Slices<Dual<Lanes, N>> {
   static GROUND_INLINE const Vec8& of(const Dual<Lanes, N>& x, int d) { return x.v.x[d].x; }
 };
 
-/// What a step has of the state at its beginning, at the current stage and at its end. The
-/// derivatives of a stage are taken slice by slice from the rates to what is made of them, so that
-/// they stay in registers: several times as fast as number by number.
+/// A Runge-Kutta step of the rigid body: the state at the beginning of the step, at the current
+/// stage and at the end. Each stage computes rates k_i and moves on,
+///
+///     end += share * k_i,   next stage = begin + to * k_i
+///
+/// with (share, to) = (h/6, h/2), (h/3, h/2), (h/3, h), (h/6, -) in classical RK4. The derivatives
+/// go through a stage slice by slice, so that they stay in registers; this is several times faster
+/// than Dual arithmetic.
 template <typename T, bool kPose, typename H>
 struct Stages {
   using V = ValueOf<T>;
@@ -48,11 +53,11 @@ struct Stages {
 
   const Vector3<T>& damping;  ///< X_u/m, Y_v/m, N_r/I_z
   const int directions;       ///< derivatives in use
-  /// The end of the step: by value where that may stay in registers.
+  /// State at the end of the step: by value if it may stay in registers.
   std::conditional_t<(Slices<T>::kCount > 1), RigidState<T>&, RigidState<T>> next;
   Vector3<T> eta, nu, at_eta, at_nu;
   Rotation<T> heading;
-  Raw c, s;  ///< of the current stage's heading
+  Raw c, s;  ///< cosine and sine of the current stage's heading
 
   Stages(const Vector3<T>& rates, int derivatives, RigidState<T>& state)
       : damping(rates), directions(derivatives), next(state) {}
@@ -60,11 +65,11 @@ struct Stages {
   void begin(bool uses_pose) {
     nu = next.nu;
     if (kPose || uses_pose) eta = next.eta;
-    // A pose that stays turns nothing but what effects see.
+    // If the pose is constant, only effects need the heading.
     if (!kPose && uses_pose) heading = Rotation<T>(eta.z());
   }
 
-  /// Heading of the current stage.
+  /// Computes the heading of the current stage.
   template <bool kFirst>
   GROUND_INLINE void turn(bool uses_pose) {
     const T& psi = kFirst ? eta.z() : at_eta.z();
@@ -75,9 +80,8 @@ struct Stages {
     if (uses_pose) heading = Rotation<T>(psi, cosine, sine);
   }
 
-  /// The rates are those of the rigid body with thrust and linear damping (kRigid) plus `more`
-  /// (kMore). `share` of them is added to the end of the step; the next stage is `to` along them
-  /// from the beginning.
+  /// Moves by the rates of the rigid body with thrust and linear damping (kRigid) plus `more`
+  /// (kMore), as described above.
   template <bool kFirst, bool kLast, bool kRigid, bool kMore>
   GROUND_INLINE void move(const H& share, const H& to, const T& surge, const T& yaw,
                           const Vector3<T>& more) {
@@ -117,7 +121,7 @@ struct Stages {
     drift[2] = raw(valueOf(at(2)));
   }
 
-  /// Derivatives number d of all that move() moves.
+  /// move() for slice d of the derivatives.
   template <bool kFirst, bool kLast, bool kRigid, bool kMore>
   GROUND_INLINE void moveSlice(int d, const H& share, const H& to, const T& surge, const T& yaw,
                                const Vector3<T>& more, const Raw rate[3], const Raw drift[3]) {

@@ -9,7 +9,7 @@ namespace ground {
 
 void InputSequence::add(double time, double left, double right, double lift_value) {
   if (!times.empty() && time < times.back())
-    throw std::invalid_argument("commands have to be in ascending order of time");
+    throw std::invalid_argument("commands must be in ascending order of time");
   times.push_back(time);
   thrusters.emplace_back(left, right);
   lift.push_back(lift_value);
@@ -39,8 +39,8 @@ std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
   const double oldest = time_ - settling.memory;
   const auto first = static_cast<std::size_t>(
       std::upper_bound(times.begin(), times.end(), oldest - delay_) - times.begin());
-  // The one before them acts until the first of them, the last one until now; the instants from and
-  // until which they are looked at stay where they are when the delay changes.
+  // The command before `first` acts from `oldest`, the last one acts until now. These two times do
+  // not move with the delay; the changes between commands do.
   for (std::size_t i = first > 0 ? first - 1 : 0; i < next_; ++i) {
     const bool cut = i < first, last = i + 1 == next_;
     const double begin = cut ? oldest : times[i] + delay_;
@@ -81,7 +81,7 @@ bool Stepping::next(double time, Stretch& stretch) {
 bool Stepping::reach(double time, bool moves, Stretch& stretch) {
   const double duration = time - time_;
   const double by_delay = double(moves) - double(moves_);
-  // A duration of zero still has a derivative when the instant moves with the delay.
+  // A stretch of duration 0 has a derivative if its end moves with the delay.
   if (duration < 0 || (duration == 0 && by_delay == 0)) return false;
   const int steps = std::max(1, static_cast<int>(std::ceil(duration / max_step_ - 1e-9)));
   stretch = {steps, duration / steps, by_delay == 0 ? 0 : by_delay / steps, t()};

@@ -19,7 +19,7 @@ namespace {
 
 [[noreturn]] void failBySystem(const std::string& path) {
   std::string what = std::string("cannot be read: ") + std::strerror(errno);
-  // A node's folder is seldom the one where its user typed the path.
+  // Names the working directory: a node seldom runs in the folder where the user typed the path.
   std::error_code unknown;
   if (errno == ENOENT && !path.empty() && path.front() != '/')
     what += " in " + std::filesystem::current_path(unknown).string();
@@ -47,15 +47,15 @@ std::string sizeText(std::size_t bytes) {
 std::string readTextFile(const std::string& path, std::size_t limit) {
   struct stat status;
   if (stat(path.c_str(), &status) != 0) failBySystem(path);
-  requireRegular(path, status);  // to open a device may already act on it
-  // O_NONBLOCK: a FIFO that has taken the file's place since would wait for a writer.
+  requireRegular(path, status);  // before open(), which may already act on a device
+  // O_NONBLOCK: if a FIFO has replaced the file since, open() does not wait for a writer.
   const Descriptor file{open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)};
   if (file.number < 0 || fstat(file.number, &status) != 0) failBySystem(path);
   requireRegular(path, status);
   const auto expected = static_cast<std::size_t>(status.st_size);
   const std::string too_large = "it is larger than " + sizeText(limit);
   if (expected > limit) fail(path, too_large);
-  // The size is a first guess: a file may grow, and those of /proc have none.
+  // The size is only an estimate: a file may grow, and files of /proc have size 0.
   std::string text(expected + 1, '\0');
   std::size_t size = 0;
   while (true) {

@@ -9,14 +9,14 @@
 
 namespace ground {
 
-/// Reads YAML strictly: every complaint is a std::runtime_error that names source, line and key.
+/// Reads YAML strictly: every error is a std::runtime_error that names source, line and key.
 class YamlReader {
  public:
   using Visit = std::function<void(const std::string& key, const YAML::Node& value)>;
 
   explicit YamlReader(std::string source) : source_(std::move(source)) {}
 
-  /// The root of a document. An empty one is an error.
+  /// The root of a document. An empty document is an error.
   YAML::Node parse(const std::string& yaml) const;
   [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const;
   [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,

@@ -10,9 +10,9 @@ namespace ground {
 namespace {
 
 constexpr double kStatusPeriod = 0.5;    // [s]
-constexpr double kWatch = 0.005;         // longest between looks at the life cycle [s]
-// A simulated clock may run so many times faster; looked at as often as this when something is due.
-constexpr double kFastest = 10, kSimulatedTick = 5e-4;  // [-], [s]
+constexpr double kWatch = 0.005;         // longest interval of ticks of the life cycle [s]
+// Largest pace of a simulated clock [-], and shortest interval of ticks with it [s].
+constexpr double kMaxPace = 10, kSimulatedTick = 5e-4;
 
 MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
   MeasuredState measured;
@@ -58,7 +58,7 @@ void Controller::onInit() {
     life_.setParams(params);
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (!room.empty() && !require_state_)
-      throw std::runtime_error("without the state (require_state) no room can be kept: leave out room");
+      throw std::runtime_error("the room needs the state (require_state): leave out room");
     if (!room.empty()) {
       room_ = loadRoomPlan(room);
       life_.setFence(Fence(*room_, room_->margin));
@@ -126,7 +126,7 @@ bool Controller::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response
   return true;
 }
 
-/// Moves the life cycle on; returns how long it may be left alone [s].
+/// Advances the life cycle; returns the time to the next call [s].
 double Controller::watch() {
   const std::string jump = time_watch_.look();
   if (!jump.empty()) life_.timeJumped(now(), jump);
@@ -140,7 +140,7 @@ double Controller::watch() {
   if (at.steady >= next_status_) publishStatus();
   const Instant due = life_.due();
   const double left = std::min(due.steady - at.steady, due.time - at.time);
-  return ros::Time::isSimTime() ? std::clamp(left / kFastest, kSimulatedTick, kWatch)
+  return ros::Time::isSimTime() ? std::clamp(left / kMaxPace, kSimulatedTick, kWatch)
                                 : std::clamp(left, 0.0, kWatch);
 }
 
@@ -154,7 +154,7 @@ void Controller::run() {
 
 void Controller::publish(const Inputs& inputs) {
   const ros::Time stamp = ros::Time::now();
-  if (stamp.isZero()) return;  // a simulated clock has not started: there is no stamp to give
+  if (stamp.isZero()) return;  // a simulated clock has not started, so there is no valid stamp
   auto message = boost::make_shared<ground_msgs::Controls>();
   message->header.stamp = stamp;
   if (life_.started()) message->header.frame_id = name_;

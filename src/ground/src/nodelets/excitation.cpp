@@ -16,14 +16,14 @@
 
 namespace ground {
 
-/// Plays any input design or file of inputs, edges on time: in bursts between which ModelPredictive
-/// drives the craft home, or open loop.
+/// Plays any input design or file of inputs with exact timing: in bursts between which
+/// ModelPredictive drives the craft home, or in open loop.
 ///
-/// Parameters: model (model file, by which it returns home; required, as is the base's room, while
-/// returns is true) and those of Excitation.cfg, which take effect at the next start. Publishes
-/// besides: bursts (latched; each burst and each return as it begins), and each decision of a return
+/// Parameters: model (model file for the returns) and those of Excitation.cfg, which take effect at
+/// the next start. If returns is true, model and the base's room are required. Also publishes:
+/// bursts (latched; at the beginning of each burst and return), and each decision of a return
 /// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column
-/// lift is played as it is, its lift included.
+/// lift sets the lift, too.
 class Excitation : public Controller {
  public:
   Excitation() : Controller(pilot_) {}
@@ -37,7 +37,7 @@ class Excitation : public Controller {
  private:
   using Config = ExcitationConfig;
 
-  /// Plays what is set when it is started.
+  /// Plays the current settings when it is started.
   struct Player : ExcitationPilot {
     explicit Player(Excitation& excitation)
         : ExcitationPilot([&excitation] { return excitation.seconds(ros::Time::now()); },
@@ -121,7 +121,8 @@ class Excitation : public Controller {
     return model_.has_value();
   }
 
-  /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
+  /// Validates a change and builds its signal. LiveParameters then calls apply() if the message is
+  /// empty, one change at a time.
   std::string wrong(const Config& c) {
     try {
       if (c.returns && !requiresState())
@@ -153,9 +154,9 @@ class Excitation : public Controller {
       NODELET_INFO("%s: %s", getName().c_str(), pilot_.caution().c_str());
   }
 
-  /// What whoever starts it should know of where the craft will go.
+  /// Warning for the user who starts it about where the craft will go.
   std::string judge(const Config& c, const InputSignal& signal) const {
-    if (!requiresState()) return "open loop, without the state: the craft has to be fastened";
+    if (!requiresState()) return "open loop, without the state: the craft must be fastened";
     if (!room()) return "open loop, without a room that would keep it inside";
     if (c.returns) return "bursts of " + c.design + " between returns home";
     if (!model_) return "open loop; the room stops it";
@@ -192,8 +193,8 @@ class Excitation : public Controller {
                    mark.number, mark.reason.c_str());
   }
 
-  std::optional<Model> model_;  ///< guarded by mutex(), as all below but built_
-  InputSignal built_;           ///< by wrong() for apply()
+  std::optional<Model> model_;  ///< guarded by mutex(), like all members below except built_
+  InputSignal built_;           ///< built by wrong() for apply()
   InputSignal signal_;
   Config config_;
   Player pilot_{*this};

@@ -26,13 +26,13 @@
 
 namespace ground {
 
-/// One model, or two, beside the measurement: of a running experiment or of a bag that is played.
+/// Compares one or two models with the measurements of a running experiment or of a bag.
 ///
 /// Parameters: model (model file, required), model2 (another, optional) and those of
-/// LiveComparison.cfg, live. Subscribes: state, controls, drive. Publishes with every state:
-/// model_error, model_error2; and at `rate`: path/predicted, path/predicted2 (each model over the
-/// last horizon, from the state seen then, with the commands since), model_comparison. Services:
-/// ~load_model, ~load_model2 (take another model file).
+/// LiveComparison.cfg, which can be changed at run time. Subscribes: state, controls, drive.
+/// Publishes with every state: model_error, model_error2. Publishes at `rate`: path/predicted,
+/// path/predicted2 (prediction of each model over the last horizon), model_comparison. Services:
+/// ~load_model, ~load_model2 (load another model file).
 class LiveComparison : public nodelet::Nodelet {
  public:
   ~LiveComparison() override {
@@ -42,7 +42,7 @@ class LiveComparison : public nodelet::Nodelet {
  private:
   using Config = LiveComparisonConfig;
 
-  /// A model, and what is published of it.
+  /// A model and its publishers.
   struct Contestant {
     std::string name;
     std::unique_ptr<ModelMonitor> monitor;
@@ -116,10 +116,11 @@ class LiveComparison : public nodelet::Nodelet {
     contest_ = ModelContest(config_.horizon, config_.window);
   }
 
-  /// Since the first message; where time jumps back (a bag that begins again), all begins anew.
+  /// Time since the first message [s]. Restarts if time jumps back, as with a bag that begins
+  /// again.
   double seconds(const ros::Time& stamp) {
     if (epoch_.isZero() || secondsBetween(newest_, stamp) < -kJump) {
-      if (!epoch_.isZero()) recorded_.reset();  // it is of the time before the jump
+      if (!epoch_.isZero()) recorded_.reset();  // a record from before the jump
       epoch_ = newest_ = stamp;
       last_paths_ = 0;
       drive_ = DriveClock();
@@ -131,7 +132,7 @@ class LiveComparison : public nodelet::Nodelet {
     return secondsBetween(epoch_, stamp);
   }
 
-  /// Counts the models' t from when the newest recorded drive began, which may be before epoch_.
+  /// Sets the models' t by the newest recorded start of a drive, which may be before epoch_.
   void followRecord() {
     if (recorded_)
       drive_.record(secondsBetween(epoch_, recorded_->began),
@@ -235,17 +236,17 @@ class LiveComparison : public nodelet::Nodelet {
 
   static constexpr std::size_t kModels = 2;
   static constexpr double kPathStep = 0.02;  // [s]
-  static constexpr double kJump = 0.5;  // back in time, more than messages come in disorder [s]
+  static constexpr double kJump = 0.5;  // smallest jump back, larger than any disorder [s]
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards what follows
   Config config_;
   std::array<Contestant, kModels> contestants_;
   ModelContest contest_{1.0, 10.0};
-  ros::Time epoch_;   ///< from which the monitors' clock counts
-  ros::Time newest_;  ///< stamp so far
-  DriveClock drive_;  ///< when drives began, on the monitors' clock
-  ground_msgs::Drive::ConstPtr recorded_;  ///< the sender's newest record of that
+  ros::Time epoch_;   ///< zero of the monitors' clock
+  ros::Time newest_;  ///< newest stamp
+  DriveClock drive_;  ///< starts of drives, on the monitors' clock
+  ground_msgs::Drive::ConstPtr recorded_;  ///< newest start of a drive, recorded by the sender
   double last_paths_ = 0;
   ros::Publisher comparison_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;

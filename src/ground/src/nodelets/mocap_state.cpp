@@ -30,16 +30,18 @@
 
 namespace ground {
 
-/// Motion capture poses to the state of the craft.
+/// Estimates the state of the craft from motion capture poses.
 ///
-/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), those of MocapState.cfg, live, and
-/// recorded (optional): the settings of a run that is played, a list of from [s], axes and
-/// heading_offset [rad], each for poses stamped after `from`, the first for those before, too.
-/// Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry, ~settings (axes and
-/// heading_offset, latched), and on tf world -> world_ned (z down) -> hovercraft. Repeated and late
-/// poses, and up to three in a row that cannot be, are passed over in silence; when ROS time is set,
-/// the estimate starts anew; without poses, or with a pose that is frozen, it says so with invalid
-/// states at 10 Hz.
+/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), those of MocapState.cfg, which can
+/// be changed at run time, and recorded (optional): the settings of a replayed run, a list of from
+/// [s], axes and heading_offset [rad]. Each applies to poses stamped after `from`, the first also
+/// to earlier ones. Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry,
+/// ~settings (axes and heading_offset, latched), and on tf world -> world_ned (z down) ->
+/// hovercraft.
+///
+/// Publishes no state for repeated and late poses, and for up to three consecutive impossible ones.
+/// Restarts the estimate if ROS time is set. Publishes invalid states at 10 Hz if there are no
+/// poses or the pose is frozen.
 class MocapState : public nodelet::Nodelet {
  public:
   ~MocapState() override {
@@ -145,7 +147,7 @@ class MocapState : public nodelet::Nodelet {
     wake_.notify_all();
   }
 
-  /// Takes other settings from the next pose on.
+  /// Applies new settings from the next pose.
   void measureBy(const std::string& axes, double heading_offset) {
     mapping_ = AxisMapping(axes, heading_offset);
     axes_ = axes;
@@ -157,7 +159,7 @@ class MocapState : public nodelet::Nodelet {
     settings_publisher_.publish(settings);
   }
 
-  /// Follows the settings of the run that is played.
+  /// Applies the settings of the replayed run.
   void follow(double stamp) {
     std::size_t now = recorded_.size() - 1;
     while (now > 0 && stamp <= recorded_[now].from) --now;
@@ -170,7 +172,7 @@ class MocapState : public nodelet::Nodelet {
     const std::lock_guard<std::mutex> lock(mutex_);
     const std::string jump = time_watch_.look();
     if (!jump.empty()) {
-      NODELET_WARN("mocap_state: %s: the estimate starts anew", jump.c_str());
+      NODELET_WARN("mocap_state: %s: the estimate restarts", jump.c_str());
       for (const auto& estimator : estimators_) estimator->reset();
     }
     if (!recorded_.empty()) follow(pose->header.stamp.toSec());
@@ -178,7 +180,7 @@ class MocapState : public nodelet::Nodelet {
     const StateEstimate& estimate = take(*pose);
     if (!estimate.used && (estimate.ignored || estimate.valid)) {
       if (!estimate.ignored)
-        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is left out: %s", estimate.status);
+        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is rejected: %s", estimate.status);
       return;
     }
     if (!pose->header.stamp.isZero()) stamp_ = pose->header.stamp;
@@ -190,20 +192,20 @@ class MocapState : public nodelet::Nodelet {
     if (estimate.used) publishOdometry(estimate);
   }
 
-  /// Whether a pose repeats the last one: a mocap that measures has noise and never does so,
-  /// one that has lost the craft may.
+  /// Whether a pose repeats the last one. Measured poses have noise and never repeat exactly, but a
+  /// mocap that has lost the craft may repeat the last pose.
   bool repeats(const geometry_msgs::Pose& pose) {
     const std::array<double, 7> now = {pose.position.x,    pose.position.y,    pose.position.z,
                                        pose.orientation.w, pose.orientation.x, pose.orientation.y,
                                        pose.orientation.z};
     const bool same = now == last_;
     last_ = now;
-    frozen_ = freezes_ && same && distinct_ >= kLively;
-    if (!same) distinct_ = std::min(distinct_ + 1, kLively);
+    frozen_ = freezes_ && same && distinct_ >= kMinDistinct;
+    if (!same) distinct_ = std::min(distinct_ + 1, kMinDistinct);
     return frozen_;
   }
 
-  /// Hands a pose to the estimators.
+  /// Passes a pose to the estimators.
   const StateEstimate& take(const geometry_msgs::PoseStamped& pose) {
     const auto& p = pose.pose.position;
     const auto& q = pose.pose.orientation;
@@ -223,16 +225,16 @@ class MocapState : public nodelet::Nodelet {
     return estimate;
   }
 
-  /// Age of the newest pose [s]; zero as long as there is no time or no pose.
+  /// Age of the newest pose [s]; 0 without ROS time or pose.
   double age() const {
     return ros::Time::isValid() && !stamp_.isZero() ? secondsBetween(stamp_, ros::Time::now())
                                                     : 0.0;
   }
 
-  /// Why a state is not to be believed although the estimate is sound; empty when it is.
+  /// Why a state is invalid although the estimate is valid; empty if the state is valid.
   std::string doubts() const {
-    // With axes that do not fit, a craft that turns seems to lean and to be upright by turns. Unlike
-    // one that was lost, it is not to be driven again as soon as it seems to be.
+    // With wrong axes, a turning craft seems to lean and to be upright in turn. It must not be
+    // driven again as soon as it seems to be upright, unlike a craft that was lost.
     if (last_pose_ - leaned_ < upright_time_) return "the craft leaned too far a moment ago";
     return wrongAge();
   }
@@ -279,7 +281,7 @@ class MocapState : public nodelet::Nodelet {
     odometry->twist.twist.linear.x = estimate.nu.x();
     odometry->twist.twist.linear.y = estimate.nu.y();
     odometry->twist.twist.angular.z = estimate.nu.z();
-    constexpr int kIndex[3] = {0, 1, 5};  // of x, y, psi and of u, v, r among six
+    constexpr int kIndex[3] = {0, 1, 5};  // indices of x, y, psi and of u, v, r among six
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) {
         const int index = 6 * kIndex[i] + kIndex[j];
@@ -298,7 +300,7 @@ class MocapState : public nodelet::Nodelet {
     broadcaster_->sendTransform(transform);
   }
 
-  /// Says on the steady clock when poses stop, at once and then at 10 Hz.
+  /// Publishes invalid states while there are no poses: at once and then at 10 Hz, steady clock.
   void watch() {
     std::unique_lock<std::mutex> lock(mutex_);
     while (alive_) {
@@ -315,19 +317,19 @@ class MocapState : public nodelet::Nodelet {
     }
   }
 
-  static constexpr std::chrono::milliseconds kLook{20};  // longest between looks at the clock
-  static constexpr int kLively = 100;  // distinct poses after which a repeated one is suspect
+  static constexpr std::chrono::milliseconds kLook{20};  // longest interval of reading the clock
+  static constexpr int kMinDistinct = 100;  // distinct poses after which a repeated one is frozen
 
   CallbackThread callbacks_;
-  std::mutex mutex_;  ///< guards all data that follows
+  std::mutex mutex_;  ///< guards all data below
   /// Settings of a recorded run.
   struct Recorded {
-    double from;  ///< for poses stamped after this [s]
+    double from;  ///< applies to poses stamped later [s]
     std::string axes;
     double heading_offset;  ///< [rad]
   };
-  std::vector<Recorded> recorded_;  ///< of the run that is played; empty when none is
-  std::size_t followed_ = 0;        ///< of `recorded_`, the one that holds
+  std::vector<Recorded> recorded_;  ///< settings of the replayed run; empty without one
+  std::size_t followed_ = 0;        ///< index of the current settings in `recorded_`
   std::string axes_;
   double wanted_offset_ = std::numeric_limits<double>::quiet_NaN();  ///< parameter heading_offset
   AxisMapping mapping_;
@@ -338,13 +340,13 @@ class MocapState : public nodelet::Nodelet {
   SteadyClock::duration timeout_{};
   double max_age_ = 0;  ///< [s]; 0: any
   bool freezes_ = true;
-  std::array<double, 7> last_{};  ///< pose
-  int distinct_ = 0;              ///< poses so far that differed from the one before
+  std::array<double, 7> last_{};  ///< last pose
+  int distinct_ = 0;              ///< number of poses that differed from the one before
   bool frozen_ = false;
   SteadyClock::time_point last_pose_;
   SteadyClock::duration upright_time_{};
-  SteadyClock::time_point leaned_;  ///< when it last did, for more than some poses
-  ros::Time stamp_;  ///< of the newest pose
+  SteadyClock::time_point leaned_;  ///< last time at which the craft leaned for several poses
+  ros::Time stamp_;  ///< stamp of the newest pose
   bool alive_ = true;
   bool was_valid_ = false;
   std::condition_variable wake_;

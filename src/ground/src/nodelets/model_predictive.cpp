@@ -6,8 +6,8 @@
 
 namespace ground {
 
-/// Tracks a reference by nonlinear model predictive control on the whole model, effects included;
-/// parameters as ReferenceTracking, and horizon, weights and the observer's noise.
+/// Tracks a reference by nonlinear model predictive control with the whole model, effects included.
+/// Parameters: those of ReferenceTracking, horizon, weights and the observer's noise.
 class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
  public:
   ModelPredictive() : ReferenceTracking("ModelPredictive") {}

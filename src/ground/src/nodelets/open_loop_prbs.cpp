@@ -9,12 +9,12 @@
 
 namespace ground {
 
-/// Plays a pseudo-random binary sequence on the thrusters, each bit for exactly its time, and ends
-/// with zero inputs.
+/// Plays a pseudo-random binary sequence on the thrusters with exact timing, and ends with zero
+/// inputs.
 ///
-/// Parameters: csv (file of rows LEFT,RIGHT; made from order and seed when empty), rows_per_bit of
-/// that file (0: found in it), order (9), seed (1), and those of OpenLoopPRBS.cfg, which take
-/// effect at the next start.
+/// Parameters: csv (file of rows LEFT,RIGHT; empty: generated from order and seed), rows_per_bit of
+/// that file (0: determined from the file), order (9), seed (1), and those of OpenLoopPRBS.cfg,
+/// which take effect at the next start.
 class OpenLoopPRBS : private Pilot, public Controller {
  public:
   OpenLoopPRBS() : Controller(static_cast<Pilot&>(*this)) {}
@@ -65,7 +65,7 @@ class OpenLoopPRBS : private Pilot, public Controller {
     return signal_ ? signal_->nextChange(elapsed) : 0.0;
   }
 
-  std::string csv_;  ///< empty when the sequence is made
+  std::string csv_;  ///< empty if the sequence is generated
   PrbsFile sequence_;
   PrbsParams params_;
   std::unique_ptr<PrbsSignal> signal_;

@@ -36,23 +36,29 @@ namespace ground {
 
 /// UDP link from the ROS graph to the craft.
 ///
-/// Parameters: port (3333), bind_address (0.0.0.0), peer (HOST or HOST:PORT of the craft; learned
-/// from its first datagram when empty), auto_arm (false; arms once, as soon as it is possible), model
-/// (model file of the craft, through which its motion shows whether it does as it is told; not looked
-/// at when empty), own_stop (records of prove_stop, by which arming says whether the craft of `model`
-/// is proven to stop by itself; not looked at when empty), room (file of a room: a craft that is about
-/// to leave it is a fault; no bounds when empty), bench (false; true: the craft is fastened, is armed
-/// without a state, and may have thrust without lift), and those of Sender.cfg. Subscribes:
-/// controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; when the newest drive
-/// began). Services: ~arm and ~silence, in a thread of their own. Zero packets go out when disarmed,
-/// in fault and at the end.
+/// Parameters:
+/// - port (3333), bind_address (0.0.0.0)
+/// - peer: HOST or HOST:PORT of the craft; empty: learned from its first datagram
+/// - auto_arm (false): arms once, as soon as possible
+/// - model: model file of the craft, to detect that it does not follow its commands; empty: no
+///   detection
+/// - own_stop: records of prove_stop, for a remark at arming if the craft of `model` is not proven
+/// to
+///   stop by itself; empty: no remark
+/// - room: file of a room; a craft that is about to leave it is a fault; empty: no bounds
+/// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
+/// - those of Sender.cfg
 ///
-/// run() talks to the craft and nothing else; what leaves for ROS or the log goes through report()
-/// in a thread of its own, so that neither a master nor a terminal that hangs can hold the zeros.
+/// Subscribes: controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; start of
+/// the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when
+/// disarmed, in fault and at the end.
+///
+/// The thread of run() only communicates with the craft. report() publishes and logs in another
+/// thread, so that a hanging master or terminal cannot block the zero packets.
 class Sender : public nodelet::Nodelet {
  public:
   ~Sender() override {
-    // First of all the zeros: leaving ROS may wait for the master.
+    // First sends zeros, because leaving ROS may wait for the master.
     running_ = false;
     if (link_thread_.joinable()) link_thread_.join();
     {
@@ -67,11 +73,11 @@ class Sender : public nodelet::Nodelet {
   using Status = ground_msgs::SenderStatus;
   using Telemetry = ground_msgs::Telemetry;
 
-  static constexpr int kFarewells = 10;               // zeros at the end; UDP may lose some
-  static constexpr double kFarewellPeriod = 0.005;    // [s]
+  static constexpr int kFinalZeros = 10;              // zero packets at the end; UDP may lose some
+  static constexpr double kFinalPeriod = 0.005;       // [s]
   static constexpr double kTick = 0.002;              // longest wait for the craft [s]
   static constexpr double kStatusPeriod = 0.5;        // [s]
-  static constexpr double kCountPeriod = 0.1;         // between counts of publishers [s]
+  static constexpr double kCountPeriod = 0.1;         // interval of counting publishers [s]
   static constexpr std::size_t kLargestOutbox = 100;  // older telemetry is dropped
   static constexpr const char* kBench =
       "on the bench: without mocap nobody sees where the craft goes; fasten it";
@@ -143,17 +149,18 @@ class Sender : public nodelet::Nodelet {
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
   }
 
-  /// Throws std::runtime_error when the other parameters need a state or spare the person who arms.
+  /// Throws std::runtime_error if other parameters need a state or arm automatically.
   void prepareForBench(const std::string& room) {
     if (!room.empty())
-      throw std::runtime_error("on a bench no room can be kept: leave out parameter room or bench");
+      throw std::runtime_error("a bench has no room: leave out parameter room or bench");
     if (auto_arm_)
-      throw std::runtime_error("on a bench a person arms: leave out parameter auto_arm or bench");
-    obedience_ = nullptr;  // a fastened craft does not move as it is told
+      throw std::runtime_error(
+          "arm a craft on a bench by hand: leave out parameter auto_arm or bench");
+    obedience_ = nullptr;  // a fastened craft does not follow its commands
     NODELET_WARN("sender: %s", kBench);
   }
 
-  /// roscpp ends tidily on SIGINT only; SIGTERM and SIGHUP would kill the process before its zeros.
+  /// roscpp shuts down only on SIGINT; SIGTERM and SIGHUP would kill the process before its zeros.
   static void endTidilyOnSignals() {
     struct sigaction interrupt = {}, current = {};
     if (sigaction(SIGINT, nullptr, &interrupt) != 0 || interrupt.sa_handler == SIG_DFL ||
@@ -177,7 +184,7 @@ class Sender : public nodelet::Nodelet {
     return p;
   }
 
-  /// How old a message is by its stamp [s]; negative when it is from the future.
+  /// Age of a message by its stamp [s]; negative for a stamp in the future.
   static double age(const std_msgs::Header& header) {
     return secondsBetween(header.stamp, ros::Time::now());
   }
@@ -204,7 +211,7 @@ class Sender : public nodelet::Nodelet {
     collect();
   }
 
-  /// Whether the craft moves by what was sent to it. mutex_ is held.
+  /// Checks whether the craft follows its commands. mutex_ is held.
   void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
     if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed)
       return;
@@ -216,7 +223,7 @@ class Sender : public nodelet::Nodelet {
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
   }
 
-  /// Keeps what was sent while armed, for watchMotion(). mutex_ is held.
+  /// Stores the commands sent while armed, for watchMotion(). mutex_ is held.
   void noteSent() {
     if (!obedience_) return;
     const bool armed = link_->current() == GroundLink::State::kArmed;
@@ -233,7 +240,7 @@ class Sender : public nodelet::Nodelet {
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
-  /// What arming says of a bench and of the craft's own stop; reads a file.
+  /// Remark at arming about a bench and the craft's own stop; reads a file.
   std::string armingRemark() const {
     const std::string stop = own_stop_.empty() ? "" : ownStopRemark(own_stop_, craft_);
     if (!bench_) return stop;
@@ -271,7 +278,7 @@ class Sender : public nodelet::Nodelet {
     return true;
   }
 
-  /// Receives, watches and keeps packets going on the steady clock, whatever ROS's clock does.
+  /// Receives datagrams, checks timeouts and repeats packets, by the steady clock.
   void run() {
     std::string data;
     UdpAddress from;
@@ -291,7 +298,7 @@ class Sender : public nodelet::Nodelet {
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
     }
-    for (int i = 0; i < kFarewells; ++i) {
+    for (int i = 0; i < kFinalZeros; ++i) {
       {
         const std::lock_guard<std::mutex> lock(mutex_);
         auto_arm_ = false;
@@ -299,12 +306,11 @@ class Sender : public nodelet::Nodelet {
         link_->sendZero(steadyNow());
         collect();
       }
-      std::this_thread::sleep_for(std::chrono::duration<double>(kFarewellPeriod));
+      std::this_thread::sleep_for(std::chrono::duration<double>(kFinalPeriod));
     }
   }
 
-  /// Notes what the link did: what was sent, and the status for the outbox when it has changed.
-  /// mutex_ is held.
+  /// Stores the last command sent, and queues the status if it has changed. mutex_ is held.
   void collect() {
     noteSent();
     if (link_->revision() == collected_) return;
@@ -314,7 +320,7 @@ class Sender : public nodelet::Nodelet {
     wake_.notify_all();
   }
 
-  /// Tells the drive clock which lift the craft has from now on. mutex_ is held.
+  /// Passes the current lift to the drive clock. mutex_ is held.
   void noteLift() {
     const ros::Time now = ros::Time::now();
     if (now.isZero()) return;  // a simulated clock has not started
@@ -325,7 +331,7 @@ class Sender : public nodelet::Nodelet {
     }
   }
 
-  /// The record of the newest drive; none before the first. mutex_ is held.
+  /// Message with the start of the newest drive; null before the first. mutex_ is held.
   ground_msgs::Drive::Ptr drive() const {
     auto message = boost::make_shared<ground_msgs::Drive>();
     message->header.stamp = ros::Time::now();
@@ -365,7 +371,7 @@ class Sender : public nodelet::Nodelet {
     return message;
   }
 
-  /// Publishes and logs what the outbox holds, and the status at 2 Hz.
+  /// Publishes and logs queued messages, and the status at 2 Hz.
   void report() {
     double next_status = steadyNow() + kStatusPeriod, next_count = 0;
     std::unique_lock<std::mutex> lock(mutex_);
@@ -437,33 +443,33 @@ class Sender : public nodelet::Nodelet {
   }
 
   CallbackThread callbacks_, arm_callbacks_;
-  std::mutex mutex_;  ///< guards all up to the outbox
+  std::mutex mutex_;  ///< guards all members down to wake_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;  ///< none for a floor without bounds
-  std::unique_ptr<ObedienceMonitor> obedience_;  ///< nobody when there is no model
+  std::optional<Fence> fence_;  ///< no value without a room
+  std::unique_ptr<ObedienceMonitor> obedience_;  ///< null without a model
   double obedience_timeout_ = 0, input_max_ = 1;
-  bool bench_ = false;  ///< no state is needed; fixed
-  std::string remark_;  ///< on bench and own stop, when last armed; empty when there is none
-  std::optional<MotorCommand> noted_;  ///< the last command that obedience_ knows of, while armed
+  bool bench_ = false;  ///< no state is needed; constant after start()
+  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
+  std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed
   ros::Time armed_at_;
   bool auto_arm_ = false;
   bool reporting_ = true;
-  std::uint64_t collected_ = 0;  ///< revision of the link that the newest status shows
+  std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
   std::deque<Status::Ptr> statuses_;
   std::deque<Telemetry::Ptr> telemetry_;
   std::condition_variable wake_;
-  DriveClock drive_;        ///< on the clock that begins at epoch_; guarded by mutex_
+  DriveClock drive_;        ///< on a clock that begins at epoch_; guarded by mutex_
   ros::Time epoch_;         ///< time of the first command; guarded by mutex_
-  bool drive_due_ = false;  ///< to be published; guarded by mutex_
-  RosTimeWatch time_watch_;     ///< of run()'s thread
-  Status logged_;               ///< of report()'s thread
-  std::size_t publishers_ = 0;  ///< of report()'s thread
+  bool drive_due_ = false;  ///< the start of the drive has to be published; guarded by mutex_
+  RosTimeWatch time_watch_;     ///< used only by run()
+  Status logged_;               ///< used only by report()
+  std::size_t publishers_ = 0;  ///< used only by report()
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
   ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
-  std::string own_stop_, craft_;  ///< file of records, name of the craft; fixed
+  std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   std::thread link_thread_, report_thread_;
 };

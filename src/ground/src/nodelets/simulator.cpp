@@ -27,15 +27,16 @@
 
 namespace ground {
 
-/// Craft and room: speaks the craft's UDP protocol to the sender, moves by the model, and delivers
-/// what the mocap sees, in OptiTrack's frame. It owns the time: /clock runs at real_time_factor.
+/// Simulates craft and room: uses the craft's UDP protocol with the sender, moves the craft by the
+/// model, and publishes the mocap's poses in OptiTrack's frame. Publishes the time: /clock runs at
+/// real_time_factor.
 ///
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
 /// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), braking (by the floor without lift,
-/// 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, live. Publishes:
-/// vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock. Service: ~load_model (moves
-/// the craft by another model file from now on). The factors of Simulator.cfg multiply the
-/// parameters of whichever model is loaded.
+/// 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, which can be
+/// changed at run time. Publishes: vrpn_client_node/hovercraft/pose, ~truth (the true state),
+/// /clock. Service: ~load_model (replaces the model by another file). The factors of Simulator.cfg
+/// multiply the parameters of the loaded model.
 class Simulator : public nodelet::Nodelet {
  public:
   ~Simulator() override {
@@ -69,7 +70,7 @@ class Simulator : public nodelet::Nodelet {
     room.braking = optionalParameter<double>(nh, "braking", room.braking);
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
         optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
-    constexpr double kLatest = 4e9;  // that a ROS stamp holds, with some years to run [s]
+    constexpr double kLatest = 4e9;  // a ROS stamp can represent some years more [s]
     if (!(room.start > 0) || !(room.start < kLatest) ||
         !(room.braking >= 0 && room.braking < 1e3) || !room.initial.eta.allFinite())
       throw std::runtime_error(
@@ -109,7 +110,7 @@ class Simulator : public nodelet::Nodelet {
     return params(c).validate();
   }
 
-  /// By which the parameters of the body are multiplied, in the order of kScaled.
+  /// Factors on parameters of the body, in the order of kScaled.
   using Factors = std::array<double, 6>;
   static constexpr std::array<const char*, 6> kScaled = {"k", "m", "I_z", "X_u", "Y_v", "N_r"};
 
@@ -117,7 +118,7 @@ class Simulator : public nodelet::Nodelet {
     return {c.k_factor, c.m_factor, c.I_z_factor, c.X_u_factor, c.Y_v_factor, c.N_r_factor};
   }
 
-  /// Throws std::exception when no craft can have the scaled parameters.
+  /// Throws std::exception if the scaled parameters are invalid or refused as implausible.
   static Model scaled(Model model, const Factors& factors) {
     for (std::size_t i = 0; i < factors.size(); ++i)
       if (factors[i] != 1) model.setValue(kScaled[i], factors[i] * model.value(kScaled[i]));
@@ -151,8 +152,9 @@ class Simulator : public nodelet::Nodelet {
     clock_offset_ = c.clock_offset;
   }
 
-  /// Simulated time by the wall's clock [s]. What was longer than a turn may take, when the computer
-  /// is busy or the process stopped, has not passed for the room: it waits for those who drive in it.
+  /// Simulated time from the wall clock [s]. A turn of run() advances it by at most kLongestTurn of
+  /// wall time, so that the simulation waits for the controllers when the computer is busy or the
+  /// process was stopped.
   double timeNow() {
     const auto now = SteadyClock::now();
     wall_origin_ += std::max(now - last_turn_ - kLongestTurn, SteadyClock::duration::zero());
@@ -249,24 +251,24 @@ class Simulator : public nodelet::Nodelet {
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
 
-  static constexpr std::chrono::milliseconds kLongestTurn{20};  // of run(), wall time
-  static constexpr double kTick = 0.001;            // wall time between looks at the socket [s]
+  static constexpr std::chrono::milliseconds kLongestTurn{20};  // longest turn of run(), wall time
+  static constexpr double kTick = 0.001;            // longest wait for a datagram, wall time [s]
   static constexpr double kTruthPeriod = 0.01;      // [s]
   static constexpr double kTelemetryPeriod = 0.02;  // [s]
-  static constexpr double kMarkerHeight = 0.04;     // of the markers above the floor [m]
+  static constexpr double kMarkerHeight = 0.04;     // height of the markers above the floor [m]
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset
-  Model loaded_;      ///< as in its file
+  Model loaded_;      ///< model as in its file, without factors
   Factors factors_ = {1, 1, 1, 1, 1, 1};
   std::unique_ptr<Room> room_;
   SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;
-  double clock_offset_ = 0;  ///< of all published times from the room's [s]
+  double clock_offset_ = 0;  ///< published times minus times of the room [s]
   MocapParams mocap_;
   AxisMapping mapping_;
   double input_max_ = 1;
-  std::uint32_t commands_ = 0;  ///< that have reached the craft; of run()'s thread
+  std::uint32_t commands_ = 0;  ///< number of commands received; used only by run()
   bool publish_clock_ = true;
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;

@@ -6,7 +6,8 @@
 
 namespace ground {
 
-/// Tracks a reference by backstepping (thesis 4.2); parameters as ReferenceTracking, and the gains.
+/// Tracks a reference by backstepping (thesis 4.2). Parameters: those of ReferenceTracking, and
+/// gains.
 class TrajectoryTracking : public ReferenceTracking<TrajectoryTrackingConfig> {
  public:
   TrajectoryTracking() : ReferenceTracking("TrajectoryTracking") {}

@@ -26,13 +26,13 @@
 
 namespace ground {
 
-/// What rviz shows of the craft: its path, its thrust, the missing force, how well
-/// models predict, and where on the floor they err.
+/// Shows the craft in rviz: its path, its thrust, the missing force, the prediction errors of
+/// models, and a map of these errors on the floor.
 ///
 /// Parameters: model (model file, required), room (file of a room, whose walls and floor are shown;
-/// without it a floor of 10 x 10 m) and those of Visualizer.cfg, live. Subscribes: state, controls,
-/// model_error, model_error2, model_comparison. Publishes: path/measured, markers, floor_map, room
-/// (latched).
+/// empty: a floor of 10 x 10 m) and those of Visualizer.cfg, which can be changed at run time.
+/// Subscribes: state, controls, model_error, model_error2, model_comparison. Publishes:
+/// path/measured, markers, floor_map, room (latched).
 class Visualizer : public nodelet::Nodelet {
  private:
   using Config = VisualizerConfig;
@@ -78,7 +78,7 @@ class Visualizer : public nodelet::Nodelet {
                ground_msgs::ModelError::ConstPtr& newest) {
     const std::lock_guard<std::mutex> lock(mutex_);
     newest = error;
-    if (&newest != &errors_[0] || error->window < kSettled) return;
+    if (&newest != &errors_[0] || error->window < kMinWindow) return;
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
                error->error_now);
   }
@@ -127,8 +127,8 @@ class Visualizer : public nodelet::Nodelet {
     return p;
   }
 
-  /// How much earlier the second message was stamped [s]; a difference of times, since an instant
-  /// before zero is an error to ROS.
+  /// Stamp of the first message minus stamp of the second [s]. Computed as a difference, because
+  /// ROS does not allow times before zero.
   template <class A, class B>
   static double age(const A& now, const B& then) {
     return secondsBetween(then.header.stamp, now.header.stamp);
@@ -216,8 +216,9 @@ class Visualizer : public nodelet::Nodelet {
     return error && !states_.empty() && std::abs(age(*states_.back(), *error)) < kRecent;
   }
 
-  /// The missing force of the first model, at the craft, and its moment as a side force at the bow;
-  /// by colour, from green to red, in parts of full thrust.
+  /// Adds arrows for the missing force of the first model, at the craft, and its moment as a
+  /// lateral force at the bow. The colour, from green to red, shows the size relative to full
+  /// thrust.
   template <class At>
   void addMissing(visualization_msgs::MarkerArray& array, const ros::Time& stamp, At at) {
     using visualization_msgs::Marker;
@@ -230,20 +231,20 @@ class Visualizer : public nodelet::Nodelet {
     const double per_newton = config_.missing_length / full;
     const auto arrow = [&](int id, double from, double forward, double starboard) {
       const double part = std::hypot(forward, starboard) / full;
-      const auto color = heat(part / kLargePart);
+      const auto color = heat(part / kRedPart);
       Marker m = marker(stamp, id, Marker::ARROW, color[0], color[1], color[2]);
       m.points = {at(from, 0, -3 * l),
                   at(from + per_newton * forward, per_newton * starboard, -3 * l)};
       m.scale.x = 0.6 * l;
       m.scale.y = 1.4 * l;
-      if (!known || part < kLeastPart) m.action = Marker::DELETE;
+      if (!known || part < kMinPart) m.action = Marker::DELETE;
       array.markers.push_back(m);
     };
     arrow(6, 0, w[0], w[1]);
     arrow(7, 2.5 * l, 0, w[2] / l);
   }
 
-  /// Current errors of the models, and which one is better.
+  /// Adds a text with the current errors of the models, and which one is better.
   void addText(visualization_msgs::MarkerArray& array, const ros::Time& stamp,
                geometry_msgs::Point place) {
     using visualization_msgs::Marker;
@@ -265,7 +266,7 @@ class Visualizer : public nodelet::Nodelet {
     array.markers.push_back(text);
   }
 
-  /// What is shown of a floor without walls.
+  /// The floor that is shown without a room.
   static RoomPlan openFloor() {
     RoomPlan floor;
     floor.corners = {{-5, -5}, {5, -5}, {5, 5}, {-5, 5}};
@@ -302,8 +303,8 @@ class Visualizer : public nodelet::Nodelet {
       low = low.cwiseMin(corner);
       high = high.cwiseMax(corner);
     }
-    constexpr double kMostLines = 40;
-    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMostLines));
+    constexpr double kMaxLines = 40;
+    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
     Marker grid = lines(0, 0.004, 0.7f), wall = lines(1, 0.03, 0.25f), home = lines(2, 0.015, 0.4f);
     for (double x = cell * std::ceil(low.x() / cell); x <= high.x(); x += cell)
       add(grid, x, low.y(), x, high.y());
@@ -323,7 +324,7 @@ class Visualizer : public nodelet::Nodelet {
     return array;
   }
 
-  /// Mean error of the first model in each cell of the floor, from green to red.
+  /// Publishes the mean error of the first model in each cell of the floor, from green to red.
   void publishFloor() {
     using visualization_msgs::Marker;
     auto m = boost::make_shared<Marker>(
@@ -351,20 +352,20 @@ class Visualizer : public nodelet::Nodelet {
     floor_publisher_.publish(m);
   }
 
-  /// From green over yellow to red for 0..1 and beyond.
+  /// Colour from green (0) over yellow to red (1 and above).
   static std::array<float, 3> heat(double part) {
     const float x = static_cast<float>(std::clamp(part, 0.0, 1.0));
     return {std::min(1.0f, 0.2f + 1.6f * x), std::min(0.75f, 1.5f - 1.4f * x), 0.15f};
   }
 
-  static constexpr double kRecent = 1.0;       // [s]
-  static constexpr double kSettled = 2.0;      // after which errors are normalised well [s]
-  static constexpr double kFloorPeriod = 1.0;  // between floor maps [s]
-  static constexpr double kLeastPart = 0.01;   // of full thrust: less is not shown
-  static constexpr double kLargePart = 0.5;    // of full thrust: red
+  static constexpr double kRecent = 1.0;       // largest age of an error that is shown [s]
+  static constexpr double kMinWindow = 2.0;    // shortest window with well normalised errors [s]
+  static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
+  static constexpr double kMinPart = 0.01;     // smallest force shown, relative to full thrust
+  static constexpr double kRedPart = 0.5;      // force shown in red, relative to full thrust
 
   CallbackThread callbacks_;
-  std::mutex mutex_;  ///< guards config_ and what the callbacks collect
+  std::mutex mutex_;  ///< guards config_ and the data of the callbacks
   Config config_;
   Model model_;
   std::deque<ground_msgs::State::ConstPtr> states_;

@@ -1,4 +1,4 @@
-// What the files of the Python module share.
+// Declarations shared by the files of the Python module.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -12,8 +12,8 @@
 
 namespace ground {
 
-/// Each adds the classes and functions of a library to the module, those of the libraries that it
-/// builds on before it.
+/// Each adds the classes and functions of a library to the module. Call them in this order, because
+/// libraries use classes of earlier ones.
 void bindModel(pybind11::module_& module);
 void bindEstimation(pybind11::module_& module);
 void bindControl(pybind11::module_& module);
@@ -25,10 +25,11 @@ void bindGreyBox(pybind11::module_& module);
 /// on other columns and on values that are not finite.
 InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows);
 
-/// Dictionaries: name, unit, start, value, ci95, deviation, at_bound, identified.
+/// A dictionary for each parameter: name, unit, start, value, ci95, deviation, at_bound,
+/// identified.
 pybind11::list toList(const std::vector<FittedParameter>& parameters);
 
-/// One row for each entry: fill(entry).
+/// Matrix with one row fill(entry) for each entry.
 template <typename Entry, typename Fill>
 Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill) {
   Eigen::MatrixXd rows(static_cast<Eigen::Index>(entries.size()), columns);
@@ -37,14 +38,14 @@ Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill
   return rows;
 }
 
-/// The result of compute(), during which other threads may run Python.
+/// Calls compute() without Python's global lock and returns its result.
 template <class Compute>
 auto withoutGil(const Compute& compute) {
   const pybind11::gil_scoped_release release;
   return compute();
 }
 
-/// A property for each parameter in a table.
+/// Defines a property for each parameter in a table.
 template <class Params>
 void defFields(pybind11::class_<Params>& type, const Tunables<Params>& table) {
   for (const Tunable<Params>& one : table)

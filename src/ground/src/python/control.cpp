@@ -34,7 +34,7 @@ py::object toPython(const TunableInfo& info, const Setting& value) {
 }
 
 void defReferences(py::module_& module) {
-  py::class_<TunableInfo>(module, "TunableInfo", "What a parameter is.")
+  py::class_<TunableInfo>(module, "TunableInfo", "Description of a parameter.")
       .def_readonly("name", &TunableInfo::name)
       .def_readonly("unit", &TunableInfo::unit)
       .def_readonly("text", &TunableInfo::text)
@@ -50,8 +50,8 @@ void defReferences(py::module_& module) {
             if (range.sign == 0) return py::none();
             return py::make_tuple(range.sign, range.low, range.high);
           },
-          "Sign and powers of ten between which tune searches it; None when it does not.");
-  py::class_<ReferenceInfo>(module, "ReferenceInfo", "What a kind of reference is.")
+          "Sign and powers of ten between which tune searches it; None if it does not.");
+  py::class_<ReferenceInfo>(module, "ReferenceInfo", "Description of a kind of reference.")
       .def_readonly("name", &ReferenceInfo::name)
       .def_readonly("text", &ReferenceInfo::text)
       .def_readonly("takes", &ReferenceInfo::takes)
@@ -64,17 +64,17 @@ void defReferences(py::module_& module) {
       .def_readwrite("kind", &ReferenceParams::kind)
       .def(
           "extent", [](const ReferenceParams& params) { return makeReference(params)->extent(); },
-          "Time after which it repeats or stands still [s].")
+          "Time after which it repeats or ends [s].")
       .def(
           "default_max_error",
           [](const ReferenceParams& params) { return defaultMaxError(*makeReference(params)); },
-          "Error beyond which a craft has lost it, unless told otherwise [m].")
+          "Default position error at which a craft has lost it [m].")
       .def(
           "infeasibility",
           [](const ReferenceParams& params, const Model& model) {
             return infeasibility(*makeReference(params), model.body);
           },
-          py::arg("model"), "Why the craft cannot follow it exactly; empty when it can.")
+          py::arg("model"), "Why the craft cannot follow it exactly; empty if it can.")
       .def(
           "sample",
           [](const ReferenceParams& params, const std::vector<double>& times) {
@@ -87,7 +87,7 @@ void defReferences(py::module_& module) {
 }
 
 void defControllers(py::module_& module) {
-  py::class_<ControllerInfo>(module, "ControllerInfo", "What a kind of controller is.")
+  py::class_<ControllerInfo>(module, "ControllerInfo", "Description of a kind of controller.")
       .def_readonly("name", &ControllerInfo::name)
       .def_readonly("text", &ControllerInfo::text)
       .def_readonly("follows", &ControllerInfo::follows, "Whether it follows a reference.")
@@ -115,12 +115,12 @@ void defControllers(py::module_& module) {
               one->set(choice, value);
             }
           },
-          "Name to value of all parameters of its kind. Setting it sets those that are given; "
-          "ValueError on a name or a type that it does not have.");
+          "Values of all parameters of its kind by name. Assignment sets the given ones; raises "
+          "ValueError on an unknown name or a wrong type.");
 }
 
 void defRoom(py::module_& module) {
-  py::class_<RoomPlan>(module, "RoomPlan", "The floor that a craft may be on, world_ned.")
+  py::class_<RoomPlan>(module, "RoomPlan", "The allowed floor area, world_ned.")
       .def(py::init<>())
       .def_readwrite("name", &RoomPlan::name)
       .def_readwrite("corners", &RoomPlan::corners)
@@ -140,7 +140,7 @@ void defRoom(py::module_& module) {
         return leavesRoom(*makeReference(params), room);
       },
       py::arg("reference"), py::arg("room"),
-      "Why a reference does not fit into a room; empty when it does.");
+      "Why a reference does not fit into a room; empty if it does.");
 }
 
 void defDesigns(py::module_& module) {
@@ -154,7 +154,7 @@ void defDesigns(py::module_& module) {
       .def_readwrite("hold", &DesignParams::hold)
       .def_readwrite("file", &DesignParams::file)
       .def_readwrite("rows_per_bit", &DesignParams::rows_per_bit);
-  py::class_<DesignInfo>(module, "DesignInfo", "What a design is.")
+  py::class_<DesignInfo>(module, "DesignInfo", "Description of a design.")
       .def_readonly("name", &DesignInfo::name)
       .def_readonly("text", &DesignInfo::text)
       .def_readonly("takes", &DesignInfo::takes);
@@ -176,7 +176,7 @@ void defDesigns(py::module_& module) {
           },
           "Time [s], left, right, lift (0..1).");
   module.def("make_design", &makeDesign, py::arg("params"), py::arg("duration"));
-  py::class_<ReturnParams>(module, "ReturnParams", "How an excitation is kept inside a room.")
+  py::class_<ReturnParams>(module, "ReturnParams", "Bursts and returns of an excitation in a room.")
       .def(py::init<>())
       .def_readwrite("burst", &ReturnParams::burst)
       .def_readwrite("arrival", &ReturnParams::arrival);
@@ -195,8 +195,8 @@ void defEffectUse(py::module_& module) {
         return d;
       },
       py::arg("kind"), py::arg("model"),
-      "What a kind of controller does with the model's effects: names of used and unused ones, a "
-      "remark for people, and why it must not drive by the model, empty when it may.");
+      "How a kind of controller uses the model's effects: names of used and unused ones, a remark "
+      "for users, and why it must not drive by the model (empty if it may).");
   module.def("make_prbs", &makePrbs, py::arg("order"), py::arg("seed"),
              "Bits (left, right) of a maximum-length sequence.");
 }

@@ -1,4 +1,4 @@
-// Python's view of the core: numpy arrays in, numpy arrays out. A file binds a library.
+// Python bindings of the core: numpy arrays in, numpy arrays out. Each file binds one library.
 #include <ceres/version.h>
 #include <malloc.h>
 
@@ -8,8 +8,8 @@
 #include "bindings.h"
 
 PYBIND11_MODULE(_core, module) {
-  // Evaluations borrow and return the same few megabytes over and over: kept, they cost a tenth of
-  // a fit less than fetched from the system each time.
+  // Evaluations repeatedly allocate and free the same few megabytes. Keeping them in the process
+  // makes a fit a tenth faster than fetching them from the system each time.
   mallopt(M_MMAP_THRESHOLD, 64 << 20);
   mallopt(M_TRIM_THRESHOLD, 256 << 20);
 

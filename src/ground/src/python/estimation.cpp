@@ -12,7 +12,7 @@ namespace py = pybind11;
 namespace ground {
 
 void bindEstimation(py::module_& module) {
-  py::class_<AxisMapping>(module, "AxisMapping", "Between the mocap's frame and world_ned.")
+  py::class_<AxisMapping>(module, "AxisMapping", "Converts between mocap frame and world_ned.")
       .def(py::init<const std::string&, double>(), py::arg("axes") = AxisMapping::kOptiTrack,
            py::arg("heading_offset") = 0.0)
       .def(

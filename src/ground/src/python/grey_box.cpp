@@ -125,7 +125,7 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
 
 void bindGreyBox(py::module_& module) {
   py::class_<GreyBoxPoint>(module, "GreyBoxPoint",
-                           "A model and the levels of what is random beside it.")
+                           "A model and the levels of the disturbance.")
       .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> loudness) {
              return GreyBoxPoint{model, levelsFromDict(levels), std::move(loudness)};
            }),
@@ -159,9 +159,10 @@ void bindGreyBox(py::module_& module) {
            py::arg("scale") = std::vector<double>(), py::arg("part") = 0.9, py::arg("draws") = 99,
            py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
            py::arg("seed") = 1,
-           "Predictions without poses from samples of a run on, each over a horizon [s]: first\n"
-           "(sample), and mean, deviation, low and high (n, 6) of x, y [m], psi [rad], u, v [m/s],\n"
-           "r [rad/s] as measured, from the start on; low and high hold `part` of the draws.");
+           "Predictions from samples of a run without later poses, each over a horizon [s]: first\n"
+           "(sample), and mean, deviation, low and high (n, 6) of measured x, y [m], psi [rad],\n"
+           "u, v [m/s], r [rad/s] from the start; the fraction `part` of the draws is between low\n"
+           "and high.");
 }
 
 }  // namespace ground

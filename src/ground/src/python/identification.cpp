@@ -57,7 +57,7 @@ py::dict toDict(const FitResult& result) {
 }
 
 void defRecording(py::module_& module) {
-  py::class_<RunData>(module, "RunData", "A recording as the fit sees it.")
+  py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = RunData().poses,
            py::arg("noise") = RunData().noise, py::arg("drives") = std::vector<double>())
@@ -70,7 +70,7 @@ void defRecording(py::module_& module) {
       .def_property_readonly("inputs", &fromInputs, "Rows time, left, right, lift.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
-          "When drives began [s], on the run's clock.")
+          "Start of each drive [s], on the run's clock.")
       .def_property_readonly(
           "t",
           [](const RunData& run) {
@@ -129,7 +129,7 @@ void defSimulationError(py::module_& module) {
             return d;
           },
           py::arg("model"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
-          "Every window with the initial velocities that suit the model best by the objective.")
+          "Simulates every window with the initial velocities that minimise the objective.")
       .def(
           "fit",
           [](const SimulationError& problem, const Model& model,
@@ -164,7 +164,8 @@ void defPrediction(py::module_& module) {
         return d;
       },
       py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
-      "Windows from the measured pose and the given measured velocity, a row each, uncorrected.");
+      "Simulates windows from the measured pose and the given velocity (a row each), without "
+      "correction.");
 }
 
 void defWrenchFilter(py::module_& module) {
@@ -207,7 +208,8 @@ void defWrenchFilter(py::module_& module) {
           },
           py::arg("noise"), py::arg("acting") = Eigen::MatrixXd(),
           py::arg("channels") = std::vector<int>(),
-          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to acting ones.")
+          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to the acting "
+          "wrenches.")
       .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
       .def_property_readonly("stretches", &WrenchFilter::stretches);
 }

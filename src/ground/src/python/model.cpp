@@ -33,7 +33,7 @@ py::list describe(const std::vector<ParameterInfo>& infos) {
   return list;
 }
 
-/// When drives began, by the commands and by rows began, as_of of the records.
+/// Starts of drives from the commands and from records, rows of began and as_of (DriveClock).
 std::vector<double> driveStarts(const std::vector<double>& times, const std::vector<double>& lift,
                                 const Eigen::Ref<const Eigen::MatrixX2d>& records) {
   if (times.size() != lift.size()) throw std::invalid_argument("times and lift differ in length");
@@ -64,7 +64,7 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
       Vector3<double> push = Vector3<double>::Zero();
       if (i > 0 && wrench.rows() > 0)
         push = 0.5 * (time - simulation.time()) * mobility * wrench.row(i - 1).transpose();
-      simulation.state().nu += push;  // half of it before the step, half after
+      simulation.state().nu += push;  // half of the impulse acts before the step, half after
       simulation.advance(time);
       simulation.state().nu += push;
       eta_out.row(i) = simulation.measure().eta;
@@ -91,11 +91,11 @@ void defProvenance(py::module_& module) {
 
 void defDisturbance(py::module_& module) {
   py::class_<Disturbance>(module, "Disturbance",
-                          "A random wrench beside the model: X, Y [N], N [N m], body.")
+                          "A random wrench in addition to the model: X, Y [N], N [N m], body.")
       .def(py::init<>())
       .def_readwrite("sigma", &Disturbance::sigma,
                      "Stationary standard deviation of an Ornstein-Uhlenbeck process (3,).")
-      .def_readwrite("time", &Disturbance::time, "Its correlation time (3,) [s].")
+      .def_readwrite("time", &Disturbance::time, "Correlation time of that process (3,) [s].")
       .def_readwrite("white", &Disturbance::white,
                      "Root of the two-sided spectral density of white noise (3,) [N sqrt(s), ..].")
       .def_readwrite("trim", &Disturbance::trim,
@@ -103,7 +103,7 @@ void defDisturbance(py::module_& module) {
       .def_readwrite("trim_thrust", &Disturbance::trim_thrust,
                      "Standard deviation, from run to run, of a factor on the thrust.")
       .def("empty", &Disturbance::empty)
-      .def("validate", &Disturbance::validate, "What is wrong; empty when nothing is.");
+      .def("validate", &Disturbance::validate, "Error message; empty if all values are valid.");
 }
 
 void defModel(py::module_& module) {
@@ -136,8 +136,8 @@ void defModel(py::module_& module) {
       .def("value", &Model::value, py::arg("parameter"))
       .def("set_value", &Model::setValue, py::arg("parameter"), py::arg("value"))
       .def("penalty", &Model::penalty, py::arg("parameters"),
-           "Prior on the named parameters: W (n, n), by which the log-likelihood loses "
-           "(x - x0)' W (x - x0)/2 at coordinates x, x0 the neutral ones.")
+           "Prior on the named parameters: W (n, n). The log-likelihood decreases by "
+           "(x - x0)' W (x - x0)/2 at coordinates x, with neutral coordinates x0.")
       .def(
           "add_effect", [](Model& m, const std::string& name) { m.addEffect(makeEffect(name)); },
           py::arg("name"), "Adds an effect of the library at its neutral values.")
@@ -157,10 +157,10 @@ void defFiles(py::module_& module) {
         Model model = loadModel(path, &warnings);
         return std::make_pair(std::move(model), warnings);
       },
-      py::arg("path"), "The model, and a line for each value that is hardly meant as it stands.");
+      py::arg("path"), "The model, and a warning for each implausible value.");
   module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
   module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
-             "A copy of the model with the effect of this text.");
+             "A copy of the model with the effect in this text added.");
   module.def("read_effect_file", &readEffectFile, py::arg("path"));
   module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
              py::arg("overwrite") = false);
@@ -182,8 +182,8 @@ void defEffects(py::module_& module) {
         }
         return all;
       },
-      "The effects of the library by name. A diagnosis tries those with `opt_in` only when it is "
-      "asked to.");
+      "The effects of the library by name. A diagnosis tries those with `opt_in` only if the user "
+      "names them.");
 }
 
 void defSimulation(py::module_& module) {
@@ -191,13 +191,14 @@ void defSimulation(py::module_& module) {
       "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
       py::arg("wrench") = Eigen::MatrixX3d(0, 3),
-      "Measured pose and velocity at `times` [s] from a true initial state; inputs are rows "
-      "of time, left, right, lift; `drives` says when drives began [s], the lift if empty; "
-      "`wrench` X, Y [N], N [N m] acts besides, each row until the next time (none if empty).");
+      "Simulated measurements of pose and velocity at `times` [s] from a true initial state. "
+      "`inputs`: rows of time, left, right, lift. `drives`: starts of drives [s]; if empty, they "
+      "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
+      "none if empty.");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
              py::arg("records") = Eigen::MatrixX2d(0, 2),
-             "When drives began [s], the origins of the model's t: by commands in order of time "
-             "and by records (k, 2), began and as of when, in order. Empty without any lift.");
+             "Starts of drives [s], the origins of the model's t, from commands in order of time "
+             "and from records (k, 2): began and as_of, in order. Empty without any lift.");
 }
 
 }  // namespace

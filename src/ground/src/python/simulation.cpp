@@ -87,14 +87,14 @@ void defParams(py::module_& module) {
       .def_readwrite("gap_rate", &MocapParams::gap_rate)
       .def_readwrite("gap_length", &MocapParams::gap_length)
       .def_readwrite("gaps_vary", &MocapParams::gaps_vary);
-  py::class_<LifecycleParams>(module, "LifecycleParams", "What all controllers are tuned with.")
+  py::class_<LifecycleParams>(module, "LifecycleParams", "Parameters of all controllers.")
       .def(py::init<>())
       .def_readwrite("lift", &LifecycleParams::lift)
       .def_readwrite("lift_time", &LifecycleParams::lift_time)
       .def_readwrite("state_timeout", &LifecycleParams::state_timeout)
       .def_readwrite("recovery_time", &LifecycleParams::recovery_time)
       .def_readwrite("rate", &LifecycleParams::rate);
-  py::class_<DriveParams>(module, "DriveParams", "A controller and its life.")
+  py::class_<DriveParams>(module, "DriveParams", "A controller and its life cycle.")
       .def_readwrite("estimate", &DriveParams::estimate)
       .def_readwrite("life", &DriveParams::life)
       .def_readwrite("start", &DriveParams::start)
@@ -127,17 +127,17 @@ void defExperiments(py::module_& module) {
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      "Craft and mocap under rows of time, left, right, lift (0..1). Gives frames (captured, "
-      "delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, nu_dot, "
-      "wrench of the disturbance).");
+      "Simulates craft and mocap under rows of time, left, right, lift (0..1). Returns frames "
+      "(captured, delivered, x, y, psi), commands (time, left, right, lift), truth (time, eta, nu, "
+      "nu_dot, wrench of the disturbance).");
   defExperiment(module, "track_reference", "tracking", &trackReference,
-                "The same with a controller in the loop; besides, references (time, p, p_dot, "
-                "p_ddot, p_dddot), decisions (time, left, right, processor time, wanted left and "
-                "right, stamp of the state), stages (time, state, reason), why it stopped early, "
-                "empty when it did not, and when.");
+                "Like play_schedule with a controller in the loop. Also returns references (time, "
+                "p, p_dot, p_ddot, p_dddot), decisions (time, left, right, CPU time, left and "
+                "right before saturation, stamp of the state), stages (time, state, reason), "
+                "stopped (why it stopped early; empty if it did not) and stopped_at.");
   defExperiment(module, "excite", "excitation", &excite,
-                "The same with an input design; besides, marks (time, number, whether a burst or a "
-                "return begins, why).");
+                "Like track_reference with an input design. Also returns marks (time, number, true "
+                "for a burst and false for a return, reason).");
 }
 
 }  // namespace

@@ -7,8 +7,9 @@
 namespace ground {
 namespace {
 
-constexpr double kLeastThrust = 0.05;                  // factor on the thrust of a run
-constexpr unsigned long kStream = 0x9e3779b97f4a7c15;  // apart from the mocap's of the same seed
+constexpr double kMinThrust = 0.05;  // smallest factor on the thrust of a run
+// Makes the random numbers independent of the mocap's with the same seed.
+constexpr unsigned long kStream = 0x9e3779b97f4a7c15;
 
 }  // namespace
 
@@ -18,7 +19,7 @@ DisturbanceSource::DisturbanceSource(const Disturbance& disturbance, double step
   const std::string wrong = disturbance.validate();
   if (!wrong.empty()) throw std::invalid_argument("disturbance: " + wrong);
   trim_ = disturbance.trim.cwiseProduct(draw());
-  thrust_factor_ = std::max(kLeastThrust, 1 + disturbance.trim_thrust * normal_(random_));
+  thrust_factor_ = std::max(kMinThrust, 1 + disturbance.trim_thrust * normal_(random_));
   process_ = disturbance.sigma.cwiseProduct(draw());
   for (int i = 0; i < 3; ++i) {
     keep_(i) = disturbance.time(i) > 0 ? std::exp(-step / disturbance.time(i)) : 0;

@@ -16,19 +16,19 @@ namespace {
 
 using Command = ExperimentLog::Command;
 
-constexpr double kPatience = 10.0;   // for a first valid state [s]
+constexpr double kPatience = 10.0;   // longest wait for a first valid state [s]
 
-/// Whoever commands the craft.
+/// Source of the craft's commands.
 class Driver {
  public:
   virtual ~Driver() = default;
-  /// A frame of the mocap comes in.
+  /// Called with every frame of the mocap.
   virtual void see(double /*now*/, const MocapFrame& /*frame*/) {}
   /// The commands to issue at `now`; called after every event.
   virtual std::vector<Command> act(double now) = 0;
-  /// When it has to act next even if no frame comes, after the instant of the last act() [s].
+  /// Time of the next act() if there is no frame before, not earlier than the last act() [s].
   virtual double wakesAt() const = 0;
-  /// When the experiment is over [s]; infinity as long as that is open.
+  /// End of the experiment [s]; infinity while it is unknown.
   virtual double end() const = 0;
 };
 
@@ -57,14 +57,13 @@ class Player : public Driver {
   std::size_t next_ = 0;  ///< first command that has not been issued
 };
 
-/// A pilot and its life on what the estimator makes of the mocap's frames, as nodelets MocapState and
-/// Controller have them.
+/// A pilot with life cycle and state estimator, like the nodelets MocapState and Controller.
 class LivePilot : public Driver {
  public:
   LivePilot(const DriveParams& params, ExperimentLog& log)
       : params_(params), estimator_(makeKalmanEstimator(params.estimator)), log_(log) {}
 
-  /// Hands over the pilot, which has to outlive it.
+  /// Sets the pilot, which must outlive it.
   void take(Pilot& pilot) {
     pilot_ = &pilot;
     life_ = std::make_unique<ControllerLifecycle>(
@@ -136,7 +135,7 @@ class LivePilot : public Driver {
   Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
   double now_ = 0;                 ///< [s]
-  std::vector<Command> commands_;  ///< that have not been handed out
+  std::vector<Command> commands_;  ///< commands that act() has not yet returned
   double end_ = std::numeric_limits<double>::infinity();
 };
 

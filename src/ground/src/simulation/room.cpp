@@ -36,7 +36,7 @@ Room::Room(const Model& model, const MocapParams& mocap, const Params& params)
   setMocap(mocap);
 }
 
-/// The model with the thrust that it has in this run.
+/// The model with the disturbance's factor on the thrust of this run.
 Model Room::onThisRun(Model model) const {
   if (source_) model.body.k *= source_->thrustFactor();
   return model;
@@ -49,15 +49,15 @@ RigidState<double> Room::derivative() const {
     const Vector3<double> most = friction();
     for (int i = 0; i < 3; ++i) {
       const double nu = state().nu(i);
-      // at rest friction holds what it can
+      // At rest, friction cancels accelerations up to its limit.
       rate.nu(i) -= nu != 0 ? std::copysign(most(i), nu) : std::clamp(rate.nu(i), -most(i), most(i));
     }
   }
   return rate;
 }
 
-/// Decelerations that dry friction of the skirt reaches where the craft sits, along the velocity over
-/// the floor and against the yaw rate: m/s^2, m/s^2, rad/s^2. Its lever is about the thrusters'.
+/// Largest decelerations by dry friction of the skirt without lift: along u and v [m/s^2] and in
+/// yaw [rad/s^2]. The friction's lever is taken as that of the thrusters.
 Vector3<double> Room::friction() const {
   const Vector3<double>& nu = state().nu;
   const double speed = nu.head<2>().norm();
@@ -68,8 +68,8 @@ Vector3<double> Room::friction() const {
   return {params_.braking * along_u, params_.braking * along_v, turning};
 }
 
-/// Moves the craft under the disturbance and on the floor: between two changes of the wrench, half
-/// of its impulse acts before and half after; friction removes at most the present velocity.
+/// Moves the craft under the disturbance and friction of the floor. Half of the impulse of the
+/// wrench acts before each step and half after it. Friction does not reverse the velocity.
 void Room::move(double time) {
   Simulation<double>& simulation = moving_->simulation;
   while ((source_ || sits()) && simulation.time() < time) {
@@ -135,11 +135,11 @@ void Room::command(double left, double right, double lift) {
   forgetCommands();
 }
 
-/// An experiment may last for hours: commands that no actuator remembers go, many at once.
+/// Drops commands that no longer act, many at once, because an experiment may last for hours.
 void Room::forgetCommands() {
-  constexpr std::size_t kMany = 20000;
-  constexpr double kMemory = kActuatorMemory + 5;  // with the longest delay of inputs, and more [s]
-  if (inputs_.size() < kMany) return;
+  constexpr std::size_t kMaxCommands = 20000;
+  constexpr double kMemory = kActuatorMemory + 5;  // includes the longest input delay [s]
+  if (inputs_.size() < kMaxCommands) return;
   const auto recent = std::lower_bound(inputs_.times.begin(), inputs_.times.end(), time_ - kMemory);
   const auto old = static_cast<std::size_t>(recent - inputs_.times.begin());
   if (old < 2) return;
@@ -170,7 +170,7 @@ void Room::advance(double time) {
 }
 
 void Room::capture() {
-  // The same numbers are drawn for every frame, so that one lost frame does not change the others.
+  // Draws for every frame, so that a lost frame does not change the noise of the others.
   const double noise[3] = {normal_(random_), normal_(random_), normal_(random_)};
   if (lost(next_frame_)) return;
   MocapFrame frame;

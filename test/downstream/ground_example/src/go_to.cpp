@@ -9,8 +9,8 @@
 
 namespace ground_example {
 
-/// Drives to a point and stops there: the thrust is turned into the direction of a spring and a
-/// damper between craft and point.
+/// Drives to a point and stops there: a spring and a damper between craft and point give a force;
+/// the craft turns into its direction and uses it as thrust.
 ///
 /// Parameters: model (file, required), x, y (the point, world_ned, required) [m], tolerance (0.1)
 /// [m], and those of every controller (ground::Controller).
@@ -21,8 +21,8 @@ class GoTo : private ground::Pilot, public ground::Controller {
 
  private:
   static constexpr double kApproach = 0.7;  ///< natural frequency of spring and damper [rad/s]
-  static constexpr double kTurn = 3.0;      ///< that of the turn [rad/s]
-  static constexpr double kSlow = 0.1;      ///< speed at which it has stopped [m/s]
+  static constexpr double kTurn = 3.0;      ///< natural frequency of the turn [rad/s]
+  static constexpr double kSlow = 0.1;      ///< the craft counts as stopped below this speed [m/s]
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
   void load(ros::NodeHandle& nh) override {
@@ -31,7 +31,7 @@ class GoTo : private ground::Pilot, public ground::Controller {
     tolerance_ = ground::optionalParameter<double>(nh, "tolerance", 0.1);
     if (!(tolerance_ > 0)) throw std::runtime_error("parameter tolerance must be above 0 m");
     ground::LifecycleParams params;
-    params.recovery_time = 0.5;  // bridges a short loss of the mocap without thrust
+    params.recovery_time = 0.5;  // a short loss of the mocap: no thrust, then it continues
     setParams(params);
   }
 
@@ -61,7 +61,7 @@ class GoTo : private ground::Pilot, public ground::Controller {
   ground::Body<double> body_;
   ground::Vector2<double> point_;  ///< world_ned [m]
   double tolerance_ = 0;           ///< [m]
-  double end_ = kNever;            ///< since it began [s]
+  double end_ = kNever;            ///< time at the point, since the start [s]
 };
 
 }  // namespace ground_example

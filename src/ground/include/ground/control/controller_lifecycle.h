@@ -14,16 +14,16 @@ namespace ground {
 /// Parameters that all controllers share.
 struct LifecycleParams {
   double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
-  double lift_time = 1.0;      ///< lift alone before the thrusters start [s]
-  double state_timeout = 0.2;  ///< oldest state with which to drive [s]
-  double recovery_time = 0.0;  ///< zero thrust bridges such a loss of the state [s]
-  double rate = 50.0;          ///< of closed-loop control [Hz]
+  double lift_time = 1.0;      ///< time of lift alone before the thrusters start [s]
+  double state_timeout = 0.2;  ///< largest age of a state for control [s]
+  double recovery_time = 0.0;  ///< longest loss of the state, with zero thrust, before it stops [s]
+  double rate = 50.0;          ///< rate of closed-loop control [Hz]
   bool require_armed = true;   ///< whether it waits for an armed sender, and stops with it
-  /// Whether it waits for a valid state, and stops without one. Otherwise states are ignored, and the
-  /// fence with them: on a bench, where the craft is fastened.
+  /// Whether it waits for a valid state, and stops without one. Otherwise it ignores states and the
+  /// fence: for a bench where the craft is fastened.
   bool require_state = true;
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// Inputs of the two thrusters and of the lift fan, 0..1.
@@ -31,46 +31,47 @@ struct Inputs {
   double left = 0, right = 0, lift = 0;
 };
 
-/// One instant on two clocks: the steady one, by which watchdogs run, and the one of stamps, which
-/// somebody may set. A simulation has one clock for both.
+/// One instant on two clocks: the steady clock of the watchdogs, and the clock of stamps, which may
+/// be set. A simulation has one clock for both.
 struct Instant {
   double steady, time;  ///< [s]
 };
 
-/// What the mocap says of the craft.
+/// State of the craft, estimated from the mocap.
 struct MeasuredState {
-  double stamp = 0;  ///< when it was measured, on the clock of stamps [s]
+  double stamp = 0;  ///< time of measurement, clock of stamps [s]
   RigidState<double> state;
   bool valid = false;
   std::string problem = {};  ///< why it is not valid
-  Vector3<double> nu_variance = Vector3<double>::Zero();  ///< of the velocities
+  Vector3<double> nu_variance = Vector3<double>::Zero();  ///< variance of the velocities
 };
 
-/// Says what to command while a controller drives. Times `elapsed` are seconds since it began.
+/// Computes the commands while a controller drives. Times `elapsed` are seconds since it began.
 class Pilot {
  public:
-  static constexpr double kByState = -1.0;  ///< nextChange() while it is driven by the state
+  static constexpr double kByState = -1.0;  ///< value of nextChange() for closed-loop control
 
   virtual ~Pilot() = default;
-  /// Every command that went out, whoever gave it, in order of time (clock of stamps) [s].
+  /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
+  /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
-  /// Driving begins at the time of `stamp`; what it throws refuses the start.
+  /// Called when driving begins, at the time `stamp`. An exception refuses the start.
   virtual void activate(double /*stamp*/) {}
-  /// Driving ends, for whatever reason.
+  /// Called when driving ends, for any reason.
   virtual void deactivate() {}
-  /// Why it has to stop, empty when it may go on; asked with every state and before every update
-  /// that goes by the state.
+  /// Reason to stop, or an empty string to continue. Called with every state and before every
+  /// closed-loop update.
   virtual std::string objection(const MeasuredState& /*measured*/) { return ""; }
-  /// The inputs from now on; `lift`: that of the life cycle's parameters, 0..1.
+  /// The inputs from now on; `lift`: lift input of the parameters, 0..1.
   virtual Inputs update(double elapsed, double stamp, const RigidState<double>& state,
                         double lift) = 0;
-  /// When it is done.
+  /// Elapsed time at which it is done [s].
   virtual double end() const { return std::numeric_limits<double>::infinity(); }
-  /// When an open-loop controller changes its inputs next; a closed-loop one is driven by the state
-  /// instead, at most at `rate`. Asked before it is activated where no state is required, and anew
-  /// after every state and update.
+  /// Elapsed time of the next change of open-loop inputs [s], or kByState for closed-loop control,
+  /// which updates with each state, at most at `rate`. Called after every state and update, and
+  /// also before activation if no state is required.
   virtual double nextChange(double /*elapsed*/) const { return kByState; }
-  /// What whoever starts it should know; empty when nothing.
+  /// Warning for the user who starts it; empty if there is none.
   const std::string& caution() const { return caution_; }
   void setCaution(std::string caution) { caution_ = std::move(caution); }
 
@@ -78,62 +79,71 @@ class Pilot {
   std::string caution_;
 };
 
-/// The life of a controller: whether it may drive, and what goes out while it may not. The same
-/// object runs in the nodelets and in simulated experiments. Free of clocks; the caller serialises
-/// the calls.
+/// Life cycle of a controller: decides when it may drive, and what is sent otherwise. Nodelets and
+/// simulated experiments use the same class. It reads no clock; the caller serialises the calls.
 ///
-/// IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or STOPPED;
-/// RECOVERING while the state is lost in between (LIFTING goes on meanwhile). Thrust goes out in RUNNING only, lift in LIFTING,
-/// RUNNING and RECOVERING. It stops when the state is stale or invalid for recovery_time, at once
-/// where that is 0 or the state is not finite, when the state jumps as no craft can, when the craft
-/// would leave the room, when the sender disarms, when the clock was set, when another controller
-/// takes over, when the pilot objects and when a command is not finite. Where no state is required
-/// (LifecycleParams), only a pilot that does not go by it may drive.
+/// States: IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or
+/// STOPPED. RUNNING changes to RECOVERING while the state is lost; LIFTING continues without it.
+/// Thrust is sent only in RUNNING, lift in LIFTING, RUNNING and RECOVERING.
+///
+/// It stops if
+/// - the state is stale or invalid for longer than recovery_time, or not finite,
+/// - the state jumps by more than is physically possible,
+/// - the craft would leave the room,
+/// - the sender disarms,
+/// - the clock was set,
+/// - another controller takes over,
+/// - the pilot objects, or
+/// - a command is not finite.
+///
+/// If no state is required (LifecycleParams), only an open-loop pilot may drive.
 class ControllerLifecycle {
  public:
   /// Numbers as in ground_msgs/ControllerStatus.
   enum class State { kIdle, kWaiting, kLifting, kRunning, kDone, kStopped, kRecovering };
-  /// A command goes out.
+  /// Sends a command.
   using Send = std::function<void(const Inputs&)>;
-  /// State or reason have changed.
+  /// Called when state or reason have changed.
   using Changed = std::function<void()>;
-  static constexpr double kKeepalive = 0.02;  ///< between repeated commands [s]
+  static constexpr double kKeepalive = 0.02;  ///< interval of repeated commands [s]
 
-  /// The pilot has to outlive it.
+  /// The pilot must outlive it.
   ControllerLifecycle(Pilot& pilot, Send send, Changed changed);
 
   /// Takes effect at once.
   void setParams(const LifecycleParams& params) { params_ = params; }
   const LifecycleParams& params() const { return params_; }
-  /// Keeps the craft inside; nothing for no bounds. Takes effect with the next state.
+  /// Sets the fence that keeps the craft inside the room; without value, no bounds. Takes effect
+  /// with the next state.
   void setFence(std::optional<Fence> fence) { fence_ = std::move(fence); }
 
-  /// Says why it cannot be started; empty when it is.
+  /// Starts the controller. Returns why it cannot be started, or an empty string.
   std::string start(Instant now);
   void stop(Instant now, const std::string& reason);
-  /// The sender says whether it is armed, and why not.
+  /// Call with the sender's status: whether it is armed, and if not, why.
   void sender(Instant now, bool armed, const std::string& reason);
-  /// Another controller, named so, gives a command. While it does, this one is silent. The one that
-  /// was started last drives: this one stops, or takes the other's place with the lift on.
+  /// Call when the other controller `name` sends a command. This one sends nothing at the same
+  /// time. The controller that was started last drives: this one stops, or takes over with the lift
+  /// on.
   void otherDrives(Instant now, const std::string& name, double lift);
-  /// A state came in.
+  /// Call with every state.
   void state(Instant now, const MeasuredState& measured);
-  /// Zero inputs go out now, unless another controller drives.
+  /// Sends zero inputs, unless another controller drives.
   void sendZero(Instant now) { send(now, {}); }
-  /// The clock of stamps was set.
+  /// Call when the clock of stamps was set.
   void timeJumped(Instant now, const std::string& what);
-  /// Moves on to now.
+  /// Advances to now.
   void tick(Instant now);
-  /// By when on each clock tick() has to be called, as far as is known.
+  /// Latest time on each clock for the next tick(); infinite if unknown.
   Instant due() const;
 
   State current() const { return state_; }
   const std::string& reason() const { return reason_; }
-  /// From its start to its end.
+  /// Whether it is started and not yet done or stopped.
   bool started() const {
     return state_ == State::kWaiting || state_ == State::kLifting || driving();
   }
-  /// The pilot is at work, be it that the state is lost for a moment.
+  /// Whether the pilot is active, including RECOVERING.
   bool driving() const { return state_ == State::kRunning || state_ == State::kRecovering; }
   /// Seconds since it began to drive.
   double elapsed(double time) const { return driving() ? time - running_since_ : 0; }
@@ -141,7 +151,7 @@ class ControllerLifecycle {
  private:
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
-  /// Lift is on: it lifts or drives.
+  /// Whether the lift is on.
   bool flying() const { return state_ == State::kLifting || driving(); }
   std::string stateProblem(Instant now) const;
   bool stateIsFinite() const;
@@ -169,20 +179,20 @@ class ControllerLifecycle {
   bool armed_ = false;
   std::optional<MeasuredState> measured_;
   double measured_at_ = 0;              ///< steady clock [s]
-  std::optional<MeasuredState> known_;  ///< the last one with which it was driven
+  std::optional<MeasuredState> known_;  ///< the last state used for control
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
-  /// When open-loop inputs change, clock of stamps [s]; none while the pilot goes by the state.
+  /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;                         ///< steady clock [s]
-  double others_until_ = -kNever;  ///< how long another controller may be taken to drive [s]
-  bool lifted_ = false;            ///< by another controller, whose place is taken
-  /// Since when there has been no state to lift or drive by, steady clock [s].
+  double others_until_ = -kNever;  ///< until then another controller counts as driving [s]
+  bool lifted_ = false;            ///< the lift was on when it took over from another controller
+  /// Time of the loss of the state, steady clock [s]; no value while there is a valid state.
   std::optional<double> lost_since_;
   double next_keepalive_ = -kNever;  ///< steady clock [s]
 };
 
-/// As in messages and logs: "RUNNING".
+/// Name for messages and logs, such as "RUNNING".
 const char* nameOf(ControllerLifecycle::State state);
 
 }  // namespace ground

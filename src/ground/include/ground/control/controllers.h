@@ -12,7 +12,7 @@
 
 namespace ground {
 
-/// A controller by its name, and what each kind takes.
+/// A controller by its name, and the parameters of each kind.
 struct ControllerChoice {
   std::string kind = "TrajectoryTracking";  ///< a name in controllerTable()
   TrackingGains gains;                      ///< TrajectoryTracking
@@ -21,20 +21,21 @@ struct ControllerChoice {
   int prbs_order = 9;                       ///< 2..20
   unsigned long prbs_seed = 1;
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
-/// What a kind of controller is, for all who offer, tune or make it.
+/// Description of a kind of controller.
 struct ControllerInfo {
   std::string name, text;
-  bool follows;  ///< a reference
+  bool follows;  ///< whether it follows a reference
   Tunables<ControllerChoice> parameters;
-  /// What is wrong with its part of a choice; empty when nothing is.
+  /// Error message for its parameters in a choice; empty if they are valid.
   std::function<std::string(const ControllerChoice&)> validate;
   EffectUse (*effectUse)(const Model&);
-  /// Throws std::invalid_argument when parameters are bad or it must not drive by this model.
+  /// Makes a controller. Throws std::invalid_argument if parameters are bad or it must not drive by
+  /// this model.
   std::function<std::unique_ptr<TrackingController>(const Model&, const ControllerChoice&)> make;
-  /// Hands good parameters to a controller that make() made.
+  /// Sets valid parameters of a controller that make() made.
   std::function<void(TrackingController&, const ControllerChoice&)> tune;
 };
 
@@ -42,10 +43,10 @@ struct ControllerInfo {
 const std::vector<ControllerInfo>& controllerTable();
 /// Throws std::invalid_argument on an unknown kind.
 const ControllerInfo& controllerInfo(const std::string& kind);
-/// What a kind of controller does with the effects of a model; an open-loop one has no model.
+/// How a kind of controller uses the effects of a model; an open-loop one uses none.
 EffectUse effectUse(const std::string& kind, const Model& model);
-/// A controller that believes in `model`. Throws std::invalid_argument when parameters are bad or
-/// when it must not drive by this model (effectUse).
+/// Makes a controller with `model` as its internal model. Throws std::invalid_argument if
+/// parameters are bad or it must not drive by this model (effectUse).
 std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params);
 

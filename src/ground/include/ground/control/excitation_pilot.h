@@ -18,33 +18,32 @@ namespace ground {
 struct ReturnParams {
   RoomPlan room;
   double burst = 4.0;    ///< longest burst [s]
-  double arrival = 0;    ///< a return ends so near to home [m]; 0: half way from home to a wall
+  double arrival = 0;    ///< distance from home at which a return ends [m]; 0: half way to a wall
   PredictiveParams predictive;
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
-/// Plays an input signal, whatever the state; between its bursts ModelPredictive drives the craft
-/// home.
+/// Plays an input signal in open loop. Between its bursts, ModelPredictive drives the craft home.
 ///
-/// While a burst lasts, the way home is planned again and again (kCheck). The burst ends as soon as
-/// somewhere on that way a craft whose mocap is lost for Fence::kLoss could no longer be stopped inside
-/// (Fence), were all ways longer by kModelError. A return ends near home, moving or not, as soon as
-/// there is room for a burst. The next burst goes on with the next row of the signal. All inputs are
-/// known, those of the returns as well, so that feedback does not bias an identification by prediction
-/// errors (Ljung, System Identification, 2nd ed., 13.4).
+/// During a burst, the way home is planned repeatedly (kCheck). The burst ends before the craft
+/// could no longer be stopped inside the room (Fence) at some point of that way, if the mocap were
+/// lost for Fence::kLoss and all distances were longer by kModelError. A return ends near home as
+/// soon as there is room for a burst; the craft may still move. The next burst continues with the
+/// next row of the signal. All inputs are known, including those of the returns, so feedback does
+/// not bias an identification by prediction errors (Ljung, System Identification, 2nd ed., 13.4).
 class ExcitationPilot : public Pilot {
  public:
-  static constexpr double kCheck = 0.05;      ///< between plans of the way home [s]
-  static constexpr double kModelError = 0.3;  ///< of ways, a share
-  static constexpr double kBurstRoom = 0.1;   ///< to spare on the way home when a burst begins [m]
+  static constexpr double kCheck = 0.05;      ///< interval of plans of the way home [s]
+  static constexpr double kModelError = 0.3;  ///< relative error of predicted distances
+  static constexpr double kBurstRoom = 0.1;   ///< smallest spare distance to begin a burst [m]
 
-  /// A burst or a return begins.
+  /// The beginning of a burst or a return.
   struct Mark {
-    double time;        ///< clock of the stamps [s]
-    int number;         ///< of the burst, from 1 on; a return has that of the burst before
+    double time;        ///< clock of stamps [s]
+    int number;         ///< number of the burst, from 1; a return has that of the burst before
     bool burst;
-    std::string reason;  ///< why
+    std::string reason;  ///< why it begins
   };
   using Marked = std::function<void(const Mark&)>;
 
@@ -52,16 +51,16 @@ class ExcitationPilot : public Pilot {
   ExcitationPilot(const ExcitationPilot&) = delete;
   ExcitationPilot& operator=(const ExcitationPilot&) = delete;
 
-  /// What to play from the next activation on, for `duration` [s] or until the signal ends; open
-  /// loop.
+  /// Sets the signal to play in open loop from the next activation, for `duration` [s] or until it
+  /// ends.
   void play(InputSignal signal, double duration);
-  /// The same in bursts, between which a controller that believes in `model` returns home. Throws
-  /// std::invalid_argument when parameters are bad.
+  /// Like play(), in bursts; in between, a controller with the internal model `model` returns home.
+  /// Throws std::invalid_argument if parameters are bad.
   void playInside(InputSignal signal, double duration, const Model& model,
                   const ReturnParams& params);
 
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
-  /// As DriveClock::record.
+  /// See DriveClock::record.
   void driveBegan(double began, double as_of) { home_.driveBegan(began, as_of); }
 
   void activate(double stamp) override;
@@ -82,14 +81,14 @@ class ExcitationPilot : public Pilot {
   Marked marked_;
   ReferencePilot home_;
   std::optional<ReturnParams> returns_;
-  PredictiveControl* control_ = nullptr;  ///< of home_
-  bool bursting_ = true, due_ = true;     ///< due_: the first inputs of the burst
+  PredictiveControl* control_ = nullptr;  ///< controller of home_
+  bool bursting_ = true, due_ = true;     ///< due_: the burst's first inputs are not yet sent
   int number_ = 0;
-  double activated_ = 0;  ///< clock of the stamps [s]
-  double began_ = 0;      ///< the burst, since it was activated [s]
-  double played_ = 0;     ///< of the signal before this burst [s]
-  double checked_ = 0;    ///< stamp [s]
-  double lift_ = 1;       ///< of the last update
+  double activated_ = 0;  ///< time of activation, clock of stamps [s]
+  double began_ = 0;      ///< start of the burst, since activation [s]
+  double played_ = 0;     ///< duration of the signal played before this burst [s]
+  double checked_ = 0;    ///< stamp of the last check [s]
+  double lift_ = 1;       ///< lift of the last update
   double ended_ = std::numeric_limits<double>::infinity();
 };
 

@@ -9,27 +9,27 @@
 
 namespace ground {
 
-/// Keeps a craft in a room: predicts where it comes to rest when thrust and lift are cut, and says
-/// when it is time to do so. Free of clocks.
+/// Keeps a craft in a room: predicts where it comes to rest if thrust and lift are cut, and decides
+/// when to cut them. Reads no clock.
 ///
-/// The craft goes straight on for the room's latency and for as long as the state is old, and is
-/// then braked by the floor. What its drag would take away is not counted.
+/// The prediction is conservative: the craft moves straight at constant velocity for the age of the
+/// state plus the room's latency; then friction of the floor brakes it. Drag is neglected.
 class Fence {
  public:
-  /// A loss of the mocap that shall not end a drive: plans leave room for it [s].
+  /// Loss of the mocap that should not end a drive; plans leave room for it [s].
   static constexpr double kLoss = 0.3;
 
-  /// distance: what has to be left to the walls [m].
+  /// distance: smallest distance to the walls [m].
   Fence(RoomPlan room, double distance) : room_(std::move(room)), distance_(distance) {}
 
   const RoomPlan& room() const { return room_; }
-  /// Where the craft comes to rest if it is cut now; `age`: of the state [s].
+  /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
   Vector2<double> rest(const RigidState<double>& state, double age) const;
-  /// By how much rest() is too close to a wall [m], 0 where it is not; `derivative`: its derivatives by
-  /// x, y, psi, u, v, set where it is positive.
+  /// By how much rest() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
+  /// y, psi, u, v, set only if it is positive.
   double excess(const RigidState<double>& state, double age,
                 Eigen::Matrix<double, 1, 5>& derivative) const;
-  /// Why the craft has to be cut now; empty as long as it may go on.
+  /// Why thrust and lift have to be cut now; empty if the craft may continue.
   std::string objection(const RigidState<double>& state, double age) const;
 
  private:
@@ -39,19 +39,19 @@ class Fence {
   double distance_;
 };
 
-/// Walls that a plan avoids: it costs when the craft would be too close to one after thrust and lift
-/// were cut.
+/// Walls that a plan avoids: a penalty on states from which the craft would come to rest too close
+/// to a wall if thrust and lift were cut.
 struct PlanWalls {
   Fence fence;
-  double age = 0;       ///< of the state when that happens: for how long the mocap is lost [s]
-  double weight = 100;  ///< of the square of Fence::excess
+  double age = 0;       ///< age of the state at the cut: duration of a loss of the mocap [s]
+  double weight = 100;  ///< weight of the square of Fence::excess
 };
 
-/// Why a craft on a reference could not be stopped inside a room, its margin included, were the mocap
-/// lost for Fence::kLoss; empty when it could.
+/// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
+/// were lost for Fence::kLoss; empty if it could.
 std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room);
-/// Where open-loop inputs (in the model's units, until `end` [s]) take a craft by its model, from rest
-/// at home: why it does not stay inside; empty when it does.
+/// Why a simulated craft leaves a room under open-loop inputs (in the model's units, until `end`
+/// [s]) from rest at home; empty if it stays inside.
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
                        const RoomPlan& room);
 

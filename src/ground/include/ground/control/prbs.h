@@ -9,57 +9,58 @@
 
 namespace ground {
 
-/// A binary sequence for the left and right thruster, one entry a bit.
+/// A binary sequence for the left and right thruster, one entry per bit.
 using PrbsBits = std::vector<std::array<bool, 2>>;
 
 /// Maximum-length sequence of 2^order - 1 bits, order 2..20, from a shift register with primitive
-/// feedback polynomial; the right channel is the left one half a period later, so that the two are
-/// uncorrelated. `seed` sets where in the period the sequence starts. Throws std::invalid_argument.
+/// feedback polynomial. The right channel is the left one delayed by half a period, so that the two
+/// are uncorrelated. `seed` sets the start in the period. Throws std::invalid_argument on a bad
+/// order.
 PrbsBits makePrbs(int order, unsigned long seed);
 
-/// A binary sequence as a file has it: rows at a fixed rate, several of which may make a bit.
+/// A binary sequence from a file: rows at a fixed rate, one or several per bit.
 struct PrbsFile {
   PrbsBits rows;
   int rows_per_bit = 1;
 
-  /// One line: how many rows and rows per bit, and what they become at `clock` bits per second
-  /// [Hz].
+  /// One line with the numbers of rows and rows per bit, and their timing at `clock` bits per
+  /// second [Hz].
   std::string describe(double clock) const;
 };
 
 constexpr int kMinRuns = 8;
 /// Rows per bit of a recorded sequence: the greatest common divisor of the lengths of its runs of
-/// equal rows. The first and the last run do not count, since a recording may cut them. 1 when
-/// fewer than kMinRuns runs are left: a short pattern has a common divisor by chance.
+/// equal rows. Ignores the first and the last run, which a recording may cut. Returns 1 if fewer
+/// than kMinRuns runs remain, because a short pattern may have a common divisor by chance.
 int rowsPerBit(const PrbsBits& rows);
 
-/// Reads one row a line, "left,right", each -1 or 0 for low and 1 for high. `rows_per_bit` rows
-/// make a bit; 0 finds the number in the file (rowsPerBit). Throws std::runtime_error that names
-/// file and line, std::invalid_argument when rows_per_bit is negative.
+/// Reads one row per line, "left,right", each -1 or 0 for low and 1 for high. If `rows_per_bit` is
+/// 0, it is determined from the file (rowsPerBit). Throws std::runtime_error that names file and
+/// line, std::invalid_argument if rows_per_bit is negative.
 PrbsFile readPrbs(const std::string& path, int rows_per_bit = 0);
 
-/// How a binary sequence is played.
+/// Timing and levels of a binary sequence.
 struct PrbsParams {
-  double clock = 15.0;    ///< bits per second [Hz], however many rows a bit has
+  double clock = 15.0;    ///< bits per second [Hz], for any number of rows per bit
   double left_low = 0.0;  ///< input of the left thruster for a low bit
   double left_high = 1.0;
   double right_low = 0.0;
   double right_high = 1.0;
-  double duration = 20.0;  ///< [s]; the sequence repeats as often as needed
+  double duration = 20.0;  ///< [s]; the sequence repeats as needed
 
   static const Tunables<PrbsParams>& table();
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
-/// A binary sequence played in time.
+/// A binary sequence as a function of time.
 class PrbsSignal {
  public:
-  /// Every row lasts 1 / (clock * rows_per_bit). Throws std::invalid_argument when there are no
-  /// rows or parameters are bad.
+  /// Every row lasts 1 / (clock * rows_per_bit). Throws std::invalid_argument if there are no rows
+  /// or parameters are bad.
   PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit = 1);
   /// Inputs left, right at time t [s] since the start; zero before it and from the end on.
   Vector2<double> at(double t) const;
-  /// The first instant after t at which a row ends, or the sequence [s].
+  /// The first instant after t at which a row or the signal ends [s].
   double nextChange(double t) const;
   double duration() const { return params_.duration; }
 

@@ -13,37 +13,37 @@
 
 namespace ground {
 
-/// How far to look ahead, what to want, and how long to think.
+/// Parameters of PredictiveControl.
 struct PredictiveParams {
   double horizon = 2.0;        ///< [s]
-  int steps = 40;              ///< of the horizon
-  int iterations = 4;          ///< most improvements of the plan in one decision
-  double lost = 0.02;          ///< error of a plan beyond which others are tried, too, rms [m]
-  int search_iterations = 12;  ///< most improvements of other plans in one decision
+  int steps = 40;              ///< number of steps of the horizon
+  int iterations = 4;          ///< largest number of improvements of the plan per decision
+  double lost = 0.02;          ///< error of the plan beyond which others are tried, too, rms [m]
+  int search_iterations = 12;  ///< largest number of improvements of other plans per decision
   PlanWeights weights;
   ObserverParams observer;
 
-  static const Tunables<PredictiveParams>& table();  ///< weights and observer included
-  std::string validate() const;                      ///< what is wrong; empty when nothing is
+  static const Tunables<PredictiveParams>& table();  ///< including weights and observer
+  std::string validate() const;                      ///< error message; empty if all are valid
 };
 
 /// Nonlinear model predictive control with the whole model, effects included.
 ///
-/// An observer estimates velocity and the missing acceleration, so that a wrong model
-/// leaves no lasting error; it also predicts the state at which the inputs will act, which makes
-/// up for latency, delay and lag. A plan is carried on from decision to decision and improved a few
-/// times (real-time iterations). The craft cannot brake: where the plan leads astray, others that
-/// turn it left or right first are tried. Work in one decision is bounded and allocates nothing.
-/// Without a finite state or plan the thrust is cut.
+/// An observer estimates velocity and missing acceleration, so that a wrong model leaves no
+/// constant error. It also predicts the state at the time when the inputs will act, which
+/// compensates latency, delay and lag. A plan is continued from decision to decision and improved a
+/// few times each (real-time iterations). The craft cannot brake: if the plan does not follow the
+/// reference, others that first turn the craft left or right are tried. A decision takes bounded
+/// work and allocates no memory. Without a finite state or plan the thrust is zero.
 class PredictiveControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model) { return wholeModelUse(model); }
 
-  /// Throws std::invalid_argument when parameters are bad or the model has too many actuator
-  /// states.
+  /// Throws std::invalid_argument if parameters are bad or the model has too many effect states.
   PredictiveControl(const Model& model, const PredictiveParams& params);
 
-  /// Takes effect with the next decision; allocates when the horizon changes. Throws alike.
+  /// Takes effect with the next decision; allocates if the horizon changes. Throws
+  /// std::invalid_argument if parameters are bad.
   void setParams(const PredictiveParams& params);
   void avoid(const PlanWalls& walls) override;
   void reset() override;
@@ -52,16 +52,16 @@ class PredictiveControl : public TrackingController {
   Vector2<double> decide(const Observation& observation) override;
   Vector2<double> wanted() const override { return wanted_; }
 
-  /// Improvements of plans in the last decision.
+  /// Number of improvements of plans in the last decision.
   int improvements() const { return improvements_; }
   /// The plan of the last decision.
   const TrajectoryOptimizer& plan() const { return *plan_; }
 
  private:
-  /// The beginning of a plan: a turn, as fast as it can be, and then thrust.
+  /// The beginning of a plan: the fastest possible turn, then thrust.
   struct Seed {
     double turn = 0;    ///< [rad], positive to starboard
-    double thrust = 0;  ///< share of what there is
+    double thrust = 0;  ///< relative to full thrust
   };
 
   void carryOn(double time);
@@ -71,7 +71,7 @@ class PredictiveControl : public TrackingController {
   double turnTime(double angle) const;
 
   Model model_;
-  Dynamics<Jet> seen_;  ///< what the mocap makes of the state
+  Dynamics<Jet> seen_;  ///< for the state from its measurement
   PredictiveParams params_;
   double input_max_;
   DisturbanceObserver observer_;
@@ -79,7 +79,7 @@ class PredictiveControl : public TrackingController {
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
   bool has_plan_ = false;
-  double plan_time_ = 0;  ///< at which the plan begins [s]
+  double plan_time_ = 0;  ///< start of the plan [s]
   std::array<Seed, 14> seeds_;
   std::size_t next_seed_ = 0;
   int improvements_ = 0;

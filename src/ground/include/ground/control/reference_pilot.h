@@ -14,41 +14,41 @@
 
 namespace ground {
 
-/// Follows a reference by a TrackingController, and stops when the craft does not come along
-/// (TrackingWatch) or, when that is asked for, moves otherwise than it is told (ObedienceMonitor).
-/// The reference begins with the first state. What is set takes effect with the next state.
+/// Follows a reference with a TrackingController. Stops if the craft does not follow it
+/// (TrackingWatch) or, optionally, does not follow its commands (ObedienceMonitor). The reference
+/// begins with the first state. Settings take effect with the next state.
 class ReferencePilot : public Pilot {
  public:
   struct Decision {
-    double now, stamp;        ///< when it was made, and of the state it was made upon [s]
+    double now, stamp;        ///< time of the decision, and stamp of the state it is based on [s]
     ReferencePoint reference;
     Vector2<double> inputs;   ///< left, right, 0..1
-    Vector2<double> wanted;   ///< the same before they were limited
-    double computing;         ///< time of the processor that it took [s]
+    Vector2<double> wanted;   ///< inputs before saturation
+    double computing;         ///< CPU time [s]
   };
-  static constexpr double kDisobedient = 1.0;  ///< duration of motion that is judged at first [s]
-  /// The time [s], on the clock of the states' stamps.
+  static constexpr double kDisobedient = 1.0;  ///< shortest period for ObedienceMonitor [s]
+  /// Returns the time on the clock of stamps [s].
   using Clock = std::function<double()>;
   using Decided = std::function<void(const Decision&)>;
 
   ReferencePilot(Clock clock, Decided decided);
 
-  /// Exchanges the controller, and the model by which it drives.
+  /// Swaps the controller; `model` is its internal model.
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
-  /// Exchanges the reference, which begins anew.
+  /// Swaps the reference, which then begins from its start.
   void swapReference(ReferencePtr& reference);
-  /// Error that is a reason to stop when it lasts [m].
+  /// Position error at which it stops if the error lasts [m].
   void setMaxError(double max_error) { watch_.setMaxError(max_error); }
   /// How long it follows the reference [s].
   void setDuration(double duration) { duration_ = duration; }
-  /// Stops when the craft moves otherwise than it is told, which on the floor the sender watches.
-  /// Takes effect with the next controller.
+  /// Stops if the craft does not follow its commands. For simulations; on the floor the sender
+  /// monitors this. Takes effect with the next controller.
   void expectObedience() { expects_obedience_ = true; }
   TrackingController* controller() const { return controller_.get(); }
   const ReferencePtr& reference() const { return reference_; }
 
   void commanded(double time, const Inputs& inputs) override;
-  /// As DriveClock::record.
+  /// See DriveClock::record.
   void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
@@ -66,7 +66,7 @@ class ReferencePilot : public Pilot {
   double input_max_ = 1;
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;
-  std::optional<double> reference_start_;  ///< none until the first state with this reference [s]
+  std::optional<double> reference_start_;  ///< time of the first state with this reference [s]
   TrackingWatch watch_;
   bool expects_obedience_ = false;
   std::optional<ObedienceMonitor> obedience_;

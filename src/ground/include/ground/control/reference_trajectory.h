@@ -20,7 +20,7 @@ class ReferenceTrajectory {
   virtual ~ReferenceTrajectory() = default;
   /// The point at time t >= 0 [s].
   virtual ReferencePoint at(double t) const = 0;
-  /// Time after which the path repeats or stands still [s]; for drawing.
+  /// Time after which the path repeats or ends [s]; for drawing.
   virtual double extent() const = 0;
 };
 
@@ -30,8 +30,8 @@ using ReferencePtr = std::shared_ptr<const ReferenceTrajectory>;
 ReferencePtr makePoint(const Vector2<double>& point);
 /// (x, y) + R (cos wt, sin wt); R [m], w [rad/s].
 ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rate);
-/// From start to end at `speed` [m/s], then standing still. Smooth: three times continuously
-/// differentiable, with `speed` as its peak; otherwise at constant speed with a sudden stop, as in
+/// From start to end at `speed` [m/s], then standing still. If smooth, three times continuously
+/// differentiable with peak speed `speed`; otherwise at constant speed with a sudden stop, as in
 /// the thesis.
 ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed,
                       bool smooth);
@@ -46,16 +46,16 @@ ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amp
 /// continuously differentiable in between. Stands still at the last point from then on.
 ReferencePtr makeSpline(const std::vector<double>& times,
                         const std::vector<Vector2<double>>& points);
-/// Through `points` [m] by a spline over their distance, at `speed` [m/s]; smooth: the way is
-/// started and ended at rest, with `speed` as the peak.
+/// Through `points` [m] by a spline over their distance, at `speed` [m/s]. If smooth, starts and
+/// ends at rest with peak speed `speed`.
 ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth);
-/// From a CSV file with a first line time,x,y (spline over time [s]) or x,y (waypoints), world_ned
-/// [m], moved by `origin`: at most a million points and 100 MB; time grows linearly with them,
-/// about a second for a million. Throws std::runtime_error that names file and line.
+/// From a CSV file with the header time,x,y (spline over time [s]) or x,y (waypoints), world_ned
+/// [m], shifted by `origin`. At most a million points and 100 MB; a million points take about a
+/// second. Throws std::runtime_error that names file and line.
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth);
 
-/// A reference by its kind; each takes what it needs (referenceTable).
+/// A reference by its kind, and the parameters of all kinds (see referenceTable).
 struct ReferenceParams {
   std::string kind = "circle";
   Vector2<double> origin = Vector2<double>::Zero();  ///< centre or start, world_ned [m]
@@ -67,15 +67,15 @@ struct ReferenceParams {
   bool smooth = true;  ///< line, waypoints of a file: start and stop smoothly
   std::string file;    ///< CSV, see readReference
 
-  /// All but the kind; origin is x, y and end is end_x, end_y.
+  /// All parameters except kind; origin is x, y and end is end_x, end_y.
   static const Tunables<ReferenceParams>& table();
   bool operator==(const ReferenceParams& other) const;
 };
 
-/// What a kind of reference is, for people and for those that offer it.
+/// Description of a kind of reference, for documentation and the command line.
 struct ReferenceInfo {
   std::string name, text;
-  std::vector<std::string> takes;  ///< names in ReferenceParams::table()
+  std::vector<std::string> takes;  ///< parameters that it uses, names in ReferenceParams::table()
   bool ends;                       ///< whether it comes to a stop
   ReferencePtr (*make)(const ReferenceParams&);
 };
@@ -83,8 +83,8 @@ struct ReferenceInfo {
 /// All kinds: circle, line, rhodonea, sinusoid, file.
 const std::vector<ReferenceInfo>& referenceTable();
 
-/// Throws std::invalid_argument when the kind is unknown, when a number that it takes is outside
-/// its range, or when it cannot be drawn; std::runtime_error when the file cannot be read.
+/// Throws std::invalid_argument if the kind is unknown, a parameter is outside its range or no such
+/// path exists; std::runtime_error if the file cannot be read.
 ReferencePtr makeReference(const ReferenceParams& params);
 
 }  // namespace ground

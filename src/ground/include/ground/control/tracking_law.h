@@ -17,17 +17,17 @@ struct TrackingGains {
   double k_phi_1 = 0.005;  ///< surge velocity error, first diagonal element of K_phi
   double k_phi_2 = 0.005;  ///< sway velocity error, second diagonal element of K_phi
   double delta_1 = -0.01;  ///< offset of the velocity error along surge [m/s], not 0
-  double delta_2 = 0.0;    ///< along sway [m/s]
+  double delta_2 = 0.0;    ///< offset of the velocity error along sway [m/s]
 
   static const Tunables<TrackingGains>& table();
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// Position tracking of an underactuated hovercraft by backstepping (Aguiar, Cremean, Hespanha
 /// 2003; thesis 4.2 with the derivatives of alpha corrected).
 class TrackingLaw {
  public:
-  /// The law knows one damping for surge and sway, d_v: the body's Y_v.
+  /// The law uses the same damping d_v = Y_v for surge and sway.
   explicit TrackingLaw(const Body<double>& body) : body_(body) {}
 
   /// Largest input of a thruster, in the units of Output::inputs.
@@ -36,11 +36,11 @@ class TrackingLaw {
   struct Output {
     Vector2<double> error;      ///< position error e in the body frame [m]
     Vector2<double> alpha;      ///< wanted force [N] and yaw rate [rad/s]
-    Vector2<double> alpha_dot;  ///< its derivative by time
+    Vector2<double> alpha_dot;  ///< time derivative of alpha
     double force = 0.0;         ///< u_1 [N]
     double torque = 0.0;        ///< u_2 [N m]
     Vector2<double> wanted;     ///< inputs left, right by (4.8), unbounded
-    Vector2<double> inputs;     ///< the same, inside 0..input_max
+    Vector2<double> inputs;     ///< inputs after saturation to 0..input_max
     bool saturated() const { return wanted != inputs; }
   };
 
@@ -51,13 +51,13 @@ class TrackingLaw {
   Body<double> body_;
 };
 
-/// The law as a controller: it takes the measured state for that of the craft's centre now, and
-/// uses none of the model's effects.
+/// Controller by TrackingLaw. It takes the measured state as the current state of the craft's
+/// centre, and uses no effects of the model.
 class BacksteppingControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model) { return bodyOnlyUse(model, "TrajectoryTracking"); }
 
-  /// Throws std::invalid_argument when it must not drive by this model (effectUse).
+  /// Throws std::invalid_argument if it must not drive by this model (effectUse).
   BacksteppingControl(const Model& model, const TrackingGains& gains);
   void setParams(const TrackingGains& gains) { gains_ = gains; }
   Vector2<double> decide(const Observation& seen) override {

@@ -10,54 +10,54 @@
 
 namespace ground {
 
-/// What a plan costs, by the state at the end of each of its steps and by its inputs. The weights
-/// compare with that of the position error, which is 1 per m^2.
+/// Cost of a plan: weights of squares of the state error at the end of each step, and of the
+/// inputs. They are relative to the weight of the position error, which is 1 per m^2.
 struct PlanWeights {
-  double velocity = 0.1;     ///< of the velocity error [s^2]
-  double input = 1e-5;       ///< of the inputs, of full scale [m^2]
-  double turning = 1e-3;     ///< of the difference of the inputs, of full scale [m^2]
-  double end_position = 50;  ///< of the position error at the end, as often as along the way
-  double end_velocity = 1;   ///< of the velocity error at the end [s^2]
+  double velocity = 0.1;     ///< weight of the velocity error [s^2]
+  double input = 1e-5;       ///< weight of the inputs, relative to full scale [m^2]
+  double turning = 1e-3;     ///< weight of the inputs' difference, relative to full scale [m^2]
+  double end_position = 50;  ///< additional weight of the position error at the end [-]
+  double end_velocity = 1;   ///< additional weight of the velocity error at the end [s^2]
 
   static const Tunables<PlanWeights>& table();
 };
 
-/// Plans the inputs of a craft over a horizon: iterative linear-quadratic regulator with bounds on
-/// the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming, 2014),
-/// Gauss-Newton, with exact derivatives of the model. Everything is allocated at construction.
+/// Plans the inputs of a craft over a horizon by an iterative linear-quadratic regulator with
+/// bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming,
+/// 2014): Gauss-Newton with exact derivatives of the model. Allocates memory only at construction.
 class TrajectoryOptimizer {
  public:
-  static constexpr int kStates = 6 + kMostStates;
-  static constexpr int kMostSteps = 200;
+  static constexpr int kStates = 6 + kMaxStates;
+  static constexpr int kMaxSteps = 200;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
-  /// Steps are `step` [s] long. Throws std::invalid_argument when the model's effects
-  /// have more than kMostStates states or the horizon is bad.
+  /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
+  /// kMaxStates states or the horizon is bad.
   TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
-  /// Walls to keep away from; none for a floor without bounds.
+  /// Sets walls to avoid; without value, no walls.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
 
   int steps() const { return static_cast<int>(inputs_.size()); }
   double step() const { return step_; }
 
-  /// The problem: from `start` at t [s] of the drive, with references at the end of every step,
-  /// under a constant acceleration beside the model (body; m/s^2, m/s^2, rad/s^2).
+  /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
+  /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
-  /// The plan's inputs left, right, in the model's units; to be followed by rollOut().
+  /// The plan's inputs left, right, in the model's units. Call rollOut() after changing them.
   std::vector<Vector2<double>>& inputs() { return inputs_; }
-  /// Follows the plan; its cost [m^2 s].
+  /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
-  /// One iteration; whether the cost fell.
+  /// One iteration; returns whether the cost decreased.
   bool improve();
   double cost() const { return cost_; }
-  /// The plan's first inputs, and where one of them is at a bound, what the last iteration's quadratic
-  /// problem would take instead if that step had no bounds; in the model's units.
+  /// The plan's first inputs before saturation, in the model's units: an input at a bound is
+  /// replaced by the minimum of the last iteration's quadratic problem without bounds on that step.
   Vector2<double> wanted() const;
   /// Root mean square of the position error along the plan [m].
   double error() const;
-  const std::vector<State>& states() const { return states_; }  ///< start and after every step
+  const std::vector<State>& states() const { return states_; }  ///< at the start, after each step
 
  private:
   using Square = Eigen::Matrix<double, kStates, kStates>;
@@ -68,7 +68,7 @@ class TrajectoryOptimizer {
     Drive B;
   };
 
-  /// The craft one step on, the k-th of the horizon.
+  /// The state after step k of the horizon.
   State advance(int k, const State& state, const Vector2<double>& input) const;
   void linearize(int k);
   void addStateCost(int k, State& gradient, Square& curvature) const;

@@ -8,11 +8,11 @@
 
 namespace ground {
 
-/// Means of something over the cells of the floor in which it was seen.
+/// Means of a quantity by cells of the floor.
 class FloorMap {
  public:
   struct Cell {
-    double x, y;  ///< of its centre [m]
+    double x, y;  ///< centre [m]
     double mean;
   };
 
@@ -20,22 +20,23 @@ class FloorMap {
 
   double cell() const { return cell_; }  ///< side of a cell [m]
   void add(double x, double y, double value) {
-    if (!std::isfinite(x + y + value) || std::abs(x) > kFarthest || std::abs(y) > kFarthest) return;
+    if (!std::isfinite(x + y + value) || std::abs(x) > kMaxDistance || std::abs(y) > kMaxDistance)
+      return;
     auto& [sum, count] = cells_[{index(x), index(y)}];
     sum += value;
     ++count;
   }
-  /// Those with enough values to say something.
+  /// All cells with at least kMinCount values.
   std::vector<Cell> cells() const {
     std::vector<Cell> found;
     for (const auto& [at, seen] : cells_) {
-      if (seen.second < kFewest) continue;
+      if (seen.second < kMinCount) continue;
       found.push_back(
           {(at.first + 0.5) * cell_, (at.second + 0.5) * cell_, seen.first / seen.second});
     }
     return found;
   }
-  /// What all but the worst of the means keep below; never 0.
+  /// 95% quantile of the means, for scaling; never 0.
   double large() const {
     std::vector<double> means{1e-12};
     for (const Cell& c : cells()) means.push_back(c.mean);
@@ -47,8 +48,8 @@ class FloorMap {
  private:
   int index(double x) const { return static_cast<int>(std::floor(x / cell_)); }
 
-  static constexpr int kFewest = 5;
-  static constexpr double kFarthest = 50;  // no room is larger [m]
+  static constexpr int kMinCount = 5;
+  static constexpr double kMaxDistance = 50;  // no room is larger [m]
 
   double cell_;
   std::map<std::pair<int, int>, std::pair<double, int>> cells_;

@@ -12,55 +12,55 @@ namespace ground {
 
 struct MonitorParams {
   double horizon = 1.0;  ///< how far ahead the model predicts [s]
-  double window = 10.0;  ///< over which errors are averaged [s]
+  double window = 10.0;  ///< time over which errors are averaged [s]
   ObserverParams observer;
 
-  /// Says what is wrong; empty when nothing is.
+  /// Error message, or an empty string if all values are valid.
   std::string validate() const;
 };
 
-/// A model run beside a running experiment: where it and the measurement part, and which wrench it
-/// lacks. The model starts at the state of a horizon ago, as an observer around it saw it then, and
-/// runs with the commands since.
+/// Compares a model with a running experiment: its prediction error and the missing wrench. The
+/// prediction starts one horizon ago at the state that a disturbance observer estimated then, and
+/// uses the commands since.
 class ModelMonitor {
  public:
-  /// Where model and measurement part at one instant.
+  /// Prediction error at one instant.
   struct Error {
-    double horizon;                 ///< of the prediction [s]
-    Measurement<double> predicted;  ///< by the model
-    Vector3<double> eta, nu;        ///< measured minus predicted; the heading's wrapped
-    Vector3<double> wrench;         ///< missing: X, Y [N], N [N m], body
-    Vector3<double> mean;           ///< of |nu| over the window
+    double horizon;                 ///< length of the prediction [s]
+    Measurement<double> predicted;  ///< measurement predicted by the model
+    Vector3<double> eta, nu;        ///< measured minus predicted; heading difference wrapped
+    Vector3<double> wrench;         ///< missing wrench: X, Y [N], N [N m], body
+    Vector3<double> mean;           ///< mean of |nu| over the window
     Vector3<double> spread;         ///< standard deviations of the measured nu in the window
     double error;                   ///< sum of mean / spread
     double error_now;               ///< sum of |nu| / spread
-    double covered;                 ///< part of the window that there are errors of [s]
+    double covered;                 ///< time in the window covered by errors [s]
   };
 
-  /// Throws std::invalid_argument on a model that the observer cannot follow.
+  /// Throws std::invalid_argument on a model that DisturbanceObserver does not support.
   ModelMonitor(const Model& model, const MonitorParams& params);
 
   void setParams(const MonitorParams& params);
-  /// Forgets what was measured and commanded, but not when the drives began.
+  /// Discards measurements and commands, but not the starts of the drives.
   void reset();
-  /// A command in the model's units. One that is older than the last means that time has jumped
-  /// back, and everything is forgotten.
+  /// Adds a command in the model's units. If it is older than the last one, time has jumped back,
+  /// and everything is discarded.
   void command(double time, const Vector2<double>& thrusters, double lift);
-  /// Takes the drives known so far, the origin of the model's t; commands add later ones.
+  /// Sets the drives known so far, which define the model's t; commands add later ones.
   void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
-  /// A valid state; nothing until there is a state a horizon ago to predict from, or when the
-  /// prediction is not finite. The same for times that jump back.
+  /// Adds a valid state and returns the prediction error. Returns nothing if there is no state one
+  /// horizon ago, the prediction is not finite, or time has jumped back.
   std::optional<Error> measure(double time, const RigidState<double>& measured);
-  /// What the model makes of the last horizon: measured poses, some `step` [s] apart.
+  /// Predicted measurements of poses over the last horizon, about `step` [s] apart.
   std::vector<Vector3<double>> path(double step) const;
   const Model& model() const { return model_; }
 
  private:
   struct Sample {
     double time;
-    RigidState<double> state;  ///< by the observer: quieter than what was measured
+    RigidState<double> state;  ///< the observer's estimate, which is less noisy than measurements
   };
-  /// What is averaged.
+  /// Terms of the averages.
   struct Score {
     double time;
     Vector3<double> error, nu;
@@ -74,15 +74,15 @@ class ModelMonitor {
   MonitorParams params_;
   Dynamics<double> dynamics_;
   DisturbanceObserver observer_;
-  InputSequence inputs_;  ///< on the clock that starts with the first state
+  InputSequence inputs_;  ///< on a clock that starts at the first state
   std::deque<Sample> samples_;
   std::deque<Score> scores_;
 };
 
-/// Which of two models, monitored side by side, predicts better now.
+/// Which of two models currently predicts better.
 struct Preference {
-  double difference = 0;      ///< of the errors, first minus second: below 0 the first is better
-  double standard_error = 0;  ///< of it, by blocks as long as the horizon
+  double difference = 0;      ///< error of the first minus error of the second model
+  double standard_error = 0;  ///< standard error of the difference, by blocks of one horizon
   bool clear() const { return std::abs(difference) > 2 * standard_error && standard_error > 0; }
 };
 
@@ -90,9 +90,9 @@ struct Preference {
 class ModelContest {
  public:
   ModelContest(double horizon, double window) : horizon_(horizon), window_(window) {}
-  /// Errors of both models at one instant.
+  /// Adds the errors of both models at one instant.
   void add(double time, const ModelMonitor::Error& first, const ModelMonitor::Error& second);
-  /// Nothing before there are four blocks.
+  /// Returns nothing until there are four blocks.
   std::optional<Preference> preference() const;
 
  private:

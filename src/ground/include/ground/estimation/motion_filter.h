@@ -8,18 +8,18 @@
 
 namespace ground {
 
-/// How poses are judged and velocities estimated, whatever the filter.
+/// Parameters of all velocity estimators.
 struct EstimatorParams {
   double position_noise = 5e-4;  ///< standard deviation of x and y [m]
   double heading_noise = 5e-3;   ///< standard deviation of psi [rad]
   double stamp_noise = 0.0;      ///< standard deviation of the stamps [s]
-  double max_gap = 0.5;          ///< a longer gap starts the filter anew [s]
-  double gate = 6.0;             ///< largest innovation that is believed [standard deviations]
-  double linear_jerk = 5.0;      ///< Kalman: root spectral density of the jerk [m/s^2.5]
-  double angular_jerk = 120.0;   ///< Kalman: the same for the heading [rad/s^2.5]
-  int median = 5;                ///< finite differences: velocities in the median, odd
+  double max_gap = 0.5;          ///< a longer gap restarts the filter [s]
+  double gate = 6.0;             ///< largest accepted innovation [standard deviations]
+  double linear_jerk = 5.0;      ///< Kalman: root spectral density of linear jerk [m/s^2.5]
+  double angular_jerk = 120.0;   ///< Kalman: root spectral density of angular jerk [rad/s^2.5]
+  int median = 5;                ///< finite differences: length of the velocity median, odd
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 
   /// Standard deviation of x and y (axes 0, 1) [m] or psi (axis 2) [rad].
   double noise(int axis) const { return axis < 2 ? position_noise : heading_noise; }
@@ -28,15 +28,15 @@ struct EstimatorParams {
 
 constexpr int kMaxMedian = 101;
 
-/// Typical speeds of a craft, to which a filter that knows nothing yet is open [m/s], [rad/s].
+/// Typical speeds of a craft, the initial uncertainty of filters [m/s], [rad/s].
 constexpr double typicalSpeed(int axis) { return axis < 2 ? 3.0 : 20.0; }
 
-/// Whether a craft may have come from one pose to the next within dt [s], at up to `times` the
-/// typical speed. Headings are compared as angles.
+/// Whether a craft can move from one pose to the next within dt [s] at up to `times` the typical
+/// speed. Headings are compared as angles.
 bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
                 const EstimatorParams& params);
 
-/// Times the typical speed that a craft of which nothing is known may have.
+/// Largest speed of a craft with unknown motion, as a multiple of the typical speed.
 constexpr double kUnknownMotion = 3.0;
 
 /// Kalman filter of one coordinate: position, velocity, acceleration, driven by white jerk.
@@ -44,7 +44,7 @@ struct AxisFilter {
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
   Eigen::Matrix3d P = Eigen::Matrix3d::Zero();
 
-  /// Knows the position with variance r and nothing of the motion but its typical size.
+  /// Starts with a position of variance r and a motion of typical size.
   void start(double position, double r, double typical_speed);
   /// Time update over dt [s] with the jerk's spectral density q.
   void predict(double dt, double q);
@@ -58,11 +58,12 @@ struct AxisFilter {
 /// each with constant acceleration driven by white jerk.
 class MotionFilter {
  public:
-  /// Starts at a pose. Its heading is unwrapped to the last one.
+  /// Starts at a pose, with its heading unwrapped relative to the last one.
   void start(const Vector3<double>& eta, const EstimatorParams& params);
   void predict(double dt, const EstimatorParams& params);
-  /// Takes in a pose, wrapped or not, unless one of its innovations is outside the gate; says
-  /// whether it was taken in. A stamp that is off moves the pose along with the craft's speed.
+  /// Corrects by a pose, with wrapped or unwrapped heading, unless one of its innovations is
+  /// outside the gate; returns whether it did. Stamp noise counts as position noise in proportion
+  /// to the speed.
   bool correct(const Vector3<double>& eta, const EstimatorParams& params);
 
   const AxisFilter& axis(int i) const { return axes_[i]; }
@@ -76,8 +77,8 @@ class MotionFilter {
   std::array<AxisFilter, 3> axes_;
 };
 
-/// How exact stamps are, told by the scatter of the intervals between them. Cameras expose at a
-/// constant rate, but a client that polls them stamps frames when it comes to fetch them.
+/// Estimates the noise of stamps from the scatter of the intervals between them. Cameras expose at
+/// a constant rate, but a client that polls them stamps a frame when it fetches it.
 class IntervalScatter {
  public:
   void add(double dt);
@@ -85,20 +86,20 @@ class IntervalScatter {
   double stampNoise() const;
 
  private:
-  static constexpr int kFirst = 20;    // intervals taken as they come
+  static constexpr int kFirst = 20;    // intervals that are all accepted
   static constexpr int kMemory = 200;  // intervals
-  static constexpr double kGap = 1.7;  // times the mean: a longer one has lost frames in it
+  static constexpr double kGap = 1.7;  // relative to the mean; longer intervals have lost frames
 
   int count_ = 0;
   double mean_ = 0, variance_ = 0;  // [s], [s^2]
 };
 
-/// Counts poses in a row that the filter did not believe but that follow from each other: after
-/// some of them it is the filter that is wrong.
+/// Counts consecutive poses that the filter rejected but that are consistent with each other. After
+/// kMinPoses of them, the filter is wrong and has to restart.
 class JumpDetector {
  public:
   void clear() { count_ = 0; }
-  /// Notes a pose that was not believed, at `stamp` [s]; true when it is time to start anew.
+  /// Adds a rejected pose at `stamp` [s]; returns whether the filter has to restart.
   bool add(double stamp, const Vector3<double>& eta, const EstimatorParams& params);
 
   static constexpr int kMinPoses = 5;

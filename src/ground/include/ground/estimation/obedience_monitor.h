@@ -9,45 +9,48 @@
 
 namespace ground {
 
-/// Judges by a craft's motion whether it does as it is told, and what it does instead.
+/// Detects from a craft's motion whether it follows its commands, and if not, what it does instead.
 ///
-/// It cuts the motion into intervals of 0.1 s. From the state measured at the start of each, the
-/// model predicts the velocities at the end: with half, all and twice of the thrust that was
-/// commanded, at once and up to 0.2 s later, because the model may be wrong by that much, and by
-/// every other explanation: no thrust (the motors of a craft that does not hear its commands are
-/// off, whatever is sent to it), a fifth or five times of it, left and right swapped, one thruster
-/// off, no lift. The measured velocities give each a logarithm of a likelihood (Student's t, so that
-/// one collision counts little). Noise, pushes, a trim and a wrong drag (kPush, kTrim, kDrag) make
-/// the predictions uncertain, so that small commands say little and are looked at for longer. The
-/// sum over some time decides, and each half of it has to agree.
+/// The motion is cut into intervals of 0.1 s. From the state measured at the start of each, the
+/// model predicts the velocities at the end under several hypotheses:
+///
+/// - The craft follows its commands: with half, all and twice the commanded thrust, at once and up
+///   to 0.2 s later, because the model may be wrong by that much.
+/// - It does not: no thrust (a craft that does not receive its commands turns its motors off), a
+///   fifth or five times the thrust, left and right swapped, one thruster off, or no lift.
+///
+/// The measured velocities give each hypothesis a log-likelihood (Student's t, so that a single
+/// collision has little weight). Noise, random pushes, a trim and a wrong drag (kPush, kTrim,
+/// kDrag) make the predictions uncertain; with small commands a decision therefore takes longer.
+/// The sum over a period decides, and both halves of the period have to agree.
 class ObedienceMonitor {
  public:
   explicit ObedienceMonitor(const Model& model);
 
-  /// Forgets all commands and states.
+  /// Discards all commands and states.
   void reset();
-  /// A command, in the model's units, that was sent at `time` [s]; times ascend.
+  /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
   void command(double time, const Vector2<double>& thrusters, double lift);
-  /// A valid state that was measured at `time` [s], and the variance of its velocities. Times that
-  /// do not ascend are left out.
+  /// Adds a valid state measured at `time` [s], and the variance of its velocities. Ignored if its
+  /// time does not ascend.
   void measure(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
-  /// What the craft has done during the last `duration` seconds, 10 at most, in place of what it was
-  /// told, such as "it moves as without thrust"; empty when it has done as told. Where that is too
-  /// short to tell, during twice or four times as long.
+  /// What the craft did during the last `duration` seconds, at most 10, instead of following its
+  /// commands, such as "it moves as without thrust"; empty if it followed them. If the period does
+  /// not give enough evidence, tries twice and four times as long.
   std::string disobedience(double duration) const;
-  /// Evidence of the last `duration` seconds for the best other explanation against what was
-  /// commanded: logarithm of the likelihood ratio.
+  /// Evidence of the last `duration` seconds for the best other hypothesis against the commands:
+  /// logarithm of the likelihood ratio.
   double evidence(double duration) const;
 
-  static constexpr double kEvidence = 4.0;  ///< with which a craft is said not to do as told
+  static constexpr double kEvidence = 4.0;  ///< evidence above which disobedience is reported
 
  private:
-  static constexpr int kCount = 7;  ///< other explanations
-  static constexpr int kLateCount = 3, kToldCount = 9;
-  /// Half, all and twice of the thrust, at once and later.
+  static constexpr int kCount = 7;  ///< number of other hypotheses
+  static constexpr int kDelayCount = 3, kToldCount = 9;
+  /// Log-likelihoods with half, all and twice the commanded thrust, at once and later.
   using Told = Eigen::Array<double, kToldCount, 1>;
   using Evidence = Eigen::Array<double, kCount, 1>;
-  /// An interval and the logarithms of its likelihoods, negative.
+  /// Log-likelihoods of one interval.
   struct Interval {
     double end;  ///< [s]
     Told told;
@@ -70,13 +73,13 @@ class ObedienceMonitor {
   void forgetOldCommands(double time);
 
   Dynamics<double> dynamics_, sitting_;  ///< sitting_: with a skirt that brakes without lift
-  Dynamics<Jet> derivatives_;            ///< of dynamics_
-  double most_;                          ///< acceleration of full thrust [m/s^2]
-  double most_yaw_;                      ///< of one thruster's full moment [rad/s^2]
-  std::array<InputSequence, std::size_t{kLateCount}> told_;
+  Dynamics<Jet> derivatives_;            ///< dynamics_ with derivatives
+  double most_;                          ///< acceleration by full thrust [m/s^2]
+  double most_yaw_;                      ///< yaw acceleration by one thruster [rad/s^2]
+  std::array<InputSequence, std::size_t{kDelayCount}> told_;
   std::array<InputSequence, std::size_t{kCount}> others_;
   bool started_ = false;
-  Sample start_;  ///< of the interval
+  Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;
 };
 

@@ -11,17 +11,16 @@ namespace ground {
 struct SmoothedMotion {
   Eigen::MatrixX3d eta;      ///< x, y [m], unwrapped psi [rad], world_ned
   Eigen::MatrixX3d nu;       ///< u, v [m/s], r [rad/s], body
-  Eigen::MatrixX3d nu_dot;   ///< their derivatives by time, body
-  std::vector<bool> used;    ///< poses that were believed
-  std::vector<bool> starts;  ///< where the motion begins anew, after a gap or a jump
+  Eigen::MatrixX3d nu_dot;   ///< time derivatives of nu, body
+  std::vector<bool> used;    ///< poses that were accepted
+  std::vector<bool> starts;  ///< restarts after a gap or a jump
 };
 
 /// Velocities without delay from a whole recording: forward Kalman filter and backward smoother
-/// (Rauch, Tung, Striebel 1965) with the model of the Kalman estimator. Poses outside the gate are
-/// left out; after params.max_gap without pose and after a jump the motion starts anew. Stamps [s]
-/// must not descend; rows of eta are x, y [m], psi [rad], wrapped or not. Throws
-/// std::invalid_argument on sizes that differ, fewer than three poses or values that are not
-/// finite.
+/// (Rauch, Tung, Striebel 1965) with the model of the Kalman estimator. Ignores poses outside the
+/// gate; restarts after params.max_gap without pose and after a jump. Stamps [s] must not descend.
+/// Rows of eta are x, y [m], psi [rad], wrapped or not. Throws std::invalid_argument on different
+/// sizes, fewer than three poses or values that are not finite.
 SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
                       const EstimatorParams& params);
 

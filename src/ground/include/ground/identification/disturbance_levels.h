@@ -8,15 +8,18 @@
 
 namespace ground {
 
-/// How strong all that is random about recordings is: the wrench that disturbs the craft (body
-/// frame; channels X, Y [N], N [N m]), what differs from run to run, and the poses' noise.
+/// Levels (standard deviations and correlation times) of everything random in recordings: the
+/// wrench that disturbs the craft (body frame; channels X, Y [N], N [N m]), the trims that differ
+/// from run to run, and the noise of the poses.
 struct DisturbanceLevels {
-  Vector3<double> sigma = Vector3<double>::Zero();  ///< of the Ornstein-Uhlenbeck wrench, stationary
-  Vector3<double> time = Vector3<double>::Ones();   ///< its correlation time [s]
-  Vector3<double> white = Vector3<double>::Zero();  ///< of the white wrench [N sqrt(s), N m sqrt(s)]
-  double position = 1, heading = 1;  ///< of the poses' noise, in parts of that of the recording
-  Vector3<double> trim = Vector3<double>::Zero();  ///< of the wrench that is constant in a run
-  double thrust = 0;  ///< of the relative change of all thrust that is constant in a run
+  /// Stationary standard deviation of the Ornstein-Uhlenbeck wrench [N], [N m].
+  Vector3<double> sigma = Vector3<double>::Zero();
+  Vector3<double> time = Vector3<double>::Ones();  ///< its correlation time [s]
+  /// Root of the density of the white wrench [N sqrt(s)], [N m sqrt(s)].
+  Vector3<double> white = Vector3<double>::Zero();
+  double position = 1, heading = 1;  ///< pose noise, relative to RunData::noise
+  Vector3<double> trim = Vector3<double>::Zero();  ///< deviation of the constant wrench of a run
+  double thrust = 0;  ///< deviation of the constant relative change of thrust of a run
 
   static constexpr int kCount = 15;
   /// sigma X, Y, N, time X, Y, N, white X, Y, N, position, heading, trim X, Y, N, thrust.
@@ -25,11 +28,11 @@ struct DisturbanceLevels {
   static const std::array<std::string, kCount>& names();
 };
 
-/// What is known of the levels before any data: each is log-normal, broad but for the poses' noise,
-/// which the recording itself tells within a factor of about 1.5.
+/// Prior of the levels: each is log-normal. The priors are broad, except for the pose noise, which
+/// the recording determines within a factor of about 1.5.
 struct LevelPrior {
   DisturbanceLevels median;
-  std::array<double, DisturbanceLevels::kCount> deviation;  ///< of the logarithms
+  std::array<double, DisturbanceLevels::kCount> deviation;  ///< standard deviations of logarithms
 
   explicit LevelPrior(const Body<double>& body);
 };

@@ -1,15 +1,16 @@
 /// Identification of a model from recordings: include this header.
 ///
 ///   RunData, Window   A recording and a stretch of it (run_data.h). `cutWindows` cuts a run.
-///   SimulationError   Fit of parameters by the error of simulations over windows, with 95%
-///                     intervals (simulation_error.h): fast, and all that a fit needs.
-///   GreyBox           Stochastic likelihood of recorded poses: parameters beside a random wrench,
-///                     and score tests of effects that a model has not (grey_box.h).
+///   SimulationError   Fast fit of parameters by simulation error over windows, with 95% intervals
+///                     (simulation_error.h).
+///   GreyBox           Stochastic likelihood of recorded poses: fit of parameters together with a
+///                     random wrench, and score tests of missing effects (grey_box.h).
 ///   WrenchFilter      The missing wrench of a model over time, by Kalman smoother
 ///                     (inferred_wrench.h).
-///   predict           Simulation of windows from measured states, uncorrected (prediction.h).
+///   predict           Simulation of windows from measured states, without correction
+///                     (prediction.h).
 ///
-/// Example: fit thrust and yaw inertia, then look at what is missing.
+/// Example: fit thrust and yaw inertia, then infer the missing wrench.
 ///
 ///     RunData run{"first"};
 ///     run.times = ...; run.eta = ...; run.nu = ...;        // one row a sample

@@ -7,27 +7,27 @@
 
 namespace ground {
 
-/// How the missing wrench of a model is taken to vary.
+/// Stochastic model of the missing wrench.
 enum class WrenchNature {
-  kRandomWalk,  ///< a state that drifts: what is inferred over time
-  kWhite        ///< without memory: whatever has memory stays in the innovations
+  kRandomWalk,  ///< a drifting state: the filter infers it over time
+  kWhite        ///< white noise: any correlated wrench stays in the innovations
 };
 
 /// Noise levels of the filter, standard deviations.
 struct WrenchNoise {
   double force = 0;     ///< X and Y: random walk [N/sqrt(s)] or white [N sqrt(s)]
   double moment = 0;    ///< N: random walk [N m/sqrt(s)] or white [N m sqrt(s)]
-  double position = 0;  ///< of measured x and y [m]
-  double heading = 0;   ///< of the measured psi [rad]
+  double position = 0;  ///< noise of measured x and y [m]
+  double heading = 0;   ///< noise of the measured psi [rad]
 };
 
 /// Measured poses minus their predictions by the model from the poses before.
 struct Innovations {
   /// Ahead, to starboard and in heading, each divided by its standard deviation: white and of
-  /// variance one when the model is true. Outliers are as large as the limit beyond which their
-  /// pose counts as noisier. One row a sample.
+  /// variance one if the model is true. The noise of outliers is increased, which limits their
+  /// normalised innovation. One row a sample.
   Eigen::MatrixX3d normalised;
-  std::vector<bool> valid;  ///< false while a stretch's initial state is being found
+  std::vector<bool> valid;  ///< false while the filter settles at the start of a stretch
   double log_likelihood = 0;
 };
 
@@ -35,38 +35,37 @@ struct Innovations {
 struct InferredWrench {
   Eigen::MatrixX3d wrench;  ///< one row a sample
   Eigen::MatrixX3d sigma;   ///< its standard deviations
-  /// Response of this estimator to given wrenches, a column each: what it would infer of them from
-  /// the same poses.
+  /// What this estimator would infer if only the given wrenches acted, a column each.
   Eigen::MatrixXd responses;
 };
 
 /// Missing wrench of a model along a run. The state (x, y, psi, u, v, r) is augmented by the wrench
-/// (X, Y, N); it is found from the poses by Kalman filter and Rauch-Tung-Striebel smoother. The
-/// model is linearised along the run's smoothed motion, exactly (by Jets through the integrator,
-/// inputs changing when they do); the remainder is of second order in the motion's error over one
-/// sample. After a gap everything starts anew.
+/// (X, Y, N). A Kalman filter and a Rauch-Tung-Striebel smoother estimate it from the poses. The
+/// model is linearised along the run's smoothed motion, with exact derivatives of the integration
+/// from sample to sample. The linearisation error is of second order in the motion's error over one
+/// sample. The filter restarts after a gap.
 class WrenchFilter {
  public:
-  /// Poses are the run's measured ones, headings wrapped or not; the model is linearised along its
-  /// smoothed motion. Throws std::invalid_argument when lengths differ, a value is not finite or
-  /// times descend, std::runtime_error when the model's motion is not finite.
+  /// Uses the run's measured poses, with headings wrapped or not. Throws std::invalid_argument if
+  /// lengths differ, a value is not finite or times descend, std::runtime_error if the model's
+  /// motion is not finite.
   WrenchFilter(const Model& model, const RunData& run, double max_gap = 0.1);
 
-  /// The noise levels under which the poses are likeliest (innovation form of the likelihood),
-  /// within a factor of about 1.3. Outliers count as if their pose had been as noisy as it takes.
+  /// Maximum-likelihood noise levels (innovation form of the likelihood), within a factor of about
+  /// 1.3. The noise of outliers is increased, which limits their influence.
   WrenchNoise likeliestNoise(WrenchNature nature) const;
 
   /// Innovations of the filter at given noise levels.
   Innovations innovations(WrenchNature nature, const WrenchNoise& noise) const;
 
-  /// The random-walk wrench from all poses. `acting`: a column for each wrench whose response is
-  /// wanted, its size at each sample, held until the next; `channels` says on which of X, Y, N
-  /// (0, 1, 2) each acts; a column of the responses is on the same channel. Throws
-  /// std::invalid_argument when their sizes differ or a channel is none of these.
+  /// The random-walk wrench from all poses. `acting`: a column for each wrench whose response to
+  /// compute, with its value at each sample, held until the next. `channels`: on which of X, Y, N
+  /// (0, 1, 2) each acts; its response is on the same channel. Throws std::invalid_argument if
+  /// their sizes differ or a channel is invalid.
   InferredWrench smooth(const WrenchNoise& noise, const Eigen::MatrixXd& acting = {},
                         const std::vector<int>& channels = {}) const;
 
-  /// The part of the model's own wrench that the thrusters' inputs cause, one row a sample.
+  /// The part of the model's wrench that the thruster inputs cause, one row a sample.
   const Eigen::MatrixX3d& modelThrust() const { return thrust_; }
   /// Stretches without a gap: first sample of each, then the number of samples.
   const std::vector<int>& stretches() const { return stretches_; }
@@ -76,14 +75,14 @@ class WrenchFilter {
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
   using Matrix39 = Eigen::Matrix<double, 3, 9>;
 
-  /// One sample, and the way to the next.
+  /// Linearised model at one sample and from there to the next.
   struct Sample {
-    Vector3<double> deviation;  ///< of the pose from what is seen at the linearisation point
-    Matrix39 seen;              ///< by the state
-    double heading;             ///< of the body's axes [rad]
-    Matrix9 transition;
-    Vector9 offset;  ///< of the model from the next linearisation point
-    double dt;
+    Vector3<double> deviation;  ///< measured pose minus measurement at the linearisation point
+    Matrix39 seen;              ///< derivative of the measured pose by the state
+    double heading;             ///< heading of the body's axes [rad]
+    Matrix9 transition;         ///< derivative of the next state by the state
+    Vector9 offset;  ///< the model's next state minus the next linearisation point
+    double dt;       ///< time to the next sample; 0 at the end of a stretch [s]
   };
   struct Pass;
   class Lineariser;

@@ -6,10 +6,10 @@
 
 namespace ground {
 
-/// Runs the model through windows of a run, each from the measured pose and the given measured
-/// velocity at its start, without correction: what is measured at every sample, by the model.
-/// `initial_nu` has one row a window. Throws std::invalid_argument when a window lies outside the
-/// run or the numbers of rows differ.
+/// Simulates windows of a run, each from the measured pose and the given velocity at its start,
+/// without correction. Returns the simulated measurement at every sample. `initial_nu` has one row
+/// a window. Throws std::invalid_argument if a window lies outside the run or the numbers of rows
+/// differ.
 WindowSimulation predict(const Model& model, const RunData& run, const std::vector<Window>& windows,
                          const Eigen::MatrixX3d& initial_nu);
 

@@ -9,7 +9,7 @@
 
 namespace ground {
 
-/// What to fit, and how.
+/// Options of a fit.
 struct FitOptions {
   enum class Objective {
     kLeastSquares,  ///< weighted least squares with a robust loss
@@ -17,22 +17,22 @@ struct FitOptions {
   };
   std::vector<std::string> free;  ///< names of the free parameters
   Objective objective = Objective::kLeastSquares;
-  int starts = 1;  ///< from the model's values, and from so many less one others
+  int starts = 1;  ///< number of starts, including the model's values
   int max_iterations = 200;
   int threads = 0;     ///< 0: all cores
   double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
-  bool near = false;   ///< the model's values are near: no fit of short pieces has to lead there
-  /// Residual from which on the robust loss grows as the absolute value; 0: twice the deviation of
-  /// the residuals. Fits compare by their cost only where it is the same.
+  bool near = false;   ///< the model's values are near the solution: skips the fit of short pieces
+  /// Residual beyond which the robust loss grows as the absolute value; 0 means twice the deviation
+  /// of the residuals. The costs of two fits are comparable only for equal widths.
   double width = 0;
-  /// Initial states of the windows to start from, as a fit gives them; none: as measured.
+  /// Initial states of the windows to start from, as in FitResult; empty means the measured ones.
   std::vector<Eigen::VectorXd> initial;
 };
 
 struct FittedParameter {
   std::string name, unit;
   double start, value, lower, upper;  ///< lower, upper: 95% interval
-  double deviation;  ///< standard deviation of the estimate; infinite when not identified
+  double deviation;  ///< standard deviation of the estimate; infinite if not identified
   bool at_bound;
   bool identified;  ///< false: not identifiable from the data, the interval is its whole range
 };
@@ -40,22 +40,22 @@ struct FittedParameter {
 struct FitResult {
   Model model;  ///< with the fitted values
   std::vector<FittedParameter> parameters;
-  Eigen::MatrixXd correlation;           ///< of the estimates
-  double condition = 0;                  ///< of the scaled information matrix
+  Eigen::MatrixXd correlation;           ///< correlation matrix of the estimates
+  double condition = 0;                  ///< condition number of the scaled information matrix
   double objective = 0;                  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
-  double width = 0;                      ///< of the last robust loss
-  std::vector<Eigen::VectorXd> initial;  ///< states of the windows
-  int starts = 0;                        ///< that could be simulated
-  int starts_at_best = 0;                ///< that came to the same end as the best
+  double width = 0;                      ///< width of the last robust loss
+  std::vector<Eigen::VectorXd> initial;  ///< initial states of the windows
+  int starts = 0;                        ///< starts that could be simulated
+  int starts_at_best = 0;                ///< starts that converged to the best solution
   int iterations = 0;
   bool converged = false;
   std::string message;
 };
 
-/// What a simulation is compared with.
+/// The measurements that a simulation is compared with.
 enum class Target {
-  kVelocities,  ///< measured velocities, each divided by its standard deviation in the run
-  kPoses        ///< measured poses, each divided by the run's noise: nothing is differenced
+  kVelocities,  ///< velocities, each divided by its standard deviation in the run
+  kPoses        ///< poses, each divided by the run's noise; poses are not differentiated
 };
 
 namespace detail {
@@ -63,30 +63,30 @@ class Evaluation;
 class WindowPlans;
 }  // namespace detail
 
-/// The difference between simulation and measurement over windows of runs (thesis 3.3). A window
-/// starts at its measured pose with a velocity of its own; when poses are the target, at a pose of
-/// its own as well.
+/// The difference between simulation and measurement over windows of runs (thesis 3.3). The initial
+/// velocity of each window is free. Its initial pose is the measured one, or free if poses are the
+/// target.
 class SimulationError {
  public:
-  /// Throws std::invalid_argument when there is no window, a run does not move, arrays differ in
-  /// length, a value is not finite or a noise is not positive.
+  /// Throws std::invalid_argument if there is no window, the craft does not move in a run, arrays
+  /// differ in length, a value is not finite or a noise is not positive.
   SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
                   Target target = Target::kVelocities);
   ~SimulationError();
   SimulationError(SimulationError&&) noexcept;
 
   /// Fits the free parameters of a model and the windows' initial states. Throws
-  /// std::invalid_argument on options that cannot be met, std::runtime_error when the model cannot
-  /// be simulated at its start values.
+  /// std::invalid_argument on invalid options, std::runtime_error if the model cannot be simulated
+  /// at its start values.
   FitResult fit(const Model& model, const FitOptions& options) const;
 
-  /// Simulates every window with the initial states that suit the model best by the objective.
-  /// Throws std::runtime_error when the model cannot be simulated.
+  /// Simulates every window with the initial states that minimise the objective. Throws
+  /// std::runtime_error if the model cannot be simulated.
   WindowSimulation simulate(const Model& model, FitOptions::Objective objective =
                                                     FitOptions::Objective::kLeastSquares) const;
 
-  /// The thesis's objective (3.4) over all windows, from a simulation of them: the mean over
-  /// samples of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
+  /// The thesis's objective (3.4) of a simulation of all windows: the mean over samples of
+  /// |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
   double objective(const WindowSimulation& simulation) const;
 
   /// Standard deviations of u, v [m/s], r [rad/s] in a run.
@@ -94,7 +94,7 @@ class SimulationError {
   const std::vector<RunData>& runs() const;
   const std::vector<Window>& windows() const { return windows_; }
   Target target() const { return target_; }
-  /// Numbers of an initial state: u, v, r, or x, y, psi, u, v, r where poses are the target.
+  /// Size of an initial state: 3 (u, v, r), or 6 (x, y, psi, u, v, r) if poses are the target.
   int initialSize() const { return target_ == Target::kPoses ? 6 : 3; }
 
  private:
@@ -104,7 +104,7 @@ class SimulationError {
   SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target);
   static std::shared_ptr<const Data> prepare(std::vector<RunData> runs, Target target);
 
-  std::shared_ptr<const Data> data_;  ///< shared with the same runs cut into other windows
+  std::shared_ptr<const Data> data_;  ///< shared by problems with other windows of the same runs
   std::vector<Window> windows_;
   Target target_;
   std::unique_ptr<detail::WindowPlans> plans_;

@@ -11,111 +11,116 @@
 
 namespace ground {
 
-/// When the link gives up on its sources, and how often it repeats itself.
+/// Timeouts and rates of the link.
 struct GroundLinkParams {
-  double command_timeout = 0.2;  ///< oldest command that is still obeyed [s]
-  double state_timeout = 0.2;    ///< oldest state with which the craft may be driven [s]
-  double recovery_time = 0.0;    ///< without a state that zero packets bridge before a fault [s]
-  double keepalive_rate = 50.0;  ///< packets per second when nothing new comes [Hz]
-  /// Silence of a craft that used to send telemetry after which it may come back on another port
-  /// [s].
+  double command_timeout = 0.2;  ///< largest age of a command [s]
+  double state_timeout = 0.2;    ///< largest age of a state while armed [s]
+  double recovery_time = 0.0;    ///< longest loss of the state before a fault; sends zeros [s]
+  double keepalive_rate = 50.0;  ///< rate of repeated packets [Hz]
+  /// Silence after which a craft that has sent telemetry may return on another port [s].
   double peer_timeout = 2.0;
-  double craft_timeout = 2.0;  ///< such silence before a fault, 0 for none [s]
-  /// The craft may not do as told for so long before a fault, 0 for ever [s].
+  double craft_timeout = 2.0;  ///< silence of such a craft before a fault; 0: no fault [s]
+  /// Time that the craft may not follow its commands before a fault; 0: no fault [s].
   double obedience_timeout = 1.0;
-  double send_timeout = 0.2;  ///< longest that the system may refuse to send while armed [s]
-  /// Whether a valid state inside the room is needed to drive; false on a bench only, where the craft
-  /// is fastened.
+  double send_timeout = 0.2;  ///< longest failure to send while armed [s]
+  /// Whether driving needs a valid state inside the room; false only for a bench where the craft is
+  /// fastened.
   bool require_state = true;
   bool require_lift = true;   ///< whether thrust is refused while the lift is off
 
-  std::string validate() const;  ///< what is wrong; empty when nothing is
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
-/// The ground's end of the link to the craft: who the craft is, and whether it may move.
+/// The ground's end of the link to the craft. Identifies the craft, and decides whether it may
+/// move.
 ///
-/// DISARMED sends zero packets; ARMED sends commands, each at once and again at the keepalive rate;
-/// FAULT sends zero packets and stays until disarmed by hand. ARMED is entered only with a known
-/// craft, a fresh valid state and a fresh zero command of a single controller, and left for FAULT
-/// as soon as commands are stale or packets cannot be sent, and when the state is stale or invalid
-/// for recovery_time; until then zero packets go out, and the commands again when it is back. A
-/// craft that counts the commands that reach it is a fault when its count stands still.
+/// - DISARMED sends zero packets.
+/// - ARMED sends commands, each at once and again at the keepalive rate. It needs a known craft, a
+///   fresh valid state and a fresh zero command of a single controller.
+/// - FAULT sends zero packets and lasts until disarmed by hand. ARMED changes to FAULT if commands
+///   are stale, packets cannot be sent, or the state is stale or invalid for recovery_time; until
+///   then it sends zero packets, and commands again when the state is back. It also changes to
+///   FAULT if the craft counts received commands and its count does not increase.
 ///
-/// A silence shows whether the craft stops by itself: while ARMED no packet goes out for a bounded
-/// time, then the link is DISARMED. Whatever ends the silence early (a fault, disarm, stop) sends
-/// zeros at once; commands that arrive meanwhile are never sent. All times
-/// are those of one steady clock [s]; the caller supplies them, and serialises the calls.
+/// A silence tests whether the craft stops by itself: while ARMED no packet is sent for a bounded
+/// time, then the link is DISARMED. A fault, disarm or stop ends the silence early and sends zeros
+/// at once. Commands that arrive during the silence are never sent.
+///
+/// All times are those of one steady clock [s]; the caller supplies them, and serialises the calls.
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
   static constexpr double kLongestSilence = 2.0;    ///< [s]
-  static constexpr double kMostSilentThrust = 0.5;  ///< input with which a silence may begin, 0..1
+  static constexpr double kMaxSilentThrust = 0.5;  ///< largest input at the start of a silence
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
   };
-  /// Sends a datagram; says what went wrong, nothing when nothing did.
+  /// Sends a datagram; returns an error message, or an empty string.
   using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
 
-  /// `peer`: the craft's address where it is fixed (port 0: whichever it speaks from), nobody when
-  /// it is learned from the first datagram. Throws std::invalid_argument when params are bad.
+  /// `peer`: the craft's address if fixed (port 0: any port); unknown if it is learned from the
+  /// first datagram. Throws std::invalid_argument if params are bad.
   GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send);
 
-  /// Throws std::invalid_argument, and keeps the old ones, when they are bad.
+  /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
-  /// How many nodes publish commands, whether or not they do so now; more than one bars arming.
+  /// Number of nodes that advertise commands, even if they send none; more than one prevents
+  /// arming.
   void setPublishers(std::size_t count) { publishers_ = count; }
 
-  /// A datagram came in; gives the craft's telemetry when it is that.
+  /// Call with every received datagram. Returns the craft's telemetry if it contains it.
   std::optional<CraftTelemetry> datagram(double now, const std::string& data,
                                          const UdpAddress& from);
-  /// A command of the controller named `source`, issued `age` seconds ago; negative: its stamp is
-  /// from the future. Refused, and counted, when it is not finite, too old, more than a second
-  /// ahead, or, while armed, of anyone but the controller that the link was armed with.
+  /// Call with every command. `source`: name of the controller; `age`: time since it was issued
+  /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, too
+  /// old, more than a second ahead or, while armed, not from the controller that the link was armed
+  /// with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
-  /// A state measured `age` seconds ago (stale when that is more than a second in the future);
-  /// `problem` says why it is invalid.
+  /// Call with every state, measured `age` seconds ago (stale if more than a second in the future).
+  /// `problem`: why it is invalid.
   void state(double now, double age, bool valid, const std::string& problem = "");
-  /// The clock by which ages are measured was set: what came before is no longer fresh, and a craft
-  /// that is driven gets zeros (FAULT). `what` describes the jump.
+  /// Call when the clock of the stamps was set; `what` describes the jump. Earlier commands and
+  /// states become stale, and an armed link goes to FAULT.
   void timeJumped(double now, const std::string& what);
-  /// The craft does not do as it is told; `how` that is seen. A fault while armed.
+  /// Call when the craft does not follow its commands; `how` describes its motion. A fault while
+  /// armed.
   void disobeyed(double now, const std::string& how);
-  /// With every state: why the craft does not stay in the room, empty when it does. A fault while
-  /// armed, and bars arming.
+  /// Call with every state; `problem`: why the craft does not stay in the room, or empty. A problem
+  /// is a fault while armed, and prevents arming.
   void confine(double now, const std::string& problem);
-  /// Arms; otherwise says why not. `remark` follows the reason of the state while it is armed.
+  /// Arms. Returns why it could not, or an empty string. `remark` is appended to reason() while
+  /// armed.
   std::string arm(double now, const std::string& remark = "");
-  /// Repeats the present command once, then sends nothing for `duration` seconds (at most
-  /// kLongestSilence), then disarms. Otherwise says why not.
+  /// Repeats the current command once, sends nothing for `duration` seconds (at most
+  /// kLongestSilence), then disarms. Returns why it could not, or an empty string.
   std::string silence(double now, double duration);
   void disarm(double now, const std::string& reason);
-  /// Disarms for good: from now on nothing but zero packets is sent.
+  /// Disarms permanently: only zero packets are sent from now on.
   void stop(double now, const std::string& reason);
-  /// Watches the timeouts and keeps packets going out; to be called at least at the keepalive rate.
+  /// Checks timeouts and repeats packets. Call at least at the keepalive rate.
   void tick(double now);
   /// Sends one zero packet to the craft, if it is known.
   void sendZero(double now);
 
   State current() const { return state_; }
-  /// Lift that the craft is told to have, 0..1; a loss of the state that zero packets bridge does
-  /// not count.
+  /// Commanded lift, 0..1, also during a temporary loss of the state.
   double lift() const {
     if (state_ != State::kArmed) return 0.0;
     return silent_until_ ? sent_.lift : command_.lift;
   }
   const std::string& reason() const { return reason_; }
-  /// The craft's address; port 0 while it is not known.
+  /// The craft's address; port 0 if unknown.
   const UdpAddress& peer() const { return peer_; }
   const Counters& counters() const { return counters_; }
-  /// Why a command was refused last; empty when none was.
+  /// Why the last refused command was refused; empty if none was.
   const std::string& refusal() const { return refusal_; }
-  /// Why packets cannot be sent; empty when they can.
+  /// Why packets cannot be sent; empty if they can.
   const std::string& sendProblem() const { return send_problem_; }
   /// The command of the last packet.
   const MotorCommand& sent() const { return sent_; }
-  /// When the next packet is due [s].
+  /// Time of the next packet [s].
   double nextPacket() const { return next_packet_; }
-  /// Grows with every change of state, reason or craft.
+  /// Increases with every change of state, reason or craft.
   std::uint64_t revision() const { return revision_; }
 
  private:
@@ -136,34 +141,34 @@ class GroundLink {
 
   GroundLinkParams params_;
   Send send_;
-  UdpAddress fixed_;  ///< what the caller says of the craft's address
+  UdpAddress fixed_;  ///< the craft's address as given by the caller
   UdpAddress peer_;
-  bool peer_speaks_ = false;  ///< has sent a DroneState
-  bool peer_locked_ = false;  ///< is the craft for certain: speaks, or was armed
-  double peer_heard_;         ///< last datagram of the craft
-  std::optional<std::uint32_t> peer_count_;  ///< of commands, by the craft; when it counts them
-  double peer_counted_;                      ///< when that changed, or the craft was armed
+  bool peer_speaks_ = false;  ///< the peer has sent a DroneState
+  bool peer_locked_ = false;  ///< the peer is certainly the craft: it has sent one, or was armed
+  double peer_heard_;         ///< time of the craft's last datagram
+  std::optional<std::uint32_t> peer_count_;  ///< commands counted by the craft, if it does
+  double peer_counted_;                      ///< time of the last change of the count, or of arming
   std::size_t publishers_ = 0;
   State state_ = State::kDisarmed;
   bool stopped_ = false;
   std::string reason_ = "not armed yet";
   MotorCommand sent_;
-  MotorCommand command_;  ///< last one that was not refused
+  MotorCommand command_;  ///< last accepted command
   std::string command_source_, armed_source_;
   std::string armed_reason_;
   std::optional<double> silent_until_;  ///< end of the silence; set only while armed
   std::string command_problem_;  ///< why the controller's newest command is not command_
-  double command_until_;         ///< when command_ becomes stale
-  double clash_until_;           ///< when a second controller may be taken to have gone
+  double command_until_;         ///< time at which command_ becomes stale
+  double clash_until_;           ///< time at which a second controller counts as stopped
   std::string clash_;
-  double state_until_;  ///< when the state becomes stale
-  double lost_since_;   ///< when the state was lost while armed; never when it is there
+  double state_until_;  ///< time at which the state becomes stale
+  double lost_since_;   ///< time at which the state was lost while armed; kNever if it is valid
   bool state_valid_ = false;
   std::string state_problem_;
   std::string room_problem_;
   std::string refusal_;
   std::string send_problem_;
-  double sent_until_;  ///< when failing to send becomes a fault
+  double sent_until_;  ///< time at which a failure to send becomes a fault
   double next_packet_;
   std::uint64_t revision_ = 0;
   Counters counters_;

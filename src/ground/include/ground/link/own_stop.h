@@ -4,12 +4,13 @@
 
 namespace ground {
 
-/// What the records of `rosrun ground prove_stop` say against arming a craft: empty when the newest
-/// decided trial of this craft passed. Trials of a simulated craft and undecided ones do not count.
+/// Remark against arming a craft, from the records of `rosrun ground prove_stop`; empty if the
+/// newest decided trial of this craft passed. Trials of a simulated craft and undecided ones do not
+/// count.
 ///
-/// `path` is a YAML map from the craft's name, which is its model's, to a list of trials, the newest
-/// last; each has `date`, `outcome` (passed, failed or undecided) and `simulated`. A file that is
-/// missing or cannot be read proves nothing. Reads the file; does not throw.
+/// `path`: YAML map from the craft's name, which is that of its model, to a list of trials, the
+/// newest last. Each has `date`, `outcome` (passed, failed or undecided) and `simulated`. A missing
+/// or unreadable file counts as no trials. Does not throw.
 std::string ownStopRemark(const std::string& path, const std::string& craft);
 
 }  // namespace ground

@@ -14,25 +14,26 @@ struct MotorCommand {
   double lift = 0.0;   ///< lift fan
 };
 
-/// What the craft says of itself, in the flight controller's units.
+/// Telemetry of the craft, in the flight controller's units.
 struct CraftTelemetry {
   float roll = 0, pitch = 0, yaw = 0;
   std::array<int, 3> acc{}, gyro{}, mag{};
-  /// Commands taken since it was switched on; nothing from a craft that does not count them.
+  /// Number of commands received since power-on; no value if the craft does not count them.
   std::optional<std::uint32_t> commands;
 };
 
-/// Datagram to the craft: each motor 1000 + 1000 clip(value), both lift motors alike. Throws
-/// std::invalid_argument when a value is not finite.
+/// Datagram to the craft: each motor gets 1000 + 1000 clip(value), both lift motors the same.
+/// Throws std::invalid_argument if a value is not finite.
 std::string encodeMotors(const MotorCommand& command);
-/// Reads a datagram from the ground; false, with the reason and `command` untouched, when it is not
-/// exactly one Motors message or a value is outside 1000..2000.
+/// Parses a datagram from the ground. Returns false, sets the reason and leaves `command`
+/// unchanged, if it is not exactly one Motors message or a value is outside 1000..2000.
 bool decodeMotors(const std::string& datagram, MotorCommand& command,
                   std::string* reason = nullptr);
 
 std::string encodeTelemetry(const CraftTelemetry& telemetry);
-/// Reads a datagram from the craft; false, with the reason and `telemetry` untouched, when it is
-/// not a DroneState. All its fields are optional, so that one cut between two fields still is one.
+/// Parses a datagram from the craft. Returns false, sets the reason and leaves `telemetry`
+/// unchanged, if it is not a DroneState. All fields are optional, so a DroneState cut between two
+/// fields is accepted.
 bool decodeTelemetry(const std::string& datagram, CraftTelemetry& telemetry,
                      std::string* reason = nullptr);
 

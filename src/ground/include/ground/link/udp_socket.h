@@ -7,10 +7,10 @@ namespace ground {
 
 /// IPv4 address and port of one end of a link.
 struct UdpAddress {
-  std::uint32_t host = 0;  ///< network byte order; 0 is nobody
-  std::uint16_t port = 0;  ///< host byte order; 0 is any
+  std::uint32_t host = 0;  ///< network byte order; 0: unknown
+  std::uint16_t port = 0;  ///< host byte order; 0: any
 
-  /// Reads "host" or "host:port"; throws std::invalid_argument when there is no such host.
+  /// Parses "host" or "host:port"; throws std::invalid_argument if there is no such host.
   static UdpAddress parse(const std::string& text, std::uint16_t default_port = 0);
   std::string text() const;
   bool known() const { return host != 0; }
@@ -23,17 +23,17 @@ struct UdpAddress {
 /// A bound IPv4 datagram socket.
 class UdpSocket {
  public:
-  /// Throws std::runtime_error with the reason when the address cannot be bound.
+  /// Throws std::runtime_error with the reason if the address cannot be bound.
   explicit UdpSocket(const UdpAddress& local);
   ~UdpSocket();
   UdpSocket(const UdpSocket&) = delete;
   UdpSocket& operator=(const UdpSocket&) = delete;
 
-  /// False, with errno set, when the system would not take the datagram.
+  /// Returns false and sets errno if the system does not accept the datagram.
   bool send(const std::string& datagram, const UdpAddress& to);
-  /// Waits up to timeout [s]; false when nothing came.
+  /// Waits up to timeout [s]; returns false if no datagram arrives.
   bool receive(double timeout, std::string& datagram, UdpAddress& from);
-  /// The port that it is bound to.
+  /// The bound port.
   std::uint16_t port() const;
 
  private:

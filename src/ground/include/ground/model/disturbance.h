@@ -6,14 +6,14 @@
 
 namespace ground {
 
-/// A random wrench beside the model, in the body's frame: X, Y [N], N [N m]. In each channel it is
-/// the sum of an Ornstein-Uhlenbeck process, white noise and a constant that differs from run to
-/// run; the thrust differs from run to run, too. Dynamics leaves it out: whoever simulates or
-/// estimates adds it.
+/// A random wrench that acts in addition to the model, in the body's frame: X, Y [N], N [N m]. Each
+/// channel is the sum of an Ornstein-Uhlenbeck process, white noise and a constant that differs
+/// from run to run. The thrust also differs from run to run. Dynamics does not include the
+/// disturbance: simulators and estimators add it.
 struct Disturbance {
   /// Stationary standard deviation of the Ornstein-Uhlenbeck process [N, N, N m].
   Vector3<double> sigma = Vector3<double>::Zero();
-  /// Its correlation time [s]; positive where sigma is.
+  /// Correlation time of that process [s]; positive where sigma is positive.
   Vector3<double> time = Vector3<double>::Zero();
   /// Root of the white noise's two-sided spectral density [N sqrt(s), N sqrt(s), N m sqrt(s)].
   Vector3<double> white = Vector3<double>::Zero();
@@ -22,9 +22,9 @@ struct Disturbance {
   /// Standard deviation, from run to run, of a factor on the thrust, whose mean is 1.
   double trim_thrust = 0;
 
-  /// Whether there is none.
+  /// Whether all levels are 0.
   bool empty() const;
-  /// Says what is wrong; empty when nothing is.
+  /// Error message, or an empty string if all values are valid.
   std::string validate() const;
 };
 

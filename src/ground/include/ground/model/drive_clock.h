@@ -5,22 +5,22 @@
 
 namespace ground {
 
-/// The origin of t (Point::t), the time on which effects such as battery_sag depend. Simulator,
-/// controllers, live comparison and identification all take it from here:
+/// Defines t (Point::t), the time on which effects such as battery_sag depend. Simulator,
+/// controllers, live comparison and identification all use this definition:
 ///
 /// t is the time since the drive began. A drive begins with the first command whose lift is above
-/// 0; before the first drive t is 0. Lift that is off for more than kPause ends a drive, and the
-/// next command with lift begins another one at t = 0. A shorter pause, such as that of a lost
-/// link, does not end it.
+/// 0; before the first drive t is 0. A drive ends when the lift is off for more than kPause; the
+/// next command with lift begins another drive at t = 0. A shorter pause, such as a lost link, does
+/// not end the drive.
 ///
-/// The clock learns when drives began from the commands, each held until the next, and from
-/// records of it (ground_msgs/Drive): whoever starts to listen or to record in the middle of a
-/// drive needs these. Times are in seconds on the caller's clock, which should begin near 0 so that
-/// differences of doubles are exact.
+/// The clock derives the start of each drive from the commands, each held until the next, and from
+/// recorded starts (ground_msgs/Drive). A listener or recorder that begins in the middle of a drive
+/// needs the recorded start. Times are in seconds on the caller's clock, which should begin near 0
+/// so that differences of doubles are exact.
 class DriveClock {
  public:
   static constexpr double kPause = 2.0;  ///< longest pause of the lift within a drive [s]
-  /// By how much commands of several controllers, and records of them, may come out of order [s].
+  /// Largest time by which commands and recorded starts may arrive out of order [s].
   static constexpr double kDisorder = 0.1;
 
   DriveClock() = default;
@@ -28,19 +28,19 @@ class DriveClock {
   /// or are not finite.
   explicit DriveClock(std::vector<double> starts);
 
-  /// Takes a command in order of time; returns whether a drive begins with it. A command earlier
-  /// than the last one by more than kDisorder means that the caller's clock was set back: drives
-  /// that began later are forgotten.
+  /// Adds a command, in order of time; returns whether a drive begins with it. A command that is
+  /// more than kDisorder earlier than the previous one means that the caller's clock was set back:
+  /// the clock then discards all drives that began later.
   bool command(double time, double lift);
-  /// Takes a record: at `as_of` [s] the newest drive was the one that began at `began` [s]. It takes
-  /// the place of those that seemed to begin between the two, or up to kDisorder earlier. A record
-  /// that is not finite or of the future (began > as_of) is left out.
+  /// Adds a recorded start: at `as_of` [s] the newest drive was the one that began at `began` [s].
+  /// It replaces starts derived from commands between `began` - kDisorder and `as_of`. Ignored if
+  /// not finite or if began > as_of.
   void record(double began, double as_of);
 
-  /// When the drive of time `time` began [s]; before the first drive, when that begins; infinity
-  /// while none is known.
+  /// Start of the drive that `time` belongs to [s]; before the first drive, the start of the first;
+  /// infinity if no drive is known.
   double origin(double time) const;
-  /// The t of time `time` [s], never below 0.
+  /// Time since the drive began, t, at `time` [s]; never below 0.
   double since(double time) const;
   /// When each drive began [s], ascending.
   const std::vector<double>& starts() const { return starts_; }
@@ -50,8 +50,8 @@ class DriveClock {
 
   std::vector<double> starts_;
   double newest_ = kNever;     ///< time of the last command [s]
-  bool lifting_ = false;       ///< the last command has lift
-  double off_since_ = kNever;  ///< since when the lift has been off while it is [s]
+  bool lifting_ = false;       ///< whether the last command has lift
+  double off_since_ = kNever;  ///< time at which the lift last went off [s]
 };
 
 }  // namespace ground

@@ -8,7 +8,7 @@
 
 namespace ground {
 
-/// N derivatives of a V.
+/// N derivatives of a value of type V.
 template <typename V, int N>
 struct Directions {
   static_assert(N > 0, "");
@@ -55,8 +55,21 @@ struct Directions<double, 8> {
   friend GROUND_INLINE Directions operator*(double a, const Directions& b) { return of(a * b.x); }
 };
 
-/// A number with N exact derivatives (forward mode). As a double it is anything until it is set.
-/// Vectors of it must not be Eigen's dynamic ones: they do not align it.
+/// A number with N exact derivatives, for forward-mode automatic differentiation.
+///
+/// A Dual is a + v_1 e_1 + ... + v_N e_N with e_i e_j = 0. Arithmetic follows from that rule:
+///
+///     (a + v) + (b + w) = (a + b) + (v + w)
+///     (a + v) * (b + w) = a b + (a w + b v)
+///     f(a + v)          = f(a) + f'(a) v
+///
+/// so v always holds the derivatives of a by the N chosen variables. Example: x^2 y at (3, 2),
+///
+///     const Dual<double, 2> x(3.0, 0), y(2.0, 1);  // variables 0 and 1
+///     const Dual<double, 2> f = x * x * y;         // f.a = 18, f.v[0] = 12, f.v[1] = 9
+///
+/// V is double or Lanes. The default constructor leaves the number uninitialised, like a double.
+/// Do not use Dual in dynamic Eigen vectors: their allocation does not align it.
 template <typename V, int N>
 struct Dual {
   using Value = V;
@@ -69,7 +82,7 @@ struct Dual {
   GROUND_INLINE Dual(const V& value) : a(value), v{} {}  // NOLINT: as numbers do
   template <class S, class = std::enable_if_t<std::is_arithmetic_v<S>>>
   GROUND_INLINE Dual(S value) : a(static_cast<double>(value)), v{} {}  // NOLINT
-  /// The variable that direction i is the derivative by.
+  /// The i-th variable: its i-th derivative is 1, the others are 0.
   Dual(double value, int i) : a(value), v{} { v[i] = 1.0; }
   GROUND_INLINE Dual(const V& value, const Directions<V, N>& derivatives)
       : a(value), v(derivatives) {}
@@ -139,7 +152,7 @@ GROUND_INLINE Dual<V, N> blend(const Mask& mask, const Dual<V, N>& x, const Dual
           Directions<V, N>::each([&](int i) { return blend(mask, x.v[i], y.v[i]); })};
 }
 
-/// f(x) from the values of f and its derivative at x.
+/// Chain rule: f(x) from the values of f and f' at x.a.
 template <typename V, int N>
 GROUND_INLINE Dual<V, N> chain(const Dual<V, N>& x, const V& value, const V& slope) {
   return {value, slope * x.v};
@@ -174,7 +187,7 @@ Dual<V, N> cos(const Dual<V, N>& x) {
   using std::sin;
   return chain(x, V(cos(x.a)), V(-sin(x.a)));
 }
-/// Of a positive base.
+/// The base must be positive.
 template <typename V, int N>
 Dual<V, N> pow(const Dual<V, N>& base, const Dual<V, N>& exponent) {
   using std::log;

@@ -27,54 +27,54 @@ class Dynamics {
   /// With the model's own parameters.
   explicit Dynamics(const Model& model);
 
-  /// Only the first `count` derivatives of the motion are taken from now on, the others are
-  /// anything; makes eight simulations with few derivatives faster.
+  /// From now on computes only the first `count` derivatives of the motion and leaves the others
+  /// undefined. This makes eight simulations with few derivatives faster.
   void useDirections(int count) { directions_ = count; }
 
   const Body<T>& body() const { return body_; }
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }    ///< [s]
-  /// A time [s] with derivatives of which the derivative by the delay is known.
+  /// A time [s] whose derivative by the input delay is `by_delay`, with all derivatives.
   T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
     return seconds + by_delay * (delay_ - valueOf(delay_));
   }
   int stateCount() const { return static_cast<int>(initial_.size()); }
-  /// The states of all effects before anything has been commanded.
+  /// The states of all effects before the first command.
   const std::vector<T>& initialStates() const { return initial_; }
-  /// Whether effects depend on what was before: then every step is an actuate() and a step().
+  /// Whether effects have states: every step is then an actuate() and a step().
   bool hasMemory() const { return !actuators_.empty() || !rates_.empty(); }
   Settling settling() const;
-  /// Whether velocities depend on the pose: else they can be simulated without it.
+  /// Whether velocities depend on the pose. If not, they can be simulated without it.
   bool usesPose() const { return uses_pose_; }
 
-  /// Passes a command, held over a step of length h [s], through the actuators; their states are
-  /// advanced to the end of the step. Those of other effects are left to step().
+  /// Passes a command, held over a step of length h [s], through the actuators and advances their
+  /// states to the end of the step. step() advances the states of all other effects.
   StepInputs<T> actuate(const Vector2<T>& command, const ValueOf<T>& lift, const T& h,
                         T* states) const;
-  /// Advances the states of all effects by h [s] under a command, the motion held: what they
-  /// remember of the time before a simulation, whose motion is not known.
+  /// Advances the states of all effects by h [s] under a command while the motion stays at `state`.
+  /// Brings the states to the start of a simulation when the earlier motion is unknown.
   void settle(const T& t, const RigidState<T>& state, const Vector2<T>& command,
               const ValueOf<T>& lift, const T& h, T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
-  /// is the time since the drive began (DriveClock); what is below 0 counts as 0. `states` are the
-  /// effects', by default as they begin.
+  /// is the time since the drive began (DriveClock); a negative t counts as 0. `states` are the
+  /// states of the effects, by default the initial ones.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Vector2<T>& input,
                            const ValueOf<T>& lift, const T* states = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
-  /// same inputs. H is ValueOf<T>, or T where h has derivatives. The pose stays as it is unless kPose.
-  /// The states of effects that have rates() are integrated along, of the same order: what changes
-  /// in less than 36% of h makes the step unstable.
+  /// same inputs. H is ValueOf<T>, or T if h has derivatives. Without kPose the pose is constant.
+  /// The states of effects that have rates() are integrated by the same RK4 steps. These are
+  /// unstable for time constants below 36% of h.
   template <bool kPose = true, typename H = T>
   void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
             int count = 1) const;
-  /// The same with a command that is held and, effects having no memory, acts as it is.
+  /// Like step(), for a held command that reaches the thrusters unchanged (see hasMemory()).
   template <bool kPose = true, typename H = T>
   void hold(T& t, RigidState<T>& state, const Vector2<ValueOf<T>>& command, const ValueOf<T>& lift,
             const H& h, int count = 1) const;
-  /// What the mocap sees of a state.
+  /// What the mocap measures at a state.
   Measurement<T> measure(const RigidState<T>& state) const;
-  /// Whether that is other than the state.
+  /// Whether the measurement differs from the state.
   bool distorts() const { return !measure_.empty(); }
 
  private:
@@ -86,9 +86,9 @@ class Dynamics {
 
   void add(const Model::Entry& entry, const T* p);
 
-  /// What the thrusters do as long as their input stays.
+  /// Thrust and acceleration for one thruster input.
   struct Drive {
-    Vector2<T> input, thrust;  ///< for effects: thrust is that before they change it [N]
+    Vector2<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
     T surge, yaw;              ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
   };
   /// `input` is of T or ValueOf<T>.
@@ -100,11 +100,11 @@ class Dynamics {
   template <bool kPose, typename H>
   void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
            const ValueOf<T>& lift, T* states, const H& h, int count) const;
-  /// What effects look at, at one instant.
+  /// The arguments of effects at one instant.
   struct Instant;
-  /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces; with a
-  /// mass matrix that couples, the whole acceleration. `heading` is that of eta, only looked at
-  /// where motion depends on the pose.
+  /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
+  /// coupled mass matrix it is the whole acceleration. `heading` is the rotation by psi; it is used
+  /// only if the motion depends on the pose.
   Vector3<T> effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
                      const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift,
                      const T* states, T* rates) const;
@@ -115,7 +115,8 @@ class Dynamics {
   struct StateStages {
     std::vector<T> begin, at, rates;
 
-    /// `share` of the rates is added to the end of the step; the next stage is `to` along them.
+    /// Adds share * rates to the states at the end of the step, and sets the states of the next
+    /// stage to begin + to * rates.
     template <typename H>
     void move(const H& share, const H& to, T* end);
   };
@@ -123,7 +124,7 @@ class Dynamics {
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;
-  std::vector<T> initial_;       ///< states of the effects
+  std::vector<T> initial_;       ///< states of the effects before the first command
   mutable StateStages stages_;   ///< scratch of one thread
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
@@ -135,7 +136,7 @@ class Dynamics {
   int directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
   bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
-  bool has_hooks_ = false;  ///< there are effects to ask at every instant
+  bool has_hooks_ = false;  ///< some effects have to be called at every instant
 };
 
 extern template class Dynamics<double>;

@@ -14,11 +14,11 @@ namespace ground {
 
 /// How a parameter is stored in the vector that solvers and effects see.
 enum class Coordinate {
-  kValue,      ///< as it is
-  kReciprocal  ///< as 1/value: time constants whose neutral value is infinite, the inertia
+  kValue,      ///< the value
+  kReciprocal  ///< 1/value: for the inertia, and for time constants with an infinite neutral value
 };
 
-/// One parameter of a model. Numbers are values as the model file has them, not coordinates.
+/// One parameter of a model. Numbers are values as in the model file, not coordinates.
 struct ParameterInfo {
   std::string name;
   std::string unit;
@@ -39,14 +39,14 @@ struct EffectInfo {
   std::string name;
   std::string summary;
   std::vector<ParameterInfo> parameters;
-  int states = 0;  ///< number of states of its own
-  /// Their values before anything has been commanded; empty: all zero.
+  int states = 0;  ///< number of states of the effect
+  /// Their values before the first command; empty means all zero.
   std::vector<double> initial = {};
-  /// A diagnosis tries it only when it is asked for by name: it has many parameters.
+  /// A diagnosis tries the effect only if the user names it, because it has many parameters.
   bool opt_in = false;
-  /// Prior on the parameters: W, symmetric, positive semidefinite, a row for each parameter; the
-  /// log-likelihood loses (x - x0)' W (x - x0)/2 at coordinates x, x0 the neutral ones. Empty
-  /// function: no prior.
+  /// Gaussian prior on the parameters: a symmetric, positive semidefinite matrix W with a row for
+  /// each parameter. The log-likelihood decreases by (x - x0)' W (x - x0)/2 at coordinates x, with
+  /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
 };
 
@@ -55,12 +55,13 @@ template <typename T>
 struct StepInputs {
   std::array<Vector2<T>, 3> thrusters;  ///< left, right
   ValueOf<T> lift{0.0};                 ///< held over the step
-  bool held = false;                    ///< the thrusters' inputs are, too
-  /// Of all effects, to be integrated over the step with the motion; none: they stay as they begin.
+  bool held = false;                    ///< the thruster inputs are also held over the step
+  /// States of all effects, integrated over the step with the motion. If null, the states stay at
+  /// their initial values.
   T* states = nullptr;
 };
 
-/// All that a wrench may depend on, at one instant.
+/// Everything that a wrench may depend on, at one instant.
 template <typename T>
 struct Point {
   const T& t;                  ///< since the drive began, never below 0 (DriveClock) [s]
@@ -73,20 +74,20 @@ struct Point {
   const ValueOf<T>& lift;      ///< 0..1
   const Body<T>& body;         ///< nominal parameters
   const Matrix3<T>& mass;      ///< mass matrix with all effects inside
-  const T* states;             ///< of the effect that is asked
+  const T* states;             ///< states of the effect that is called
 };
 
-/// Measured pose and velocity: what the mocap's rigid body does, not the centre of the craft.
+/// Measured pose and velocity: those of the mocap's rigid body, not of the centre of the craft.
 template <typename T>
 struct Measurement {
   Vector3<T> eta;  ///< x, y [m], psi [rad], world_ned
   Vector3<T> nu;   ///< u, v [m/s], r [rad/s], body
 };
 
-/// The places of the model at which an effect can act, for one scalar type. `p` is the effect's
+/// The functions by which an effect can act on the model, for one scalar type. `p` is the effect's
 /// parameters in coordinates, in the order of EffectInfo::parameters. Each function adds to or
-/// changes its last argument; each must leave it exactly alone at the neutral parameters. Lanes are
-/// asked all at once: where an effect decides by a value it does so by choose() or blend().
+/// changes its last argument, and must leave it exactly unchanged at the neutral parameters. One
+/// call evaluates eight lanes, so an effect branches on a value by choose() or blend(), not by if.
 template <typename T>
 class EffectHooks {
  public:
@@ -94,10 +95,10 @@ class EffectHooks {
   /// Delay of the input [s].
   virtual void delay(const T* /*p*/, T& /*seconds*/) const {}
   /// Dynamics of the actuators over a step of length h with the command held: from the command to
-  /// what reaches the thrusters. `states` are the effect's own, advanced to the end of the step.
+  /// the thruster inputs. Advances `states`, the effect's own states, to the end of the step.
   virtual void actuate(const T* /*p*/, const T& /*h*/, T* /*states*/, StepInputs<T>&) const {}
-  /// Derivatives by time of the effect's own states (Point::states), all of which it sets. The
-  /// states are integrated together with the motion, by the same Runge-Kutta step.
+  /// Sets the time derivatives of all the effect's own states (Point::states). The states are
+  /// integrated together with the motion, by the same Runge-Kutta step.
   virtual void rates(const T* /*p*/, const Point<T>&, T* /*rates*/) const {}
   /// Thrust of the two thrusters [N].
   virtual void thrust(const T* /*p*/, const Point<T>&, Vector2<T>&) const {}
@@ -107,11 +108,11 @@ class EffectHooks {
   virtual void inertia(const T* /*p*/, const Body<T>&, Matrix3<T>&) const {}
   /// Wrench on the craft: X, Y [N], N [N m], body.
   virtual void wrench(const T* /*p*/, const Point<T>&, Vector3<T>&) const {}
-  /// What is measured at the true pose `eta`.
+  /// Changes the measurement made at the true pose `eta`.
   virtual void measure(const T* /*p*/, const Vector3<T>& /*eta*/, Measurement<T>&) const {}
 };
 
-/// A physical effect: rigid body plus a list of effects is the model.
+/// A physical effect. A model is a rigid body with a list of effects.
 class Effect : public EffectHooks<double>,
                public EffectHooks<Jet>,
                public EffectHooks<Lanes>,
@@ -126,13 +127,12 @@ class Effect : public EffectHooks<double>,
     kWrench = 1u << 5,
     kMeasure = 1u << 6,
     kRates = 1u << 7,
-    kPose = 1u
-        << 8  ///< motion depends on where the craft is or heads: always so, unless it says no
+    kPose = 1u << 8  ///< motion depends on the pose: the default unless the effect denies it
   };
   virtual const EffectInfo& info() const = 0;
-  /// Which hooks do anything, and whether they look at the pose (a set of Hook).
+  /// The hooks that the effect implements, and whether they depend on the pose (a set of Hook).
   virtual unsigned hooks() const = 0;
-  /// An instance that one thread may call; itself unless the effect has scratch memory.
+  /// An instance for one thread: this object, unless the effect has scratch memory.
   virtual std::shared_ptr<const Effect> forThread() const = 0;
 };
 

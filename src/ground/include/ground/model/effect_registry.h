@@ -9,16 +9,16 @@
 
 namespace ground {
 
-/// The effect of that name; throws std::invalid_argument naming all known ones. Effects of other
-/// packages come from the libraries that the environment variable GROUND_EFFECT_LIBRARIES lists,
-/// paths or names for the loader, with colons in between; they are loaded at the first call. Throws
-/// std::runtime_error when one of them cannot be used.
+/// The effect of that name. Throws std::invalid_argument that names all known effects if there is
+/// none. Effects of other packages come from the libraries that the environment variable
+/// GROUND_EFFECT_LIBRARIES lists (paths or names for the loader, separated by colons); the first
+/// call loads them. Throws std::runtime_error if one of them cannot be used.
 EffectPtr makeEffect(const std::string& name);
 /// Names of the effects of the library, in alphabetical order. Throws as makeEffect does.
 std::vector<std::string> effectNames();
-/// Adds an effect to the library; a static object does so (GROUND_REGISTER_EFFECT). What is wrong,
-/// such as a name that is taken, is thrown by makeEffect and effectNames: nobody catches what a
-/// library throws while it is loaded.
+/// Adds an effect to the library; a static object calls it (GROUND_REGISTER_EFFECT). Errors, such
+/// as a duplicate name, are thrown later by makeEffect and effectNames, because nobody can catch
+/// what a library throws while it is loaded.
 bool registerEffect(EffectPtr effect);
 
 namespace detail {
@@ -33,8 +33,9 @@ struct StaticOf<void (Hooks::*)(Args...) const> {
 template <class Member>
 using Static = typename StaticOf<Member>::Type;
 
-/// For each hook: whether struct E has something of that name (in a class that has it from E and
-/// from elsewhere, the name is ambiguous), whether that is a hook for scalar T, and its call.
+/// For each hook: Has_ says whether struct E has a member of that name (the name is ambiguous in a
+/// class that inherits it from E and from Named_). Fits_ says whether that member is a hook for
+/// scalar T. call_ calls it.
 #define GROUND_HOOK(Hook)                                                                       \
   struct Named_##Hook {                                                                         \
     int Hook;                                                                                   \
@@ -71,7 +72,7 @@ GROUND_HOOK(wrench)
 GROUND_HOOK(measure)
 #undef GROUND_HOOK
 
-/// Whether an effect's thrust or wrench depends on the pose; those that do not may say so.
+/// Whether an effect's thrust or wrench depends on the pose: true unless E::kUsesPose is false.
 template <class E, class = void>
 struct UsesPose : std::true_type {};
 template <class E>
@@ -136,11 +137,11 @@ class EffectFrom final
 
 }  // namespace detail
 
-/// Makes struct E an effect of the library. E has `static EffectInfo info()` and, as templates on
-/// the scalar T, whichever static functions of EffectHooks it needs. One whose thrust and wrench do
-/// not look at the pose may say `static constexpr bool kUsesPose = false`: fits to velocities are
-/// faster then. A function with the name of a hook but other parameters does not compile. See
-/// src/model/effects/.
+/// Makes struct E an effect of the library. E has `static EffectInfo info()` and the static
+/// functions of EffectHooks that it needs, as templates on the scalar T. If its thrust and wrench
+/// do not depend on the pose, it may define `static constexpr bool kUsesPose = false`: fits to
+/// velocities are then faster. A function with the name of a hook but other parameters does not
+/// compile. See src/model/effects/.
 #define GROUND_REGISTER_EFFECT(E)                                                    \
   namespace {                                                                        \
   [[maybe_unused]] const bool E##_registered =                                       \

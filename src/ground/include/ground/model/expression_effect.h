@@ -9,45 +9,47 @@
 
 namespace ground {
 
-// The formulas of a model are limited together, so that a step of it takes 0.1 ms at most, 2% of
-// its 5 ms: 3000 characters of sines took 58 us.
-constexpr std::size_t kLongestFormula = 1000;   ///< [characters]
-constexpr std::size_t kLongestFormulas = 3000;  ///< of all effects of a model together [characters]
-constexpr std::size_t kMostEffectParameters = 32;
-constexpr std::size_t kMostEffectStates = 4;  ///< of one effect
-constexpr std::size_t kLongestName = 60;  ///< of an effect and of a parameter [characters]
+// The total length of a model's formulas is limited so that computing a step of 5 ms takes at most
+// 0.1 ms. 3000 characters of sines took 58 us.
+constexpr std::size_t kLongestFormula = 1000;   ///< one formula [characters]
+constexpr std::size_t kLongestFormulas = 3000;  ///< all formulas of a model together [characters]
+constexpr std::size_t kMaxEffectParameters = 32;
+constexpr std::size_t kMaxEffectStates = 4;  ///< number of states of one effect
+constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter [characters]
 
 /// An effect written in the model file: wrench components as formulas (muparser) of
-/// u, v, r, x, y, psi, u_L, u_R, lift, t, pi, its own states and its own parameters. No compiler
-/// needed; its derivatives are central differences, those of all other effects are exact.
+/// u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the effect's states and its parameters. It needs no
+/// compiler. Its derivatives are central differences; those of all other effects are exact.
 struct ExpressionDefinition {
-  /// A state and its derivative by time, a formula of the same. It is integrated with the motion
-  /// (Dynamics::step), after it has settled to the commands before the start (Dynamics::settle).
+  /// A state and the formula of its time derivative, in the same variables. The state first settles
+  /// to the commands before the start (Dynamics::settle), then is integrated with the motion
+  /// (Dynamics::step).
   struct State {
     std::string name, rate;
-    double initial = 0;  ///< before anything has been commanded
+    double initial = 0;  ///< value before the first command
   };
 
   std::string name;
   std::string X, Y, N;  ///< formulas [N], [N], [N m], body; empty is zero
   std::vector<ParameterInfo> parameters;
   std::vector<double> typical;         ///< scale of each parameter
-  std::string thrust_L{}, thrust_R{};  ///< formulas of what is added to the thrusters' force [N]
+  std::string thrust_L{}, thrust_R{};  ///< formulas of force added to each thruster [N]
   std::vector<State> states{};
 
-  /// What the formulas beside those of the states are called, and their texts.
+  /// Names and texts of all formulas other than those of the states.
   std::vector<std::pair<std::string, std::string>> components() const {
     return {{"X", X}, {"Y", Y}, {"N", N}, {"thrust_L", thrust_L}, {"thrust_R", thrust_R}};
   }
   std::size_t formulaLength() const;
 };
 
-/// Throws std::invalid_argument saying which formula is wrong and why, or which limit is passed.
+/// Throws std::invalid_argument that says which formula is wrong and why, or which limit is
+/// exceeded.
 EffectPtr makeExpressionEffect(const ExpressionDefinition& definition);
-/// Throws std::invalid_argument when the derivative of a state is not finite at the given values of
-/// the parameters. Effects of other kinds pass.
+/// Throws std::invalid_argument if the derivative of a state is not finite at the given values of
+/// the parameters. Does nothing for effects that are not expressions.
 void requireFiniteRates(const Effect& effect, const std::vector<double>& values);
-/// The definition of an effect made so, or nullptr for any other.
+/// The definition of an expression effect, or nullptr for any other effect.
 const ExpressionDefinition* expressionDefinition(const Effect& effect);
 
 }  // namespace ground

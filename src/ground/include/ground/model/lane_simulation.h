@@ -6,16 +6,18 @@
 
 namespace ground {
 
-/// One of the simulations that run side by side.
+/// One of up to eight simulations that run in parallel, one in each lane of a Lanes.
 struct Lane {
   const InputSequence* inputs;
   const double*
-      samples;  ///< ascending instants to measure at [s]; the simulation starts at the first
-  int count;    ///< of samples, at least one
+      samples;  ///< ascending times of measurements [s]; the simulation starts at the first
+  int count;    ///< number of samples, at least one
 };
 
-/// The steps of up to eight simulations, known beforehand: each takes its own (see Stepping), none
-/// waits for the others. Holds for one delay of the inputs.
+/// The steps of up to eight simulations, planned beforehand for one input delay. Each lane has its
+/// own steps (see Stepping) and does not wait for the others: one Step advances all lanes, each by
+/// its own length h. Example: if lane 0 needs steps of 5, 5, 2 ms and lane 1 of 4, 4 ms, the plan
+/// has two steps with h = (5, 4) ms and one with h = (2, 0) ms.
 class LanePlan {
  public:
   /// An instant's measurement of one lane.
@@ -23,25 +25,27 @@ class LanePlan {
     int lane, index;
   };
   struct Step {
-    Lanes h, by_delay;       ///< length and its derivative by the delay; nothing in lanes that wait
-    Vector2<Lanes> command;  ///< held
+    Lanes h, by_delay;       ///< length and its derivative by the delay; 0 in finished lanes
+    Vector2<Lanes> command;  ///< held thruster command
     Lanes lift;
-    Lanes t;        ///< since the drive began, at the first of these steps [s]
-    int count;      ///< of steps alike
-    bool measured;  ///< some lanes are, after the last of these
+    Lanes t;        ///< time since the drive began, at the first of these steps [s]
+    int count;      ///< number of equal steps
+    bool measured;  ///< some lanes are measured after the last of these steps
   };
 
-  /// The states of effects settle to the commands before the start.
+  /// `varies`: h has a derivative by the delay. `settling`: how the states of effects settle to the
+  /// commands before the start.
   LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, const Settling& settling,
            double max_step = kDefaultStep);
 
-  /// Instants at which some lanes, one sample each, are measured; the first is the start.
+  /// Number of visits: instants at which some lanes, one sample each, are measured. The first visit
+  /// is the start.
   int visits() const { return static_cast<int>(behind_.size()); }
   const Sample* begin(int visit) const { return visit == 0 ? samples_.data() : end(visit - 1); }
   const Sample* end(int visit) const { return samples_.data() + behind_[visit]; }
 
-  /// Runs all lanes from `state`, the effects settled, and calls take(visit, eta, nu) with what
-  /// the mocap sees then. Without `pose` only velocities are integrated.
+  /// Settles the effects, simulates all lanes from `state` and calls take(visit, eta, nu) with the
+  /// measurement of each visit. Without `pose` only velocities are integrated.
   template <typename T, class Take>
   void run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose, const Take& take) const;
 
@@ -51,11 +55,11 @@ class LanePlan {
 
   std::vector<Step> settling_, steps_;
   std::vector<Sample> samples_;
-  std::vector<int> behind_;  ///< a visit's samples
+  std::vector<int> behind_;  ///< end of each visit's samples in samples_
   bool varies_ = false;
 };
 
-/// The instant of a plan's run.
+/// State of the simulations while a plan runs.
 template <typename T>
 class LaneRun {
  public:
@@ -75,7 +79,7 @@ class LaneRun {
 
   const Dynamics<T>& dynamics_;
   RigidState<T> state_;
-  T t_{0.0};  ///< since the drive began [s]
+  T t_{0.0};  ///< time since the drive began [s]
   std::vector<T> effect_states_;
   bool pose_;
 };

@@ -3,9 +3,9 @@
 #include <Eigen/Core>
 #include <cmath>
 
-// Eight numbers side by side, as compilers know them: one register where the machine has such (AVX-
-// 512), several elsewhere; in memory alike everywhere. Passing them by value would depend on the
-// machine; nothing does.
+// Vec8 and Bits8 are vectors of eight numbers by GCC's vector extension: one register with AVX-512,
+// several registers otherwise, the same layout in memory everywhere. How they are passed by value
+// depends on the processor, so functions that are not inlined take them by reference.
 #define GROUND_INLINE inline __attribute__((always_inline))
 
 namespace ground {
@@ -13,9 +13,9 @@ namespace ground {
 using Vec8 = double __attribute__((vector_size(64), aligned(64)));
 using Bits8 = long long __attribute__((vector_size(64), aligned(64)));
 
-/// The same question to eight lanes.
+/// The result of a comparison in each of eight lanes.
 struct Mask {
-  Bits8 bits;  ///< all ones or all zeros
+  Bits8 bits;  ///< all ones (true) or all zeros (false) in each lane
 
   GROUND_INLINE bool operator[](int i) const { return bits[i] != 0; }
   GROUND_INLINE Mask operator&&(const Mask& other) const { return {bits & other.bits}; }
@@ -32,8 +32,14 @@ GROUND_INLINE bool noneOf(const Mask& m) {
   return any == 0;
 }
 
-/// One number of each of eight simulations that run side by side: a scalar type of the model. As a
-/// double it is anything until it is set.
+/// A scalar type of the model that holds one number of each of eight parallel simulations.
+///
+/// Arithmetic acts lane by lane: (a + b)[i] = a[i] + b[i]. A comparison gives a Mask, so code that
+/// branches on a value uses blend() or choose() instead of if. Example:
+///
+///     const Lanes positive = choose(x > Lanes(0.0), [&] { return x; }, [] { return Lanes(0.0); });
+///
+/// The default constructor leaves the numbers uninitialised, like a double.
 struct Lanes {
   static constexpr int kCount = 8;
 
@@ -67,13 +73,13 @@ GROUND_INLINE Lanes blend(const Mask& mask, const Lanes& a, const Lanes& b) {
   return Lanes::of(mask.bits ? a.x : b.x);
 }
 
-/// Of two numbers the one that is asked for, lane by lane.
+/// The value of `a` if the condition is true, else of `b`; a Mask selects lane by lane.
 template <typename T>
 GROUND_INLINE T blend(bool first, const T& a, const T& b) {
   return first ? a : b;
 }
 
-/// As blend, of two functions: only those that some lane needs are called.
+/// Like blend, with functions that give the values. A function that no lane needs is not called.
 template <class Then, class Otherwise>
 GROUND_INLINE auto choose(bool condition, const Then& then, const Otherwise& otherwise)
     -> decltype(then()) {
@@ -94,7 +100,7 @@ GROUND_INLINE Lanes sqrt(const Lanes& a) {
   return root;
 }
 
-// What is not inlined takes and gives lanes by reference.
+// Not inlined, so arguments and results are passed by reference.
 namespace lanes {
 void sin(const Lanes& a, Lanes& result);
 void cos(const Lanes& a, Lanes& result);

@@ -11,11 +11,11 @@
 
 namespace ground {
 
-/// Where a model's numbers come from; written by the identification tool.
+/// Where a model's numbers come from. The identification tool writes it.
 struct Provenance {
   std::string date;                                                ///< ISO 8601
-  std::string command;                                             ///< what was run
-  std::vector<std::string> bags;                                   ///< recordings fitted to
+  std::string command;                                             ///< command line
+  std::vector<std::string> bags;                                   ///< recordings of the fit
   std::map<std::string, double> error_before, error_after;         ///< by kind of runs
   std::map<std::string, std::pair<double, double>> confidence_95;  ///< by parameter name
   std::vector<std::string> not_identified;  ///< parameters that are not identifiable from the bags
@@ -23,7 +23,7 @@ struct Provenance {
   bool empty() const { return date.empty() && command.empty() && bags.empty(); }
 };
 
-constexpr std::size_t kMostEffects = 32;
+constexpr std::size_t kMaxEffects = 32;
 
 /// A craft: rigid body, nominal thrust and damping, and a list of effects with their parameters.
 /// The one description that simulator, controllers and identification share.
@@ -40,10 +40,10 @@ class Model {
   Disturbance disturbance;
   Provenance provenance;
 
-  /// Adds an effect at its neutral parameters. Throws std::invalid_argument when it is there
-  /// already, when there are kMostEffects, and when the formulas of all pass kLongestFormulas.
+  /// Adds an effect at its neutral parameters. Throws std::invalid_argument if the model already
+  /// has it, if there are kMaxEffects, or if all formulas together exceed kLongestFormulas.
   void addEffect(EffectPtr effect);
-  /// Takes an effect out. Throws std::invalid_argument when it is not there.
+  /// Throws std::invalid_argument if the model does not have the effect.
   void removeEffect(const std::string& name);
   bool hasEffect(const std::string& name) const;
 
@@ -59,8 +59,8 @@ class Model {
   void setValue(const std::string& parameter, double value);
   /// The same in solver coordinates, the vector that Dynamics takes.
   std::vector<double> coordinates() const;
-  /// Prior on the named parameters (EffectInfo::penalty), (n, n); zero where an effect has none.
-  /// The other parameters stay where they are. Throws std::invalid_argument on an unknown name.
+  /// Prior on the named parameters (EffectInfo::penalty), (n, n); zero for effects without a prior.
+  /// The other parameters keep their values. Throws std::invalid_argument on an unknown name.
   Eigen::MatrixXd penalty(const std::vector<std::string>& names) const;
 
   int parameterCount() const;
@@ -70,7 +70,7 @@ class Model {
 /// The seven nominal parameters with units and ranges.
 const std::vector<ParameterInfo>& bodyParameters();
 
-/// Says what is wrong with a value of a parameter, or nothing.
+/// Error message for a value of a parameter; empty if it is valid.
 std::string checkValue(const ParameterInfo& parameter, double value);
 
 }  // namespace ground

@@ -9,22 +9,22 @@ namespace ground {
 
 /// Reads a model file. Throws std::runtime_error that names file, line, key and allowed range on
 /// any unknown, missing, repeated, out-of-range or non-finite entry, and on a craft whose thrusters
-/// could not move it (implausibilities). What else is implausible is added to `warnings`, a line
-/// each with file, line, key and the probable unit.
+/// could not move it (implausibilities). Each other implausible value adds a line with file, line,
+/// key and probable unit to `warnings`.
 Model loadModel(const std::string& path, std::vector<std::string>* warnings = nullptr);
-/// The same from YAML text, however implausible; `source` names it in messages.
+/// Like loadModel from YAML text, without checks of plausibility; `source` names it in messages.
 Model parseModel(const std::string& yaml, const std::string& source);
-/// The model with one effect more, of YAML text that has this effect as model files list it (a map,
-/// or a list of one). `source` names the text in messages; their lines are those of the text.
-/// Throws std::runtime_error on anything wrong with it, and when the model has the effect already.
+/// Adds an effect to a model. `yaml` is the effect as in a model file (a map, or a list with one
+/// map); `source` names it in messages. Throws std::runtime_error if the text is invalid or the
+/// model already has the effect.
 Model withEffect(Model model, const std::string& yaml, const std::string& source);
-/// The text of a file with an effect, for withEffect. Throws std::runtime_error when it cannot be
-/// read or is too large for one.
+/// The text of a file with an effect, for withEffect. Throws std::runtime_error if the file cannot
+/// be read or is too large.
 std::string readEffectFile(const std::string& path);
 /// The model as commented YAML, with units beside each value; parseModel gives it back.
 std::string formatModel(const Model& model);
-/// Writes formatModel atomically. Throws std::runtime_error when the file exists and overwrite is
-/// false, or when it cannot be written; an existing file is then left as it was.
+/// Writes formatModel atomically. Throws std::runtime_error if the file exists and overwrite is
+/// false, or if it cannot be written; an existing file then stays unchanged.
 void saveModel(const Model& model, const std::string& path, bool overwrite = false);
 
 }  // namespace ground

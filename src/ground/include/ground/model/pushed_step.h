@@ -4,11 +4,11 @@
 
 namespace ground {
 
-/// Most states of a model's effects that estimators and planners reserve room for.
-constexpr int kMostStates = 4;
+/// Largest number of effect states for which estimators and planners reserve memory.
+constexpr int kMaxStates = 4;
 
-/// One step of a model that lacks a constant acceleration (body; m/s^2, m/s^2, rad/s^2): half of it
-/// acts before and half after the step.
+/// One step of a model with an additional constant acceleration `missing` (body; m/s^2, m/s^2,
+/// rad/s^2). Half of its change of velocity acts before the step and half after it.
 template <typename T, typename H>
 RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state,
                          const StepInputs<T>& inputs, const Vector3<T>& missing, const H& h) {

@@ -4,8 +4,8 @@
 
 namespace ground {
 
-/// Text of a user as messages quote it: what is longer than `most` bytes is cut, and its length
-/// told.
+/// User text for quotation in a message. Text longer than `most` bytes is cut, and its length
+/// appended.
 inline std::string shortened(const std::string& text, std::size_t most = 60) {
   if (text.size() <= most) return text;
   std::size_t end = most;

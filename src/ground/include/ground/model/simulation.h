@@ -9,13 +9,13 @@ namespace ground {
 
 constexpr double kDefaultStep = 0.005;  ///< longest step of a simulation [s], thesis 2.3
 
-/// Runs a model through a sequence of commands by the steps of Stepping. T is double or Jet.
+/// Simulates a model under a sequence of commands with the steps of Stepping. T is double or Jet.
 /// Dynamics and sequence must outlive it; the sequence may grow.
 template <typename T>
 class Simulation {
  public:
-  /// Starts at time `start` [s] of the sequence's clock with the states of effects settled to the
-  /// commands given until then (Dynamics::settle). Steps are at most max_step [s] long.
+  /// Starts at time `start` [s] of the sequence's clock, with the states of effects settled to the
+  /// earlier commands (Dynamics::settle). Steps are at most max_step [s] long.
   Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs, const RigidState<T>& initial,
              double start, double max_step = kDefaultStep);
 
@@ -26,17 +26,17 @@ class Simulation {
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
   void advance(double time);
 
-  /// `count` commands have been dropped from the sequence, none of which still acts.
+  /// Call after InputSequence::drop(count). The dropped commands must no longer act.
   void forget(std::size_t count) { stepping_.forget(count); }
 
   double time() const { return stepping_.time(); }
   const RigidState<T>& state() const { return state_; }
   RigidState<T>& state() { return state_; }
-  /// Goes on from another state; what the effects remember stays, without derivatives.
+  /// Continues from another state. Keeps the values of the effects' states, not their derivatives.
   void restart(const RigidState<T>& state);
   /// Acceleration and velocity at the current time.
   RigidState<T> derivative() const;
-  /// What reaches the thrusters at the current time.
+  /// Thruster inputs after the actuators, at the current time.
   Vector2<T> actuated() const;
   Measurement<T> measure() const { return dynamics_.measure(state_); }
 
@@ -48,7 +48,7 @@ class Simulation {
   Stepping stepping_;
   RigidState<T> state_;
   std::vector<T> effect_states_;
-  T t_;  ///< since the drive began [s]
+  T t_;  ///< time since the drive began [s]
   bool pose_ = true;
 };
 

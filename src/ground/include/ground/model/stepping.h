@@ -14,10 +14,10 @@ struct InputSequence {
   std::vector<double> times;               ///< ascending, on the run's clock [s]
   std::vector<Vector2<double>> thrusters;  ///< left, right
   std::vector<double> lift;
-  DriveClock drive;  ///< knows the commands that were added, also those that were dropped
+  DriveClock drive;  ///< has received all commands that were added, also those dropped since
 
   void add(double time, double left, double right, double lift);
-  /// Takes the first `count` commands away; simulations through it have to be told (forget).
+  /// Removes the first `count` commands. Then call forget(count) of each simulation that uses it.
   void drop(std::size_t count);
   std::size_t size() const { return times.size(); }
 };
@@ -27,54 +27,55 @@ struct Stretch {
   int steps;
   double h;         ///< [s]
   double by_delay;  ///< derivative of h by the delay of the inputs
-  double t;         ///< since the drive began, at the first step; below 0 before it [s]
+  double t;         ///< time since the drive began, at the first step; negative before it [s]
 };
 
-constexpr double kActuatorMemory = 10.0;  ///< effects forget what was commanded before [s]
-/// Longest step of states that settle without the motion [s]: Runge-Kutta steps are stable for time
-/// constants above 36% of it.
+constexpr double kActuatorMemory = 10.0;  ///< older commands no longer act on effect states [s]
+/// Longest settling step of effect states that have rates [s]. Runge-Kutta steps are stable for
+/// time constants above 36% of it.
 constexpr double kSettlingStep = 0.01;
 
-/// How the effects of a model come to the start of a simulation.
+/// How the states of effects are brought to the start of a simulation (Dynamics::settle).
 struct Settling {
-  double memory = 0;  ///< the commands of so many seconds before act on their states [s]
-  double step = std::numeric_limits<double>::infinity();  ///< longest piece of a command [s]
+  double memory = 0;  ///< commands older than this at the start are ignored [s]
+  double step = std::numeric_limits<double>::infinity();  ///< longest step [s]
 
   bool operator==(const Settling& other) const {
     return memory == other.memory && step == other.step;
   }
 };
 
-/// Which steps a simulation takes: they end exactly at the instants asked for and at those where
-/// the delayed command changes, so that RK4 keeps its order and derivatives by the delay are exact.
-/// The sequence must outlive it and may grow.
+/// The steps of a simulation. They end exactly at the requested times and at the changes of the
+/// delayed command, so that RK4 keeps its order and derivatives by the delay are exact. The
+/// sequence must outlive it and may grow.
 class Stepping {
  public:
-  /// From time `start` [s] of the sequence's clock; inputs act `delay` [s] late, which may `vary`:
-  /// there are stretches of no length then that have a derivative. Steps are at most max_step [s].
+  /// Begins at time `start` [s] of the sequence's clock. Inputs act `delay` [s] late. `varies`: the
+  /// delay is a variable, so there may be stretches of length 0 whose derivative is not 0. Steps
+  /// are at most max_step [s] long.
   Stepping(const InputSequence& inputs, double start, double delay, bool varies, double max_step);
 
-  /// The next stretch on the way to `time` [s]; false when it is reached. Throws
-  /// std::invalid_argument when that is before the current time.
+  /// Sets the next stretch on the way to `time` [s]; false if `time` is reached. Throws
+  /// std::invalid_argument if `time` is before the current time.
   bool next(double time, Stretch& stretch);
 
-  /// `count` commands have been dropped from the sequence, none of which still acts.
+  /// Call after InputSequence::drop(count). The dropped commands must no longer act.
   void forget(std::size_t count);
 
   double time() const { return time_; }
-  /// Held over the last stretch.
+  /// Thruster command during the last stretch.
   Vector2<double> thrusters() const;
   double lift() const;
 
-  /// A command and for how long it acts [s], its derivative by the delay included.
+  /// A command, how long it acts [s], and the derivative of that duration by the delay.
   struct Held {
     std::size_t command;
     double duration, by_delay;
-    double t;  ///< since the drive began, at its beginning; below 0 before it [s]
+    double t;  ///< time since the drive began, when the command begins; negative before it [s]
   };
-  /// The commands before the start, in pieces, to which effects have to be settled.
+  /// The commands before the start, in order, to which the states of effects settle.
   std::vector<Held> before(const Settling& settling) const;
-  /// Since the drive began, now; below 0 before it [s].
+  /// Current time since the drive began; negative before it [s].
   double t() const { return time_ - inputs_->drive.origin(time_); }
 
  private:
@@ -83,9 +84,9 @@ class Stepping {
   const InputSequence* inputs_;
   double time_, delay_, max_step_;
   bool varies_;
-  bool moves_ = false;    ///< the current time does with the delay
+  bool moves_ = false;    ///< the current time is a change of the command: it moves with the delay
   std::size_t next_ = 0;  ///< first command that has not taken effect
-  std::size_t held_ = 0;  ///< the same during the last stretch
+  std::size_t held_ = 0;  ///< value of next_ during the last stretch
 };
 
 }  // namespace ground

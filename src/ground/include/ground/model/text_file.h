@@ -5,9 +5,9 @@
 
 namespace ground {
 
-/// Reads a whole file, of at most `limit` bytes. It never waits for anybody: what is not a regular
-/// file (a folder, a FIFO, a device) is refused, not opened. Throws std::runtime_error that names
-/// the path and says what is wrong with it.
+/// Reads a whole file of at most `limit` bytes. Never blocks: it does not open anything but a
+/// regular file (no folder, FIFO or device). Throws std::runtime_error that names the path and says
+/// what is wrong.
 std::string readTextFile(const std::string& path, std::size_t limit);
 
 }  // namespace ground

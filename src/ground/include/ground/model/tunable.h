@@ -10,16 +10,17 @@
 
 namespace ground {
 
-/// The value of a parameter that people set; whole numbers are doubles as well.
+/// The value of a parameter that users set; integers are stored as doubles.
 using Setting = std::variant<double, bool, std::string>;
 
-/// Where `tune` searches a parameter: sign * 10^low .. sign * 10^high; nowhere when sign is 0.
+/// Range in which `tune` searches a parameter: sign * 10^low .. sign * 10^high. If sign is 0, it
+/// does not search.
 struct SearchRange {
   int sign = 0;
   double low = 0, high = 0;
 };
 
-/// What a parameter is, for people and for those that offer it.
+/// Description of a parameter, for documentation, dynamic_reconfigure and the command line.
 struct TunableInfo {
   std::string name, unit, text;
   double low = 0, high = 0;  ///< range of a number, both ends allowed
@@ -27,8 +28,8 @@ struct TunableInfo {
   std::string type = {};  ///< as in dynamic_reconfigure: double, int, bool or str
   Setting standard = {};  ///< the default
 
-  /// "k_e must be between 1e-06 and 100 kg/s, not -1"; empty when `value` is in the range, as all
-  /// that are not numbers are.
+  /// Error such as "k_e must be between 1e-06 and 100 kg/s, not -1"; empty if `value` is in the
+  /// range or is not a number.
   std::string rangeError(const Setting& value) const;
 };
 
@@ -39,8 +40,8 @@ Setting settingOf(int value);
 Setting settingOf(unsigned long value);
 Setting settingOf(bool value);
 Setting settingOf(const std::string& value);
-/// Throw std::invalid_argument that names the parameter when `setting` is of another type or not a
-/// whole number that fits.
+/// These throw std::invalid_argument that names the parameter if `setting` has another type or is
+/// not an integer that fits.
 void assign(double& value, const Setting& setting, const std::string& name);
 void assign(int& value, const Setting& setting, const std::string& name);
 void assign(unsigned long& value, const Setting& setting, const std::string& name);
@@ -56,8 +57,8 @@ const char* typeName() {
 
 }  // namespace detail
 
-/// A parameter in a struct: what it is and where it stands, so that it can be listed, checked, read
-/// and set by its name. Its default is that of the struct's member.
+/// A parameter in a struct: its description and its member, so that code can list, check, get and
+/// set it by its name. Its default is that of the struct's member.
 ///
 ///   struct Gains { double k = 2; };
 ///   const Tunables<Gains> table = {{{"k", "kg/s", "Position error", 0, 10}, &Gains::k}};
@@ -68,7 +69,7 @@ struct Tunable : TunableInfo {
   /// Throws std::invalid_argument on a value of another type; does not check the range.
   using Set = std::function<void(Params&, const Setting&)>;
 
-  /// access: a member of Params, or a function that gives a reference to a part of it.
+  /// access: a member of Params, or a function that returns a reference to a part of it.
   template <class Access>
   Tunable(TunableInfo info, Access access) : TunableInfo(std::move(info)) {
     using Value = std::decay_t<std::invoke_result_t<Access, Params&>>;
@@ -94,7 +95,7 @@ struct Tunable : TunableInfo {
 template <class Params>
 using Tunables = std::vector<Tunable<Params>>;
 
-/// The same parameters, of a struct that has `Part` as a member.
+/// The parameters of `Part` as parameters of a struct that has `Part` as a member.
 template <class Params, class Part>
 Tunables<Params> lifted(Part Params::*part, const Tunables<Part>& table) {
   Tunables<Params> found;
@@ -105,7 +106,7 @@ Tunables<Params> lifted(Part Params::*part, const Tunables<Part>& table) {
   return found;
 }
 
-/// What is wrong with the first number that is outside its range; empty when none is.
+/// Error for the first number that is outside its range; empty if there is none.
 template <class Params>
 std::string rangeError(const Tunables<Params>& table, const Params& params) {
   for (const Tunable<Params>& one : table) {
@@ -115,7 +116,7 @@ std::string rangeError(const Tunables<Params>& table, const Params& params) {
   return "";
 }
 
-/// "k_e, k_z"
+/// Names of all parameters, such as "k_e, k_z".
 template <class Infos>
 std::string namesOf(const Infos& infos) {
   std::string names;
@@ -123,7 +124,7 @@ std::string namesOf(const Infos& infos) {
   return names;
 }
 
-/// The entry of this name; null without one.
+/// The entry with this name, or nullptr.
 template <class Infos>
 auto findNamed(const Infos& infos, const std::string& name) -> decltype(&infos.front()) {
   for (const auto& info : infos)

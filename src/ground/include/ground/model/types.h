@@ -8,15 +8,15 @@
 
 namespace ground {
 
-// The core is chosen among libraries for several kinds of processor when it is loaded.
+// The core is built for several kinds of processor and chosen when it is loaded, so all libraries
+// must use the same alignment.
 static_assert(EIGEN_DEFAULT_ALIGN_BYTES == 16,
               "Eigen allocates otherwise than the core does: compile without -march=native or AVX");
 
-/// The scalar types that the model is instantiated for. Those with derivatives carry eight; more
-/// are taken in several passes.
+/// The model is instantiated for the scalar types double and Lanes (one and eight simulations) and
+/// for these two, which carry eight derivatives. More derivatives take several passes.
 using Jet = Dual<double, 8>;      ///< one simulation with derivatives
 using LanesJet = Dual<Lanes, 8>;  ///< eight simulations with derivatives
-// and double and Lanes: one simulation, and eight, without
 
 template <typename T>
 using Vector2 = Eigen::Matrix<T, 2, 1>;
@@ -25,7 +25,7 @@ using Vector3 = Eigen::Matrix<T, 3, 1>;
 template <typename T>
 using Matrix3 = Eigen::Matrix<T, 3, 3>;
 
-/// T without derivatives.
+/// Type of the value of T: T without derivatives.
 template <typename T>
 struct WithoutDerivatives {
   using type = T;
@@ -44,7 +44,7 @@ const V& valueOf(const Dual<V, N>& x) {
   return x.a;
 }
 
-/// The value of a variable, to be set.
+/// Reference to the value of a variable.
 inline double& valueIn(double& x) { return x; }
 inline Lanes& valueIn(Lanes& x) { return x; }
 template <typename V, int N>
@@ -60,7 +60,6 @@ inline void cosSin(const Lanes& angle, Lanes& c, Lanes& s) {
   c = cos(angle);
   s = sin(angle);
 }
-/// Each is the other's derivative.
 template <typename V, int N>
 void cosSin(const Dual<V, N>& angle, Dual<V, N>& c, Dual<V, N>& s) {
   V cosine, sine;
@@ -74,9 +73,9 @@ template <typename T>
 struct Rotation {
   T c, s;
 
-  Rotation() = default;  ///< anything
+  Rotation() = default;  ///< uninitialised
   explicit Rotation(const T& psi) { cosSin(psi, c, s); }
-  /// With the heading's cosine and sine known, but for their derivatives.
+  /// From known values of the heading's cosine and sine; adds their derivatives.
   Rotation(const T& psi, const ValueOf<T>& cosine, const ValueOf<T>& sine) {
     if constexpr (std::is_same_v<T, ValueOf<T>>) {
       c = cosine;
@@ -106,7 +105,7 @@ Vector2<T> worldToBody(const T& psi, const Vector2<T>& a) {
   return Rotation<T>(psi).toBody(a);
 }
 
-/// The number where it is positive, else a constant 0; lane by lane.
+/// max(x, 0), lane by lane; its derivatives are 0 where x is not positive.
 template <typename T>
 GROUND_INLINE T notBelowZero(const T& x) {
   return choose(valueOf(x) > ValueOf<T>(0.0), [&] { return x; }, [] { return T(0.0); });

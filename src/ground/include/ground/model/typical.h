@@ -6,7 +6,8 @@
 
 namespace ground {
 
-/// Sizes that a craft's own numbers set; the scales of effect parameters are fractions of them.
+/// Typical magnitudes of a craft, from its parameters. Scales of effect parameters are fractions of
+/// them.
 namespace typical {
 
 inline double force(const Body<double>& b) { return 2 * b.k * b.input_max; }  ///< full thrust [N]

@@ -8,8 +8,8 @@
 
 namespace ground {
 
-/// A queue of ROS callbacks with a thread of its own: its callbacks wait for each other and for
-/// nobody else, whatever the other nodelets of the manager do.
+/// A queue of ROS callbacks with its own thread: its callbacks wait for each other, but not for the
+/// other nodelets of the manager.
 ///
 /// Declare it before the publishers, subscribers and services that use it: they refer to its queue
 /// until they are destroyed. (A nodelet manager destroys the queues that it lends before a nodelet
@@ -27,7 +27,7 @@ class CallbackThread {
     return nh;
   }
 
-  /// No callback runs after it returns. Not to be called from a callback.
+  /// No callback runs after it returns. Do not call it from a callback.
   void stop() {
     alive_ = false;
     queue_.disable();

@@ -21,39 +21,39 @@
 
 namespace ground {
 
-/// Base of all controllers: state in, commands out, and a ControllerLifecycle in between. A child
-/// has the Pilot that says what to command; its functions are called with mutex() held.
+/// Base of all controllers: receives states, sends commands, with a ControllerLifecycle in between.
+/// A child has the Pilot that computes the commands; its functions are called with mutex() held.
 ///
-/// Several controllers may be loaded into one manager: the one that was started last drives. It
-/// says its name in the frame_id of its commands; whoever drove until then stops and is silent, and
-/// the lift stays on.
+/// Several controllers may be loaded into one manager; the one that was started last drives. Its
+/// commands carry its name in frame_id. The controller that drove before stops and sends nothing,
+/// and the lift stays on.
 ///
 /// Parameters: auto_start (false), require_armed (true: wait for the sender), require_state (true;
-/// false on a bench only, where the craft is fastened), room (file of a room in which the craft is
-/// kept; no bounds when empty), none of them live. Subscribes: state,
-/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in a
-/// thread of their own.
+/// false only on a bench, where the craft is fastened), room (file of the room in which the craft
+/// is kept; empty: no bounds). They cannot be changed at run time. Subscribes: state,
+/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
+/// their own thread.
 class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
 
  protected:
-  /// Calls nothing of the pilot, which may be a part of the child, until it is loaded.
+  /// Does not call the pilot, which may be a member of the child, until it is loaded.
   explicit Controller(Pilot& pilot) : pilot_(pilot) {}
-  /// Ends thread and callbacks with zero inputs; to be called first by every child's destructor,
-  /// since they call into its pilot.
+  /// Ends thread and callbacks, and sends zero inputs. Every child's destructor must call it first,
+  /// because thread and callbacks use its pilot.
   void shutdown();
-  /// Loads parameters and advertises; throws on anything missing or wrong.
+  /// Loads parameters and advertises; throws if anything is missing or wrong.
   virtual void load(ros::NodeHandle& nh) = 0;
-  /// Where topics are advertised and subscribed.
+  /// Handle for topics.
   ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }
-  /// Takes effect at once; require_armed and require_state stay. Call from any thread.
+  /// Takes effect at once; require_armed and require_state do not change. Call from any thread.
   void setParams(LifecycleParams params);
-  /// The room in which the life cycle keeps the craft; does not change once loaded.
+  /// The room in which the life cycle keeps the craft; constant after loading.
   const std::optional<RoomPlan>& room() const { return room_; }
-  /// Whether it waits for a state and stops without one; does not change once loaded.
+  /// Whether it waits for a state and stops without one; constant after loading.
   bool requiresState() const { return require_state_; }
-  /// Guards what child and base share.
+  /// Guards the data shared by child and base.
   std::recursive_mutex& mutex() { return mutex_; }
   /// ROS time on the clock of the pilot's stamps: since the nodelet was loaded [s].
   double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }

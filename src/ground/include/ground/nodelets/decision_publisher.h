@@ -11,8 +11,8 @@
 
 namespace ground {
 
-/// Publishes what a closed-loop controller decides: controls/wanted (the inputs before they are
-/// limited, of full scale) and decision (how long it computed).
+/// Publishes decisions of a closed-loop controller: controls/wanted (the inputs before saturation,
+/// relative to full scale) and decision (the CPU time).
 class DecisionPublisher {
  public:
   void advertise(ros::NodeHandle& topics) {
@@ -20,7 +20,7 @@ class DecisionPublisher {
     decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   }
 
-  /// state: stamp of the state by which `controller` decided; lift: its input of the lift fan, 0..1.
+  /// state: stamp of the state of the decision; controller: its name; lift: lift input, 0..1.
   void publish(const ReferencePilot::Decision& made, const ros::Time& state,
                const std::string& controller, double lift) {
     auto wanted = boost::make_shared<ground_msgs::Controls>();

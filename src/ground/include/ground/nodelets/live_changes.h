@@ -8,12 +8,12 @@
 
 namespace ground {
 
-/// Logs and publishes what a person changes while a node runs: one line for changes made at once,
-/// and for each a message on `live_changes`, which is recorded.
+/// Logs and publishes changes that a user makes while a node runs: one log line for simultaneous
+/// changes, and one message on `live_changes` for each; recordings contain this topic.
 class LiveChanges {
  public:
   struct Change {
-    std::string name;  ///< of a parameter
+    std::string name;  ///< name of a parameter
     std::string before, after;
   };
 
@@ -24,7 +24,7 @@ class LiveChanges {
     publisher_ = topics.advertise<ground_msgs::LiveChange>("live_changes", 100);
   }
 
-  /// Changes that were made at once; says nothing when there are none.
+  /// Reports simultaneous changes; does nothing if there are none.
   void report(const std::vector<Change>& changes) const {
     std::string line;
     for (const Change& change : changes) {

@@ -9,7 +9,7 @@
 
 namespace ground {
 
-/// loadModel, with a line in the log for each value that is hardly meant.
+/// Like loadModel; logs a warning for each implausible value.
 inline Model loadModelAndWarn(const std::string& path) {
   std::vector<std::string> warnings;
   const Model model = loadModel(path, &warnings);

@@ -15,13 +15,13 @@
 
 namespace ground {
 
-/// Service by which a nodelet takes another model file while it runs. The file is read in a thread
-/// of its own: a slow disk holds nothing else. What was taken is logged and published
+/// Service by which a nodelet loads another model file while it runs. A separate thread reads the
+/// file, so that a slow disk does not block the nodelet. The change is logged and published
 /// (LiveChanges).
 class ModelService {
  public:
-  /// Puts a sound model in place and gives a remark for who asked, which may be empty; what it
-  /// throws refuses the model, and the nodelet keeps the old one.
+  /// Replaces the model and returns a remark for the caller, which may be empty. An exception
+  /// refuses the model, and the nodelet keeps the old one.
   using Take = std::function<std::string(const Model&, const std::string& file)>;
 
   ModelService() = default;
@@ -29,7 +29,7 @@ class ModelService {
       : callbacks_(std::make_unique<CallbackThread>()) {
     using Load = ground_msgs::LoadModel;
     const std::string full = nh.resolveName(name);
-    // load_model takes the place of parameter model, load_model2 that of model2.
+    // load_model replaces the value of parameter model, load_model2 that of model2.
     const std::string parameter = name.substr(std::strlen("load_"));
     const auto file = std::make_shared<std::string>(nh.param<std::string>(parameter, ""));
     const auto serve = [full, parameter, file, changes = LiveChanges(nh), take = std::move(take)](

@@ -21,7 +21,7 @@
 
 namespace ground {
 
-/// Reads a private parameter that has to be set; throws std::runtime_error naming it otherwise.
+/// Reads a required private parameter; throws std::runtime_error that names it if it is missing.
 template <typename T>
 T requiredParameter(const ros::NodeHandle& nh, const std::string& name) {
   T value;
@@ -32,14 +32,13 @@ T requiredParameter(const ros::NodeHandle& nh, const std::string& name) {
   return value;
 }
 
-/// Reads a private parameter that has a default; throws std::runtime_error when it is set to
-/// another type.
+/// Reads a private parameter that has a default; throws std::runtime_error if it has another type.
 template <typename T>
 T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T& fallback) {
   return nh.hasParam(name) ? requiredParameter<T>(nh, name) : fallback;
 }
 
-/// The field of this name in a dynamic_reconfigure class; null without one.
+/// The field with this name in a dynamic_reconfigure class, or null.
 template <class Config>
 auto findField(const std::string& name) {
   const auto& fields = Config::__getParamDescriptions__();
@@ -48,8 +47,8 @@ auto findField(const std::string& name) {
   return found == fields.end() ? typename std::decay_t<decltype(*found)>() : *found;
 }
 
-/// Fills `params` by the fields of the same names in a dynamic_reconfigure class; throws
-/// std::logic_error where there is none.
+/// Sets `params` from the fields with the same names in a dynamic_reconfigure class; throws
+/// std::logic_error if one is missing.
 template <class Params, class Config>
 void takeFields(Params& params, const Tunables<Params>& table, const Config& config) {
   for (const Tunable<Params>& one : table) {
@@ -64,20 +63,20 @@ void takeFields(Params& params, const Tunables<Params>& table, const Config& con
   }
 }
 
-/// Parameters that a person tunes while the nodelet runs: a dynamic_reconfigure server that
-/// refuses bad values with a reason and keeps the old ones, instead of clamping them. Accepted
-/// changes are logged and published (LiveChanges). It has a thread of its own: what takes long to
-/// validate holds nothing else.
+/// Parameters that a user tunes while the nodelet runs: a dynamic_reconfigure server that refuses
+/// bad values with a reason and keeps the old ones, instead of clamping them. Accepted changes are
+/// logged and published (LiveChanges). It has its own thread, so that a slow validation does not
+/// block the nodelet.
 template <class Config>
 class LiveParameters {
  public:
-  /// Says what is wrong with values that are finite and inside the ranges of the .cfg file; empty
-  /// when nothing is.
+  /// Error message for values that are finite and inside the ranges of the .cfg file; empty if they
+  /// are valid.
   using Validate = std::function<std::string(const Config&)>;
-  /// Takes over valid values; called once from the constructor and at every accepted change.
+  /// Applies valid values; called once from the constructor and at every accepted change.
   using Apply = std::function<void(const Config&)>;
 
-  /// Throws std::runtime_error when the values on the parameter server are bad.
+  /// Throws std::runtime_error if the values on the parameter server are bad.
   LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
       : name_(nh.getNamespace()),
         changes_(nh),
@@ -94,7 +93,7 @@ class LiveParameters {
   ~LiveParameters() { callbacks_.stop(); }
 
  private:
-  /// Config whose values reach the callback as they were asked for.
+  /// Config whose values reach the callback without clamping.
   struct Unclamped : Config {
     Unclamped() = default;
     Unclamped(const Config& config) : Config(config) {}  // NOLINT: Server assigns one to the other
@@ -140,7 +139,7 @@ class LiveParameters {
     return reason.empty() && validate_ ? validate_(config) : reason;
   }
 
-  /// What differs from one configuration to another, values as text.
+  /// The differences between two configurations, values as text.
   static std::vector<LiveChanges::Change> differences(const Config& from, const Config& to) {
     dynamic_reconfigure::Config before, after;
     from.__toMessage__(before);
@@ -187,8 +186,8 @@ class LiveParameters {
   Validate validate_;
   Apply apply_;
   Config current_ = Config::__getDefault__();  ///< guarded by mutex_
-  std::string refusal_;                        ///< of the last change; guarded by mutex_
-  bool live_ = false;                          ///< whether there are old values to keep
+  std::string refusal_;  ///< why the last change was refused, or empty; guarded by mutex_
+  bool live_ = false;    ///< false until the constructor has applied the first values
   boost::recursive_mutex mutex_;
   CallbackThread callbacks_;
   std::unique_ptr<dynamic_reconfigure::Server<Unclamped>> server_;

@@ -27,23 +27,26 @@ namespace ground {
 /// Base of the controllers that follow a reference. Config is a dynamic_reconfigure class with the
 /// fields of cfg/tracking_parameters.py and the parameters of this kind in controllerTable().
 ///
-/// Parameters: model (model file, required) and those of Config, all live; a change of the
-/// reference starts it anew. What takes long, a reference from a large file above all, is built
-/// aside and swapped in: the controller drives on by the old one until then. It stops when the craft
-/// does not follow the reference (TrackingWatch, max_error). Service: ~load_model (another model
-/// file, also while it drives).
-/// Subscribes besides: drive (when the drive began, for a model loaded in the middle of it).
-/// Publishes besides: reference, path/reference (latched), and each decision (DecisionPublisher).
-/// Which effects of the model the controller uses, and that the craft cannot follow the reference, is
-/// said in the log, in ~status and in the answers of ~start and ~load_model. Refused are a reference that does not fit into the room, a model that the controller
-/// must not drive by (effectUse), and parameters that only another kind of controller has.
+/// Parameters: model (model file, required) and those of Config, which can be changed at run time.
+/// A change of the reference restarts it. New controllers and references, which may take long to
+/// build from a large file, are built first and then swapped in; until then the controller uses the
+/// old ones. It stops if the craft does not follow the reference (TrackingWatch, max_error).
+///
+/// Service: ~load_model (loads another model file, also while it drives). Also subscribes: drive
+/// (start of the drive, for a model loaded in the middle of it). Also publishes: reference,
+/// path/reference (latched), and each decision (DecisionPublisher).
+///
+/// The log, ~status and the answers of ~start and ~load_model say which effects of the model the
+/// controller uses, and whether the craft cannot follow the reference. Refuses a reference that
+/// does not fit into the room, a model that the controller must not drive by (effectUse), and
+/// parameters of another kind of controller.
 template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
   explicit ReferenceTracking(const std::string& kind)
       : Controller(pilot_), kind_(controllerInfo(kind)) {}
-  /// As the base's; to be called first by every child's destructor.
+  /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
     reconfigure_.reset();
     model_service_ = ModelService();
@@ -74,7 +77,7 @@ class ReferenceTracking : public Controller {
     pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
   }
 
-  /// The parameters of another kind of controller would have no effect.
+  /// Refuses parameters of another kind of controller, which would have no effect.
   void refuseForeign(const ros::NodeHandle& nh) const {
     for (const ControllerInfo& other : controllerTable())
       for (const TunableInfo& parameter : other.parameters)
@@ -105,7 +108,8 @@ class ReferenceTracking : public Controller {
     return controller;
   }
 
-  /// LiveParameters asks this, and then calls apply() if nothing is wrong, one change at a time.
+  /// Validates a change and builds what apply() needs. LiveParameters then calls apply() if the
+  /// message is empty, one change at a time.
   std::string wrong(const Config& c) {
     built_.reset();
     std::string reason = choice(c).validate();
@@ -156,7 +160,7 @@ class ReferenceTracking : public Controller {
     }
   }
 
-  /// Goes on with another model, also while it drives; gives what whoever loads it should know.
+  /// Replaces the model, also while it drives; returns a warning for the user.
   std::string take(const Model& model) {
     const std::lock_guard<std::mutex> one(changing_);
     std::unique_ptr<TrackingController> controller = made(model, config_);
@@ -168,21 +172,21 @@ class ReferenceTracking : public Controller {
     return caution;
   }
 
-  /// What there is to say of a model and a reference, which is logged as well.
+  /// Logs and returns remarks and warnings about a model and a reference.
   std::string judge(const Model& model, const ReferenceTrajectory& reference,
                     const std::string& name) const {
     const EffectUse use = kind_.effectUse(model);
-    std::string said = use.remark();
-    const std::string who = getName();
+    std::string remark = use.remark();
+    const std::string node = getName();
     if (!use.unused.empty()) {
-      NODELET_WARN("%s: model %s: %s", who.c_str(), model.name.c_str(), said.c_str());
-    } else if (!said.empty()) {
-      NODELET_INFO("%s: model %s: %s", who.c_str(), model.name.c_str(), said.c_str());
+      NODELET_WARN("%s: model %s: %s", node.c_str(), model.name.c_str(), remark.c_str());
+    } else if (!remark.empty()) {
+      NODELET_INFO("%s: model %s: %s", node.c_str(), model.name.c_str(), remark.c_str());
     }
-    const std::string beyond = infeasibility(reference, model.body);
-    if (beyond.empty()) return said;
-    NODELET_WARN("%s: reference %s: %s", who.c_str(), name.c_str(), beyond.c_str());
-    return said + (said.empty() ? "" : "; ") + beyond;
+    const std::string problem = infeasibility(reference, model.body);
+    if (problem.empty()) return remark;
+    NODELET_WARN("%s: reference %s: %s", node.c_str(), name.c_str(), problem.c_str());
+    return remark + (remark.empty() ? "" : "; ") + problem;
   }
 
   void decided(const ReferencePilot::Decision& decision) {
@@ -222,10 +226,10 @@ class ReferenceTracking : public Controller {
   }
 
   const ControllerInfo& kind_;
-  ReferencePtr built_;  ///< by wrong() for apply(), as the first controller is
-  std::unique_ptr<TrackingController> first_;
-  /// Held while something is built and swapped in: who holds it may read model_, config_ and what
-  /// is set in pilot_ without mutex(), and changes them with both.
+  ReferencePtr built_;  ///< built by wrong() for apply(), like first_
+  std::unique_ptr<TrackingController> first_;  ///< the first controller
+  /// Held while something is built and swapped in. Its holder may read model_, config_ and the
+  /// settings of pilot_ without mutex(). Changes need both.
   std::mutex changing_;
   Model model_;
   Config config_;

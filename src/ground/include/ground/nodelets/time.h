@@ -9,16 +9,17 @@
 
 namespace ground {
 
-/// From one instant to another [s], negative when the second is earlier. ros::Duration throws where
-/// a senseless stamp is too far away, and toSec() alone rounds to a quarter of a microsecond.
+/// Time from one instant to another [s], negative if the second is earlier. ros::Duration would
+/// throw for an invalid stamp that is too far away, and toSec() alone rounds to a quarter of a
+/// microsecond.
 inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
   return (static_cast<double>(to.sec) - static_cast<double>(from.sec)) +
          1e-9 * (static_cast<double>(to.nsec) - static_cast<double>(from.nsec));
 }
 
-/// The steady clock of watchdogs. It runs whatever ROS's clock does. In simulated time it passes over
-/// pauses of the process, which the simulation makes none of, either: all but the first 50 ms of a
-/// while in which nobody has read it. Whoever waits by it has to read it more often than that.
+/// The steady clock of watchdogs, independent of ROS time. In simulated time it skips pauses of the
+/// process, because the simulation pauses with it: if nobody reads the clock for longer than 50 ms,
+/// it advances by only 50 ms. A thread that waits by it must read it more often than that.
 struct WatchdogClock {
   using duration = std::chrono::steady_clock::duration;
   using rep = duration::rep;
@@ -30,21 +31,21 @@ struct WatchdogClock {
   static time_point now();
 };
 
-/// The same in seconds.
+/// Time of WatchdogClock [s].
 inline double steadyNow() {
   return std::chrono::duration<double>(WatchdogClock::now().time_since_epoch()).count();
 }
 
-/// Notices that ROS time was set, on a wall clock or a simulated one, by the computer's own steady
-/// clock: WatchdogClock passes over pauses, after which a clock seems to have jumped. One thread at a
-/// time.
+/// Detects that ROS time was set, on a wall clock or a simulated one, by comparison with the
+/// computer's steady clock. WatchdogClock would not do: after a pause, which it skips, ROS time
+/// would seem to have jumped. One thread at a time.
 class RosTimeWatch {
  public:
-  /// "time jumped back by 2.0 s" when it was set since the last call; empty otherwise.
+  /// Text such as "time jumped back by 2.0 s" if ROS time was set since the last call; else empty.
   std::string look() {
     const double before = steady();
     const ros::Time time = ros::Time::now();
-    // The two clocks are not read at the same instant when the computer is busy.
+    // On a busy computer there may be a pause between reading the two clocks.
     if (time.isZero() || steady() - before > kLongestReading) return "";
     const auto clock = ros::Time::isSimTime() ? TimeJumpDetector::Clock::kSimulated
                                               : TimeJumpDetector::Clock::kWall;

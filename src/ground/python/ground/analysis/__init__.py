@@ -1,1 +1,1 @@
-"""Models against recordings: errors, what is missing, evidence for it."""
+"""Models against recordings: errors, missing effects and the evidence for them."""

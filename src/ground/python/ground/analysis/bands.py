@@ -1,13 +1,14 @@
 """Prediction bands of a model and its random disturbance, and their coverage on held-out runs.
 
-From many samples of a run on, the stochastic model (ground.analysis.likelihood) predicts what will
-be measured. Each prediction knows the poses up to its start and none after. Bands are quantiles of
-motions that the core draws (GreyBox::forecast).
+The stochastic model (ground.analysis.likelihood) predicts a run from many of its samples. Each
+prediction uses only the poses up to its start. Bands are quantiles of motions that the core draws
+(GreyBox::forecast).
 
-Nothing is calibrated on the runs that coverage is counted on. How strongly a new run is disturbed
-is not known: it is integrated over by its prior about the other runs' mean, and by the likelihood
-of the run's own poses up to each start. Parameters are drawn by their information, which widens the
-bands by 2% on the recordings of 2019, and to the triple on a few calm seconds.
+Coverage is counted on runs that nothing was calibrated on. The strength of the disturbance in a new
+run is unknown. The forecast integrates over it, with a prior about the mean of the other runs and
+the likelihood of the run's own poses up to each start. Parameters are drawn with the covariance that
+their information gives. This widens the bands by 2% on the recordings of 2019, and threefold on a
+few calm seconds.
 """
 
 from dataclasses import dataclass
@@ -23,14 +24,14 @@ from ground.annotations import Array, Document, Each, Flags
 from ground.errors import GroundError
 from ground.recordings import repair, windows
 
-PART = 0.9  # probability of a band
-HORIZONS = (0.5, windows.WINDOW, 4.0)  # at which coverage is counted [s]
+PART = 0.9  # probability that a band holds the measurement
+HORIZONS = (0.5, windows.WINDOW, 4.0)  # horizons at which coverage is counted [s]
 CHANNELS = ("x", "y", "psi", "u", "v", "r")
 UNITS = ("m", "m", "rad", "m/s", "m/s", "rad/s")
-POSE = CHANNELS[:3]  # measured; the others are smoothed from these
-SHORT = HORIZONS[0]  # time between starts, and horizon of those inside a window [s]
-DRAWS = 59  # motions; 5% of one more is a whole number, so that order statistics are exact
-TOLERANCE = 0.05  # by which the last sample before a horizon may miss it [s]
+POSE = CHANNELS[:3]  # measured; the velocities are smoothed from these
+SHORT = HORIZONS[0]  # time between starts inside a window, and their horizon [s]
+DRAWS = 59  # motions drawn; 5% of (DRAWS + 1) is whole, so that quantiles are order statistics
+TOLERANCE = 0.05  # longest time from the last sample to the horizon [s]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Prediction:
     measured: Array  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
 
     def sample(self, horizon: float) -> Optional[int]:
-        """Row at a horizon [s]; None where the prediction ends before."""
+        """Row at a horizon [s]; None if the prediction ends before it."""
         at = int(np.searchsorted(self.times, self.times[0] + horizon, side="right")) - 1
         return at if self.times[at] - self.times[0] > horizon - TOLERANCE else None
 
@@ -55,7 +56,7 @@ class Bands:
     """Predictions of one run by a model that was not fitted to it."""
 
     run: _core.RunData
-    predictions: Tuple[Prediction, ...]  # by their starts
+    predictions: Tuple[Prediction, ...]  # in the order of their starts
 
     def tiled(self, horizon: float) -> List[Tuple[Array, Array, Array]]:
         """Predictions that follow each other, each cut off at a horizon [s].
@@ -73,7 +74,7 @@ class Bands:
         return tiles
 
     def at(self, horizon: float) -> Tuple[Array, Flags]:
-        """At a horizon [s]: standard deviations (k, 6), and whether the band holds the measured."""
+        """At a horizon [s]: standard deviations (k, 6), and whether the bands hold the measurements."""
         deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
         for prediction in self.predictions:
             row = prediction.sample(horizon)
@@ -86,7 +87,7 @@ class Bands:
 
 
 def of_folds(folds: held_out.Folds, fit: likelihood.Fit) -> List[Bands]:
-    """Bands of the runs that a likelihood.Fit was fitted to, each by a refit without the run.
+    """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
     folds: held_out.Folds of these runs. The levels stay those of the fit; the expected loudness is
     that of the other runs. Each quarter of a single run is predicted by a fit to the others; the
@@ -115,8 +116,8 @@ def of_others(
 ) -> List[Bands]:
     """Bands of runs (_core.RunData) that a likelihood.Fit was not fitted to.
 
-    most: windows that predictions start in, about, spread evenly over the runs; each: maps a
-    function over items, side by side if it can.
+    most: approximate number of windows in which predictions start, spread evenly over the runs;
+    each: maps a function over items, in parallel if it can.
     """
     cut = windows.spread(windows.cut(runs), most)
 
@@ -127,7 +128,7 @@ def of_others(
 
 
 def _loudness(fit: likelihood.Fit, fold: Optional[int] = None, count: int = 1) -> float:
-    """The loudness to expect of a new run: the mean of those that are known, a fold left out."""
+    """Expected loudness of a new run: the mean over the fitted runs, without one fold."""
     known = [value for i, value in enumerate(fit.loudness) if i % count != fold]
     return float(np.mean(known)) if known else 0.0
 
@@ -162,7 +163,7 @@ def _predict(
     for one in found:
         rows = slice(one["first"], one["first"] + len(one["mean"]))
         truth = measured[rows].copy()
-        # The filter may be whole turns away.
+        # The filter's heading may differ by whole turns.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
         predictions.append(
             Prediction(times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth)
@@ -172,7 +173,8 @@ def _predict(
 
 def _starts(times: Array, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
     """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
-    one every SHORT seconds inside. From a stretch's first poses the filter only learns the motion.
+    one every SHORT seconds inside. None starts at a stretch's first pose: the filter first has to
+learn the motion.
     """
     found = {}
     for window in cut:
@@ -197,8 +199,8 @@ def _measured(run: _core.RunData) -> Array:
 
 
 def _smoothed_noise(run: _core.RunData) -> Array:
-    """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: of the
-    difference that new noise makes to the velocities of the smoothed poses."""
+    """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: by how
+    much the velocities change when new noise is added to the smoothed poses."""
     times, eta, noise = np.array(run.times), np.array(run.eta), np.array(run.noise)
     noisy = eta + noise * np.random.default_rng(1).normal(size=eta.shape)
     levels = noise[0], noise[2]
@@ -207,11 +209,11 @@ def _smoothed_noise(run: _core.RunData) -> Array:
 
 
 def coverage(bands: Sequence[Bands]) -> List[Document]:
-    """What share of the measurements the Bands of runs hold.
+    """Share of the measurements that the Bands of runs hold.
 
     Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, unit,
     coverage, ci95, sd (median standard deviation of the predictions), predictions (their number).
-    Predictions overlap and those of a run are alike: ci95 counts only runs as independent (ratio
+    Predictions of one run are correlated, so that ci95 counts only runs as independent (ratio
     estimator with Student's t) and is None for one run. Horizons that no run reaches are left out.
     """
     rows = []

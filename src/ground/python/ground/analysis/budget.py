@@ -1,5 +1,4 @@
-"""What a model's error is made of: the poses' noise, the random disturbance, differences between
-runs.
+"""Parts of a model's error: pose noise, the random disturbance, differences between runs.
 
 The grown model is simulated along the recordings with each of these at the fitted levels. The
 simulation error (study.channel_errors) of such artificial recordings is what each part alone would
@@ -16,7 +15,7 @@ from ground.analysis import likelihood, study
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Random
 
-SEEDS = (1, 2, 3)  # artificial recordings that the errors are means of
+SEEDS = (1, 2, 3)  # one artificial recording each; errors are their means
 
 
 @can_be_kept
@@ -27,11 +26,11 @@ class Budget:
     noise: float  # the poses' noise alone
     disturbance: float  # with the random wrench
     trim: float  # with the constant wrench and thrust of each run as well
-    measured: float  # of the real recordings
+    measured: float  # the real recordings
 
     def parts(self) -> Dict[str, float]:
-        """Squares of what each part adds, as shares of the measured error's: noise, disturbance,
-        trim, and the rest, which is negative where the levels leave more than was measured."""
+        """Share of the squared measured error that each part adds: noise, disturbance, trim, and the
+        rest, which is negative where the levels predict more than was measured."""
         edges = np.array([0.0, self.noise, self.disturbance, self.trim, self.measured]) ** 2
         return dict(zip(("noise", "disturbance", "trim", "rest"), np.diff(edges) / edges[-1]))
 

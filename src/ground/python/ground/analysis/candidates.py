@@ -1,4 +1,4 @@
-"""Effects that may be missing in a model: those of the library, and one's own from YAML files."""
+"""Effects that may be missing in a model: those of the library, and a user's from YAML files."""
 
 import math
 import os
@@ -12,7 +12,7 @@ from ground.annotations import Document
 from ground.core_types import EffectInfo, ModelParameter
 from ground.errors import GroundError
 
-# Angles all round have several minima: they are sought from several starts [rad].
+# The error has several minima over a full turn, so that fits begin at several angles [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
 
 
@@ -21,7 +21,7 @@ class Candidate:
     """An effect that can be added to a model."""
 
     name: str
-    add: Callable[[_core.Model], _core.Model]  # gives a copy with the effect in it
+    add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect
 
     def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""
@@ -31,7 +31,7 @@ class Candidate:
         return extended
 
     def starts(self, model: _core.Model) -> Iterator[_core.Model]:
-        """The model with the effect at the values from which it is worth to seek the best ones."""
+        """The model with the effect, at each set of values that a fit should start from."""
         neutral, given = self.neutral(model), self.add(model)
         names = [p["name"] for p in parameters_of(neutral, self.name)]
         yield from turned(neutral, names)
@@ -40,7 +40,7 @@ class Candidate:
 
 
 def of_library(name: str) -> Candidate:
-    """The Candidate of that name; GroundError naming all known ones when there is none."""
+    """The Candidate of that name; GroundError, which lists the known ones, if there is none."""
 
     def add(model: _core.Model) -> _core.Model:
         extended = model.copy()
@@ -68,8 +68,8 @@ def on_request() -> List[str]:
 
 
 def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
-    """Candidates for the effects of the library that the model does not have; for those that a
-    diagnosis tries only on request (`opt_in`) when they are in `wanted`."""
+    """Candidates for the effects of the library that the model does not have. Effects that a
+    diagnosis tries only on request (`opt_in`) are among them if they are in `wanted`."""
     return [
         of_library(name)
         for name, effect in effects().items()
@@ -78,8 +78,8 @@ def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
 
 
 def from_file(path: str) -> Candidate:
-    """The Candidate of a YAML file with one effect as model files list it; GroundError names file
-    and line of what is wrong with it."""
+    """The Candidate of a YAML file with one effect as model files list it. A wrong file raises
+    GroundError with file and line."""
     try:
         return _from_text(_core.read_effect_file(path), path)
     except RuntimeError as error:
@@ -89,7 +89,7 @@ def from_file(path: str) -> Candidate:
 
 
 def from_entry(entry: Document, source: str) -> Candidate:
-    """The Candidate of an effect as a model file lists it; `source` is named when it is wrong."""
+    """The Candidate of an effect as a model file lists it; error messages name `source`."""
     return _from_text(yaml.safe_dump(entry, sort_keys=False), source)
 
 
@@ -110,7 +110,7 @@ def named(effect: str) -> Candidate:
 
 
 def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
-    """The model, and others whose free angles start elsewhere."""
+    """The model, and copies whose free angles start elsewhere."""
     yield model
     for name, angles in STARTS.items():
         if name in free and model.value(name) == 0:

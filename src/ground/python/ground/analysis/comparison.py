@@ -9,10 +9,10 @@ from ground import _core
 from ground.annotations import Array, Document, Indices
 from ground.recordings import repair, windows
 
-START = 0.4  # of a window, to find the initial velocities of the pure prediction [s]
-THESIS_SPAN = 4.0  # of the thesis's objective [s]
+START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]
+THESIS_SPAN = 4.0  # length of the thesis's objective [s]
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
-START_STEP = 0.1  # between starts of the horizon errors [s]
+START_STEP = 0.1  # time between starts of the horizon errors [s]
 CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
@@ -20,7 +20,7 @@ UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 def thesis_objective(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """(3.4) over one window, the first 4 s of the run; None when the run is shorter."""
     start = run.times[0]
-    # One simulation, also through a gap: only the measurement is missing there.
+    # One simulation, also across a gap: only measurements are missing there.
     found = _core.cut_windows(run, 0, start, start + THESIS_SPAN, THESIS_SPAN, THESIS_SPAN)
     if not found or run.times[found[0].last] - start < 0.9 * THESIS_SPAN:
         return None
@@ -29,7 +29,7 @@ def thesis_objective(run: _core.RunData, model: _core.Model) -> Optional[float]:
 
 
 def mean_thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> Optional[float]:
-    """The mean over runs that are long enough; None when none is."""
+    """Mean of thesis_objective over the runs that are long enough; None when none is."""
     found = [thesis_objective(run, model) for run in runs]
     values = [v for v in found if v is not None]
     return float(np.mean(values)) if values else None
@@ -93,7 +93,7 @@ def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
 def _predict(
     run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window], sigma: Array
 ) -> Array:
-    """Errors after the first 0.4 s of windows, the only part that initial velocities may suit."""
+    """Errors after the first 0.4 s of windows; initial velocities are fitted to that part only."""
     times, nu = np.array(run.times), np.array(run.nu)
     starts, scored = [], []
     for window in cut:
@@ -113,7 +113,7 @@ def _predict(
 
 
 def _predict_horizons(run: _core.RunData, model: _core.Model, sigma: Array) -> List[Document]:
-    """Errors one sample and HORIZONS after many starts at the measured state."""
+    """Errors after one sample and after HORIZONS, from many starts at the measured state."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
     ends = np.append(breaks, len(times) - 1)[np.searchsorted(breaks, np.arange(len(times)))]
@@ -147,7 +147,7 @@ def _predict_horizons(run: _core.RunData, model: _core.Model, sigma: Array) -> L
 
 
 def numbers(evaluations: Sequence[Evaluation]) -> Document:
-    """Error numbers of one run, or pooled over several: every sample counts alike."""
+    """Error numbers of one run, or pooled over several: every sample has the same weight."""
     normalised = np.vstack([e.residual / e.sigma for e in evaluations])
     predicted = np.vstack([e.predicted for e in evaluations])
     residual = np.vstack([e.residual for e in evaluations])

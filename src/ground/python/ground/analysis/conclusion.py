@@ -1,4 +1,4 @@
-"""What a diagnosis comes to: the verdict, the improved model, and how well it predicts."""
+"""Conclusion of a diagnosis: the verdict, the improved model, and how well it predicts."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,14 +16,14 @@ from ground.annotations import Document
 from ground.core_types import FittedParameter
 from ground.recordings import windows
 
-EXPLAINED = 1.15  # error over noise floor up to which a model explains the data
+EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 REFUSED = "it raises the error on the runs held out"
-FLOORS = 5  # simulations that the noise floor is the mean of
+FLOORS = 5  # simulations over which the noise floor is averaged
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What a diagnosis comes to."""
+    """What a diagnosis concludes."""
 
     verdict: str  # complete, missing, varies, memory or unexplained
     improved: _core.Model  # refitted
@@ -35,14 +35,14 @@ class Conclusion:
     memory: Optional[memory.Memory]
     history: remains.Remains
     state: remains.Remains
-    diagnosis: Diagnosis  # what was concluded from
+    diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
-    # What the verdict does not need is computed when it is asked for.
+    # The verdict does not need these: they are computed on first use.
 
     @cached_property
     def nested(self) -> float:
-        """The last of `heldout` by folds in which the choice was made again."""
+        """The last of `heldout`, with the choice of effects repeated in each fold."""
         return _nested(self.diagnosis, self.tested)
 
     @cached_property
@@ -57,18 +57,18 @@ class Conclusion:
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
-        """bands.Bands of the grown model, one of each run held out."""
+        """bands.Bands of the grown model, one for each run held out."""
         return _bands(self.diagnosis, self.tested)
 
 
 def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclusion:
-    """Judges what was found: the verdict, and the model that improves on the given one.
+    """Draws the Conclusion of a Diagnosis.
 
     heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
-    out, and listed as dropped. Without any, each run is tested by a fit to the others, or each quarter of
-    a single one. Returns a Conclusion.
+    out and listed as dropped. Without them, each run (each quarter of a single run) is tested by a
+    fit to the others.
     """
-    found.say("what is left")
+    found.say("testing what the model leaves")
     fullest = _with_slight(found)
     history = remains.of_history(found.likelihood, fullest)
     state = remains.of_state(found.likelihood, fullest)
@@ -96,15 +96,15 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclus
 
 
 def _with_slight(found: Diagnosis) -> Fit:
-    """Fit of the grown model, with what is too small to matter: it is seen all the same."""
+    """Fit of the grown model with the slight effect: too small to matter, but detectable."""
     if found.slight and found.slight_sets[1] == found.names:
         return found.search.fits[found.slight_sets[0]]
     return found.fit
 
 
 def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
-    """Error of windows held out from choice and fit alike: in each fold the choice is made
-    again, beginning with the effects found, each of which has to reach the threshold there."""
+    """Error of windows held out from both choice and fit. Each fold repeats the choice, beginning
+    with the effects found; each of them has to reach the threshold there again."""
     if heldout or not found.chosen:
         return _held_out(found, heldout)[-1]
 
@@ -124,14 +124,14 @@ def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
 
 
 def _bands(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:
-    """bands.Bands of the grown model, one of each run held out."""
+    """bands.Bands of the grown model, one for each run held out."""
     if heldout:
         return bands.of_others(heldout, found.fit, len(found.cut), found.pool.map)
     return bands.of_folds(found.folds, found.fit)
 
 
 def _varies(found: Diagnosis) -> List[Document]:
-    """What differs between runs, as the grown model has it: a list of dictionaries."""
+    """Differences between runs, as fitted with the grown model."""
     sizes = np.array([[*trim["wrench"], trim["thrust"]] for trim in found.fit.trims])
     return [
         {
@@ -155,7 +155,7 @@ def _verdict(
 ) -> str:
     if found.memory or (history.found and history.gain > state.gain):
         return "memory"
-    # Where the likelihood asks for an effect that does not hold elsewhere, what is missing is open.
+    # An effect that the likelihood prefers and held-out runs refute leaves open what is missing.
     open_still = found.dropped and not found.chosen and not varies
     if not explained and (state.found or open_still):
         return "unexplained"
@@ -165,8 +165,7 @@ def _verdict(
 
 
 def _drop_refuted(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
-    """Takes out the last effects as long as they raise the error on runs that the user held
-    out."""
+    """Takes out the last effect as long as it raises the error on runs that the user held out."""
     while found.chosen:
         errors = _held_out(found, heldout)
         if errors[-1] <= min(errors):
@@ -178,8 +177,8 @@ def _drop_refuted(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
 
 
 def _held_out(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:
-    """Errors on runs held out, of the nominal model and after each step. What differs between
-    runs is told by the poses before each window, as in the folds."""
+    """Errors on runs held out, of the nominal model and after each step. Differences between
+    runs are estimated from the poses before each window, as in the folds."""
     if not heldout:
         judged = [found.nominal] + [step.fit for step in found.steps]
         return [float(fit.heldout.sum()) for fit in judged]

@@ -1,10 +1,9 @@
 """Which physical effect is missing in a model.
 
-A set of effects is sought by which the recorded poses are likeliest, a random disturbance being
-part of the model (ground.analysis.search). Each effect has to raise the likelihood of what it
-was not fitted to as well (ground.analysis.held_out), must not raise the error there, and has to
-be large enough to matter. What the grown model leaves is looked at last
-(ground.analysis.remains).
+A search (ground.analysis.search) finds the set of effects under which the recorded poses are
+likeliest; a random disturbance is part of the model. Each effect also has to raise the likelihood
+of held-out data (ground.analysis.held_out), must not raise the error there, and has to be large
+enough to matter. The last step tests what the grown model leaves (ground.analysis.remains).
 """
 
 import os
@@ -29,15 +28,15 @@ from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
 from ground.core_types import Estimate
 
-# An effect that the likelihood sees matters from one of these sizes on; more data make it more
-# certain, not larger. Its change of the motion, in parts of what the poses' noise leaves ...
+# An effect matters if it reaches one of these sizes; more data make it more certain, not larger.
+# Change of the motion, relative to the error that pose noise alone leaves.
 MIN_INFLUENCE = 0.3
-# ... and the part of the poses' noise power that it accounts for: 0.06 for a delay of 1 ms in a
-# PRBS, 0.14 for a force of 1% of full thrust.
+# Share of the pose noise's power that the effect accounts for: 0.06 for a delay of 1 ms in a PRBS,
+# 0.14 for a force of 1% of full thrust.
 MIN_NOISE_POWER = 0.08
-MOST = 0.75  # least share of the held-out parts that memory has to make likelier
-WAITING = 4  # threads that hand work to the pool and wait for it
-ROUNDS = 3  # most searches: each one is repeated when what differs between runs has changed
+MIN_SHARE_RAISED = 0.75  # share of the held-out parts that memory has to make likelier
+WAITING_THREADS = 4  # threads that submit work to the pool and wait for it
+MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
 @dataclass(frozen=True)
@@ -46,16 +45,16 @@ class Step:
 
     added: str
     fit: held_out.Judged  # the model with the effect, fitted and judged
-    group: Tuple[str, ...]  # effects that the data cannot tell from it, itself first
+    group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
 
 
 class Diagnosis:
-    """A model held against runs, grown by the missing effects.
+    """A model compared with runs, and grown by the missing effects.
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
-    cores; progress: called with a sentence now and then; kept: Unfinished, of this very work;
-    most: windows of the error.
+    cores; progress: called with a sentence at each step; kept: Unfinished results of the same call;
+    most: largest number of windows over which the error is taken.
     """
 
     def __init__(
@@ -78,25 +77,25 @@ class Diagnosis:
         threads = threads or os.cpu_count() or 1
         self.pool = ThreadPoolExecutor(threads)
         # A thread of the pool that waited for the pool would block it.
-        self.waiting = ThreadPoolExecutor(WAITING if threads > 1 else 1)
+        self.waiting = ThreadPoolExecutor(WAITING_THREADS if threads > 1 else 1)
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
-        # that the poses prefer and that is too small to matter
+        # effect that the likelihood prefers and that is too small to matter
         self.slight: Optional[trials.Trial] = None
-        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # sets of effects with the slight one and without
-        self.tried: List[trials.Trial] = []  # beside the nominal model, best first
-        self.memory: Optional[memory.Memory] = None  # beside the grown model
+        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
+        self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
+        self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.say("fitting %s as it is" % model.name)
-        self.varied = Likelihood(runs, model)  # with all that may differ between runs
+        self.varied = Likelihood(runs, model)  # everything that may differ between runs does
         fit = self.varied.fit(model, study.free_parameters(model))
         self._begin(varying.differences(self.varied, fit), fit)
 
     def _begin(self, differences: Sequence[varying.Difference], near: Fit) -> None:
-        """Starts a search that has what differs between runs as random effects."""
+        """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels)
@@ -146,24 +145,25 @@ class Diagnosis:
 
     def grow(self) -> None:
         """Adds the effects that earn their place."""
-        found = self._found()
+        found = self._likeliest_set()
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
                 why = self._refuted(better, found)
                 if why:
                     self._drop(better, name, why)
-        found = self._deserving(found)
-        found = self._remembering(found)
+        found = self._without_refuted(found)
+        found = self._with_memory(found)
         self._order(found)
         self._mark_equals()
 
-    def _found(self) -> FrozenSet[str]:
-        """The likeliest set of effects. What differs between runs is tested again beside it: a
-        missing effect may have looked like it, or hidden it."""
+    def _likeliest_set(self) -> FrozenSet[str]:
+        """The likeliest set of effects. Differences between runs are tested again with it: a
+        missing effect may have imitated or hidden them."""
         found = self.search.run()
-        for _ in range(ROUNDS):
-            # What differs may also be why an effect was refused: runs were predicted without it.
+        for _ in range(MAX_REPEATS):
+            # Refused sets count, too: they may have been refused only because held-out runs were
+            # predicted without the difference.
             likeliest = max([found, *self.search.refused(found)], key=self.search.value)
             fit = self.search.fits[likeliest]
             differences = varying.differences(self.varied, fit)
@@ -172,16 +172,15 @@ class Diagnosis:
                 self.differences = differences
                 return found
             names = [d.kind.parameter for d in differences]
-            self.say("between runs differs: %s" % (", ".join(names) or "nothing"))
+            self.say("differs between runs: %s" % (", ".join(names) or "nothing"))
             self._begin(differences, self.search.nominal())
             found = self.search.run(near=fit)
         return found
 
-    # --- Which of the effects found earn their place
+    # Which of the effects found are kept
 
-    def _deserving(self, found: FrozenSet[str]) -> FrozenSet[str]:
-        """The set without effects that do not hold on what they were not fitted to, or do not
-        matter."""
+    def _without_refuted(self, found: FrozenSet[str]) -> FrozenSet[str]:
+        """The set without effects that held-out data refute or that do not matter."""
         while found:
             names = sorted(found)
             self.judge(found)
@@ -198,13 +197,13 @@ class Diagnosis:
         return found
 
     def _objection(self, found: FrozenSet[str], name: str) -> Optional[str]:
-        """What speaks against an effect of a set; None if nothing does."""
+        """Reason to leave an effect out of a set; None without one."""
         rest = self.search.without(found, name)
         why = self._refuted(found, rest)
         return why if why or self._matters(found, rest) else "slight"
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
-        """What runs that they were not fitted to say against a set in the place of a smaller one."""
+        """Reason why held-out data prefer a smaller set to a set; None if they do not."""
         with_it, without = self.judge(found), self.judge(rest)
         gain, error = held_out.gain(with_it, without)
         if not gain > error:
@@ -214,8 +213,8 @@ class Diagnosis:
         return None
 
     def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
-        """Whether an effect changes the motion by what is not lost in the noise of the poses. The
-        likelihood of long runs sees a millisecond of a network as a delay."""
+        """Whether an effect changes the motion by more than the noise of the poses hides. On long
+        runs the likelihood detects a millisecond of network latency as a delay."""
         return self._larger(self.search.fits[found], self.search.fits[rest])
 
     def _larger(self, with_it: Fit, without: Fit) -> bool:
@@ -239,16 +238,15 @@ class Diagnosis:
             self.slight = replace(trial, influence=influence)
             self.slight_sets = found, found - {name}
         else:
-            # refused more than once, beside other effects: the last word counts
+            # An effect may be refused several times, in different sets: the last reason counts.
             self.dropped = [d for d in self.dropped if d.trial.name != name]
             self.dropped.append(Dropped(trial, why))
-        told = "it is too small to matter" if why == "slight" else why
-        self.say("%s is left out: %s" % (name, told))
+        reason = "it is too small to matter" if why == "slight" else why
+        self.say("%s is left out: %s" % (name, reason))
 
-    def _remembering(self, found: FrozenSet[str]) -> FrozenSet[str]:
-        """The set without effects that only stood for what depends on the past, which is sought
-        here."""
-        self.say("does the past matter?")
+    def _with_memory(self, found: FrozenSet[str]) -> FrozenSet[str]:
+        """Searches for memory; the set without effects that only imitated it."""
+        self.say("testing whether the motion depends on the past")
         fit = self.search.fits[found]
         remembered = memory.find(self.likelihood, fit)
         if remembered is None:
@@ -263,22 +261,22 @@ class Diagnosis:
             free = tuple(p for p in with_it.free if p.split(".")[0] != name)
             without = self.likelihood.fit(model, free, near=with_it)
             if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
-                why = "it stands for what depends on the past (%s)" % remembered.kind.name
+                why = "it imitates a dependence on the past (%s)" % remembered.kind.name
                 smaller = self.search.without(rest, name)
                 stand_ins.append(Dropped(self.trial_in(rest, name), why))
                 rest, remembered = smaller, replace(remembered, fit=without)
-        # One part alone may hold what the others cannot tell, such as a lift of its own.
+        # A single part may differ from all others, for example in its lift.
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
-        if share < MOST or not self._larger(remembered.fit, self.search.fits[rest]):
+        if share < MIN_SHARE_RAISED or not self._larger(remembered.fit, self.search.fits[rest]):
             return found
         self.say("%s: %s" % (remembered.kind.name, remembered.means))
         self.memory, self.dropped = remembered, self.dropped + stand_ins
         return rest
 
     def _order(self, found: FrozenSet[str]) -> None:
-        """The steps by which the error falls: the effect that the set can best do without comes
-        last, and so on backwards. Forwards, an effect that does little until another is there
-        would come too early."""
+        """Orders the effects into steps, from the last to the first: the effect that the set can
+        best do without comes last. A forward order would put too early an effect that
+        matters only beside another one."""
         path: List[str] = []
         current = found
         while current:
@@ -293,7 +291,7 @@ class Diagnosis:
             self.say("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
 
     def _mark_equals(self) -> None:
-        """Groups of effects that the data cannot tell from a chosen one."""
+        """Groups each chosen effect with those that the data cannot distinguish from it."""
         rivals = self.waiting.map(
             lambda step: self.search.rivals(self.names, step.added), self.steps
         )
@@ -305,10 +303,10 @@ class Diagnosis:
         values = {name: self.search.value(frozenset([name])) for name in refitted}
         self.tried = trials.ranked(self.tried, first, values)
 
-    # --- Effects beside the nominal model
+    # Single effects added to the nominal model
 
     def _trials(self) -> List[trials.Trial]:
-        """Trials of all effects beside the nominal model, best first."""
+        """Trials of all effects, each added to the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
         found = [self._trial(c, tests) for c in self.candidates]
         if self.budget is not None:
@@ -347,21 +345,21 @@ class Diagnosis:
         return trials.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
 
     def judged_of(self, trial: trials.Trial) -> Optional[held_out.Judged]:
-        """held_out.Judged of a refitted Trial beside the nominal model; None of another."""
+        """held_out.Judged of the nominal model with a Trial's effect; None if it was not refitted."""
         names = frozenset([trial.name])
         return self.judge(names) if names in self.search.fits else None
 
-    # --- Effects that these runs cannot show
+    # Effects that these runs cannot show
 
     def unseen(self) -> List[look_alikes.LookAlike]:
-        """Effects in no group that the grown model does without and that these runs could not
-        show: a list of look_alikes.LookAlikes."""
+        """Effects that are neither in the grown model nor in a group, and that these runs could
+        not show: a list of look_alikes.LookAlikes."""
         found = self.pool.map(
             lambda name: look_alikes.look_alike(self.search, self.names, name), self.hidden_names()
         )
         return [f for f in found if f]
 
     def hidden_names(self) -> List[str]:
-        """Effects in no group that are, to first order, a change of the grown model's parameters."""
-        told = self.names.union(*(step.group for step in self.steps))
-        return look_alikes.names(self.search, self.names, told)
+        """Effects in no group that to first order equal a change of the grown model's parameters."""
+        known = self.names.union(*(step.group for step in self.steps))
+        return look_alikes.names(self.search, self.names, known)

@@ -22,9 +22,9 @@ from ground.annotations import Document
 from ground.core_types import Estimate
 
 SCHEMA = "ground/diagnosis/1"
-# What is refitted for the report only is bounded, so that the work grows with the data, not faster.
-LEAST_JUDGED = 3  # effects, best first, that have these errors whatever the number of windows
-PLANNED_ON = 6  # runs that the next experiment is planned beside, at most
+# Refits for the report alone are bounded, so that its cost grows linearly with the data.
+MIN_JUDGED = 3  # best effects whose errors are always in the report
+MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 
 
 def of(
@@ -37,9 +37,9 @@ def of(
 ) -> Document:
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
-    thorough: errors of all effects in the table and the next experiment beside all runs, however
-    many there are; else errors of the effects that are ranked low in much data are None. room: the
-    _core.RoomPlan in which the next experiment has to stay (4 x 4 m).
+    thorough: gives the errors of all effects in the table, and plans the next experiment with all
+    runs; otherwise the errors of low-ranked effects are None. room: the _core.RoomPlan in which the
+    next experiment has to stay (4 x 4 m).
     """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
@@ -118,12 +118,12 @@ def _memory(conclusion: Conclusion) -> Document:
     if found:
         kind = {"name": found.kind.name, "means": found.means, "time": found.time,
                 "p_value": found.p_value}  # fmt: skip
-    told = _remains(conclusion.history)
-    return dict(told, found=bool(found) or told["found"], kind=kind)
+    past = _remains(conclusion.history)
+    return dict(past, found=bool(found) or past["found"], kind=kind)
 
 
 def _budget(found: budget.Budget) -> Document:
-    """Errors that the parts would leave, one after the other added, and their shares of the square."""
+    """Errors with the parts added one after the other, and their shares of the squared error."""
     error = {"noise": found.noise, "disturbance": found.disturbance, "trim": found.trim}
     return {"error": dict(error, measured=found.measured), "share": found.parts()}
 
@@ -147,9 +147,9 @@ def _disturbance(fit: likelihood.Fit) -> Document:
 def _candidates(
     diagnosis: Diagnosis, alike: Sequence[look_alikes.LookAlike], thorough: bool
 ) -> List[Document]:
-    """The effects as they were tried beside the refitted nominal model, best first."""
+    """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
-    told = {t.name for i, t in enumerate(tried) if thorough or i < LEAST_JUDGED} | chosen
+    judged = {t.name for i, t in enumerate(tried) if thorough or i < MIN_JUDGED} | chosen
     taken_over = {a.name: list(a.moved) for a in alike}
     groups = {step.added: list(step.group) for step in diagnosis.steps}
     first = [t.name for t in tried if t.equal]
@@ -160,7 +160,7 @@ def _candidates(
             "p_value": trial.chance,
             "delta_bic": float(trial.delta_bic),
             "inclusion": trial.inclusion,
-            "error": _errors(diagnosis.judged_of(trial) if trial.name in told else None),
+            "error": _errors(diagnosis.judged_of(trial) if trial.name in judged else None),
             "selected": trial.name in chosen,
             "group": (
                 first
@@ -175,7 +175,7 @@ def _candidates(
 
 
 def _dropped(diagnosis: Diagnosis) -> List[Document]:
-    """Effects that the likelihood asks for and that were not added."""
+    """Effects that the likelihood prefers and that were not added."""
     return [
         {
             "effect": d.trial.name,
@@ -188,7 +188,7 @@ def _dropped(diagnosis: Diagnosis) -> List[Document]:
 
 
 def _slight(diagnosis: Diagnosis) -> Optional[Document]:
-    """An effect that is seen and too small to matter; None without one."""
+    """The effect that is detected but too small to matter; None without one."""
     trial = diagnosis.slight
     if trial is None:
         return None
@@ -208,12 +208,11 @@ def _next_experiment(
     thorough: bool,
     room: Optional[_core.RoomPlan],
 ) -> Optional[Document]:
-    """What would distinguish the first group of effects that the runs do not, or, where there is
-    none, would show an effect that they cannot; None without one. What does not matter needs no
-    experiment."""
+    """The experiment that would distinguish the effects of the first group. Without a group, the
+    experiment that would show an effect which these runs cannot; None if there is none."""
     each, runs = diagnosis.pool.map, list(diagnosis.runs)
-    if len(runs) > PLANNED_ON and not thorough:
-        runs = [runs[i * len(runs) // PLANNED_ON] for i in range(PLANNED_ON)]
+    if len(runs) > MAX_PLANNED_RUNS and not thorough:
+        runs = [runs[i * len(runs) // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     for step in diagnosis.steps:
         rivals = []
         for name in step.group:
@@ -234,7 +233,7 @@ def _next_experiment(
 
 
 def where_of(diagnosis: Diagnosis) -> List[Document]:
-    """What the wrench that is still missing in the grown model depends on, most first."""
+    """What the missing wrench of the grown model depends on, strongest first."""
     return unexplained.explain(diagnosis.runs, diagnosis.best.model)[0]
 
 

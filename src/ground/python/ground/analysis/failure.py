@@ -10,20 +10,20 @@ from ground.analysis import comparison, residuals
 from ground.annotations import Array, Document, Indices
 from ground.recordings import repair
 
-RATE = 25.0  # at which wrench and error are looked at; both are smoother than that [Hz]
+RATE = 25.0  # sampling rate of wrench and error, which are smoother than that [Hz]
 BINS = 10
 SHIFTS = 300
-CLEAR = 0.1  # share of the variance below which a variable is not worth naming
-CHANCE = 0.01  # probability of such a share by chance above which it is not named
-BLOCKS = 20  # of a run, left out in turn for standard errors
-IMPOSSIBLE = 3.0  # times full thrust: no error of a model is so large
-OUTLYING = 8.0  # robust standard deviations: nor is it so rare
-EVENT_MARGIN = 0.3  # to both sides of a disturbance [s]
-COMMAND_LAGS = (0.0, 0.05, 0.1, 0.2, 0.3)  # at which thrust may follow its command [s]
-RIDGE = 3e-3  # of the regression on bins
-NOTHING = 0.01  # of full thrust: a smaller wrench is no wrench
-MAP_CELLS = 5  # along each side
-AXES_OFF = 30.0  # from this angle on the body axes are taken to be wrong [deg]
+MIN_SHARE = 0.1  # share of the variance that a variable must explain to be named
+MAX_CHANCE = 0.01  # largest probability of such a share by chance
+BLOCKS = 20  # blocks of a run, left out in turn for standard errors
+MAX_WRENCH = 3.0  # largest missing wrench, in multiples of full thrust; a larger one is a disturbance
+MAX_OUTLIER = 8.0  # the same in robust standard deviations
+EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [s]
+COMMAND_LAGS = (0.0, 0.05, 0.1, 0.2, 0.3)  # possible lags of thrust behind its command [s]
+RIDGE = 3e-3  # penalty of the regression on bins
+MIN_WRENCH = 0.01  # share of full thrust below which a wrench counts as zero
+MAP_CELLS = 5  # cells along each side of the map
+MIN_AXES_ANGLE = 30.0  # angle from which the body axes are taken to be wrong [deg]
 
 Span = Tuple[float, float]  # start, end [s]
 
@@ -115,9 +115,9 @@ def _renumbered(index: Indices, present: Sequence[int]) -> Indices:
 def share_explained(design: Array, values: Array) -> Dict[str, float]:
     """Share of the variance of a series that the columns of `design` explain.
 
-    Both drift slowly, so some of it is chance: the share that remains when one is shifted in time
-    against the other (circularly, by 5 to 95% of the run). The corrected share is zero for that
-    and one for all; `p` says how often a shift explains as much.
+    Both drift slowly, so that part of the share is chance. Circular shifts of the series by 5 to
+    95% of the run estimate that part. The corrected share is zero at the mean of the shifts and one
+    for all of the variance; `p` is the proportion of shifts that explain as much.
     """
     values = values - values.mean()
     total = (values**2).sum()
@@ -141,7 +141,7 @@ def regress(design: Array, values: Array, ridge: float = 0.0) -> Tuple[Array, Ar
     """Least squares coefficients, their standard errors and the coefficients without each block.
 
     Standard errors by jackknife over blocks of time. `ridge`, as a share of the mean square of the
-    columns, holds combinations at zero of which the data say nothing.
+    columns, keeps combinations at zero that the data do not determine.
     """
     blocks = np.array_split(np.arange(len(values)), BLOCKS)
     normal = np.array([design[b].T @ design[b] for b in blocks])
@@ -198,16 +198,16 @@ def full_scale(model: _core.Model) -> Array:
 def undisturbed(
     model: _core.Model, run: _core.RunData
 ) -> Tuple[_core.WrenchFilter, _core.RunData, List[Span]]:
-    """Filter and run without what no input explains, and the disturbances [(start, end) s].
+    """Filter and run without disturbances, and the disturbances' spans [(start, end) s].
 
-    Walls, hands and wrong poses need wrenches that a missing term of the model never reaches; a
-    few of them would set the noise levels and hide all else.
+    Walls, hands and wrong poses need wrenches far larger than those of a missing effect. A few of
+    them would dominate the noise levels and hide everything else.
     """
     whole = _core.WrenchFilter(model, run, repair.MAX_GAP)
     noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
     size = np.abs(whole.smooth(noise)["wrench"])
     usual = 1.4826 * np.median(size, axis=0)
-    disturbed = (size > np.maximum(IMPOSSIBLE * full_scale(model), OUTLYING * usual)).any(axis=1)
+    disturbed = (size > np.maximum(MAX_WRENCH * full_scale(model), MAX_OUTLIER * usual)).any(axis=1)
     times = np.array(run.times)
     found: List[List[float]] = []
     for time in times[disturbed]:
@@ -253,13 +253,13 @@ def of_wrench(
     events: Sequence[Span],
     other: Optional[_core.Model] = None,
 ) -> Missing:
-    """Infers the missing wrench along an undisturbed run and says what it follows.
+    """Infers the missing wrench along an undisturbed run, and what it depends on.
 
-    The smoother sees fast wrenches weakened. Every dependence is therefore regressed on what the
-    smoother makes of it, so that sizes are those of the wrench and not of its smoothed image.
+    The smoother attenuates fast wrenches. Each regressor is therefore passed through the same
+    smoother, so that coefficients are those of the wrench itself.
 
-    other: a model that may know better; `accounted` then says how much of the wrench it accounts
-    for: what `model` misses and it does not, seen by the same smoother from the same poses.
+    other: a second model, perhaps better; `accounted` then says how much of the wrench it accounts
+    for, inferred by the same smoother from the same poses.
     """
     noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
@@ -327,7 +327,7 @@ def _against(values: Array, responses: Array, found: Mapping[str, Variable]) -> 
 def _designs(
     responses: Array, found: Mapping[str, Variable]
 ) -> Iterator[Tuple[str, Variable, Array]]:
-    """Name, variable, and what the smoother makes of each of its bins (n, bins)."""
+    """Name, variable, and the smoother's responses to each of its bins (n, bins)."""
     at = 0
     for name, variable in found.items():
         yield name, variable, responses[:, at : at + len(variable.centres)]
@@ -354,7 +354,7 @@ def thrust_direction(
 
     The model's and the missing force are both regressed on the command u_L+u_R at COMMAND_LAGS,
     and on u and v, for damping that is wrong. The sum of both, over all lags, is the force that
-    a lasting command brings about. `responses`: what the smoother makes of the command at each
+    a constant command produces. `responses`: the smoother's responses to the command at each
     lag, (n, 3, lags). None when the command never changes.
     """
     if not totals[:, 0].std() > 0:
@@ -389,19 +389,18 @@ def thrust_direction(
             "force_per_unit_input": float(size),
         },
         "off_deg": off,
-        "body_axes_differ": bool(abs(off) > AXES_OFF and angle_error < AXES_OFF / 2),
+        "body_axes_differ": bool(abs(off) > MIN_AXES_ANGLE and angle_error < MIN_AXES_ANGLE / 2),
     }
 
 
 def is_named(share: Mapping[str, float]) -> bool:
-    """Whether a share is large enough, and too large for chance, to be spoken of."""
-    return share["share"] >= CLEAR and share["p"] <= CHANCE
+    """Whether a share is large enough, and too large for chance, to be named."""
+    return share["share"] >= MIN_SHARE and share["p"] <= MAX_CHANCE
 
 
-def is_nothing(channel: Document) -> bool:
-    """Whether a channel of the missing wrench is no larger than its uncertainty, or next to
-    nothing."""
-    return bool(channel["rms"] < max(channel["sigma"], NOTHING * channel["full_scale"]))
+def is_negligible(channel: Document) -> bool:
+    """Whether a channel of the missing wrench is smaller than its uncertainty or MIN_WRENCH."""
+    return bool(channel["rms"] < max(channel["sigma"], MIN_WRENCH * channel["full_scale"]))
 
 
 def best_variable(against: Document, what: str = "share") -> Tuple[str, Document]:

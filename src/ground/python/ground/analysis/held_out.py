@@ -14,7 +14,7 @@ from ground.annotations import Array, Each
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
 
-FOLDS = 4  # largest number of parts that are held out one after the other
+FOLDS = 4  # largest number of folds
 
 
 @can_be_kept
@@ -27,17 +27,17 @@ class Judged:
         str, FittedParameter
     ]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
-    heldout: Array  # (3,) the same, each window by a fit to the other parts that is told what
-    # differs from run to run by the run's poses before the window (study.calibrated_errors)
-    by_window: Array  # (windows,) their sum in each window, held out
-    likelihood: Tuple[Array, ...]  # log-likelihood of blocks of time, held out, of each part
+    heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
+    # runs are estimated from the run's poses before the window (study.calibrated_errors)
+    by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
+    likelihood: Tuple[Array, ...]  # for each part: held-out log-likelihood of its blocks of time
 
 
 class Folds:
-    """Runs (_core.RunData) parted, by run or, where there is one run only, by quarters of its time.
+    """Runs (_core.RunData) split into folds: by run, or a single run by quarters of its time.
 
-    whole: their Likelihood; craft: as for it; cut: the windows that errors are taken over;
-    each: maps a function over items, side by side if it can.
+    whole: their Likelihood; craft: as for Likelihood; cut: the windows that errors are taken over;
+    each: maps a function over items, in parallel if it can.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Folds:
         return min(int(np.searchsorted(ends, middle)), self.count - 1)
 
     def models(self, fit: Fit) -> List[Fit]:
-        """Models refitted without each fold, from a Fit to all runs whose levels are kept."""
+        """Models refitted without each fold, starting from a Fit to all runs; its levels are kept."""
         return list(self.each(lambda i: self._without(fit, i), range(self.count)))
 
     def _without(self, fit: Fit, fold: int) -> Fit:
@@ -95,8 +95,8 @@ class Folds:
         )
 
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
-        """Mean |e|/s (3,) of each window by a model that neither choice nor fit has seen it:
-        choose(likelihood) gives the Fit for the Likelihood of the other parts; each maps it."""
+        """Mean |e|/s (3,) over windows, each by a model that was chosen and fitted without it.
+        choose(likelihood) returns the Fit for the Likelihood of the other parts; `each` maps it."""
         chosen = each(choose, self.fitted)
         return np.asarray(np.average(self._errors(list(chosen)), axis=0, weights=self._samples()))
 
@@ -109,7 +109,7 @@ class Folds:
                 chosen = [self.cut[i] for i in inside]
                 try:
                     heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
-                except GroundError:  # its motion is not finite where it was not fitted to
+                except GroundError:  # its motion on the held-out part is not finite
                     heldout[inside] = np.inf
         return heldout
 
@@ -132,7 +132,7 @@ def share_raised(better: Judged, worse: Judged) -> float:
 
 
 def quarters(run: _core.RunData, count: int = 4) -> List[List[_core.RunData]]:
-    """A run parted into as many stretches of time: lists of one _core.RunData."""
+    """A run split into `count` stretches of time: lists of one _core.RunData."""
     times = np.array(run.times)
     edges = np.linspace(0, len(times), count + 1).astype(int)
     return [[_stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]

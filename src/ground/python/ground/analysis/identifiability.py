@@ -1,4 +1,4 @@
-"""What a fit does not tell, in words."""
+"""Parameters that a fit does not identify, in words."""
 
 from typing import Iterator, List
 
@@ -7,12 +7,12 @@ import numpy as np
 from ground.annotations import Document
 from ground.core_types import Fit
 
-POORLY = 0.03  # a parameter known better than this is known [of its value]
-MUCH_BETTER = 0.5  # a combination that is known so much better than its parts is worth a word
+WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
+MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
 
 
 def weak_directions(fit: Fit) -> List[Document]:
-    """Parameters of a fit's result that only their ratio or product tells, strongest first.
+    """Pairs of parameters of which only the ratio or product is identifiable, strongest first.
 
     Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
     weights), its relative standard deviation and those of the two. Linear in the logarithms of
@@ -30,7 +30,7 @@ def weak_directions(fit: Fit) -> List[Document]:
             together = sign * fit["correlation"][i][j]
             known = np.sqrt(max(a * a + b * b - 2 * abs(together) * a * b, 0.0))
             worse, better = max(a, b), min(a, b)
-            if better < POORLY or known > MUCH_BETTER * better:
+            if better < WELL_KNOWN or known > MAX_COMBINED * better:
                 continue
             found.append(
                 {
@@ -45,15 +45,15 @@ def weak_directions(fit: Fit) -> List[Document]:
 
 
 def sentences(fit: Fit) -> Iterator[str]:
-    """What to tell the user about parameters that are not identifiable."""
+    """Sentences for the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:
-            yield "%s is at its bound: the data would have it beyond" % p["name"]
+            yield "%s is at its bound; the data prefer a value beyond it" % p["name"]
     for weak in weak_directions(fit):
         first, second = weak["parameters"]
         yield (
-            "%s and %s are only known as %s: that to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
-            "standard deviation); fix one of them, or record inputs that move them apart"
+            "%s and %s are only known as %s: this to ±%.2g%%, %s to ±%.2g%% and %s to ±%.2g%% (one "
+            "standard deviation); fix one of them, or record inputs that distinguish them"
             % (
                 first,
                 second,

@@ -1,5 +1,5 @@
-"""How likely recorded poses are under a model with a random disturbance: what effects are tested
-by.
+"""Likelihood of recorded poses under a model with a random disturbance: the basis of all tests of
+effects.
 
 The disturbance is part of the model (_core.GreyBox): an Ornstein-Uhlenbeck and a white wrench in
 the body's frame, wrench and thrust that differ from run to run, white noise of the poses.
@@ -20,10 +20,10 @@ from ground.errors import GroundError
 
 _T = TypeVar("_T")
 
-CAP = 25.0  # squared Mahalanobis distance from which on a pose counts as noisier
-BLOCK = 1.0  # of time, for standard errors [s]
-ABSENT = 1e-3  # of a usual level: does nothing
-VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of what differs between runs
+CAP = 25.0  # squared Mahalanobis distance above which a pose counts as noisier
+BLOCK = 1.0  # length of a block of time, for standard errors [s]
+ABSENT = 1e-3  # share of a usual level that has no effect
+VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
 
 
 @can_be_kept
@@ -32,17 +32,17 @@ class Fit:
     """The likeliest parameters and levels."""
 
     model: _core.Model
-    levels: Dict[str, float]  # of all that is random (DisturbanceLevels)
-    loudness: Tuple[float, ...]  # logarithm of the factor of the disturbance of each run
+    levels: Dict[str, float]  # the disturbance's and the noise's, by name (DisturbanceLevels)
+    loudness: Tuple[float, ...]  # log of the factor by which each run's disturbance is stronger
     free: Tuple[str, ...]  # names of the free parameters
     log_posterior: float  # log-likelihood and the levels' prior
     by_run: Array  # (runs,) log-likelihood
-    information: Array  # (free, free) by coordinate / scale
-    scale: Array  # (free,) of the coordinates
+    information: Array  # (free, free) Fisher information, of coordinates / scale
+    scale: Array  # (free,) scale of the coordinates
     parameters: Tuple[
         FittedParameter, ...
     ]  # name, unit, value, ci95, deviation, at_bound, identified
-    level_information: Array  # by logarithms of the levels, then of each run's loudness
+    level_information: Array  # Fisher information of the levels' logs, then of each run's loudness
     trims: Tuple[RunTrim, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
 
@@ -65,14 +65,14 @@ class Fit:
 def _from_neutral(parameter: ModelParameter, model: _core.Model) -> float:
     """Distance of a parameter's coordinate from where it does nothing."""
     value, neutral = model.value(parameter["name"]), parameter["neutral"]
-    # the coordinate of what is neutral at infinity is its reciprocal
+    # a parameter that is neutral at infinity has its reciprocal as coordinate
     return 1 / value if np.isinf(neutral) else value - neutral
 
 
 class Likelihood:
     """Runs (_core.RunData), thinned, under models with a disturbance. craft: _core.Model whose
-    full thrust the priors of the levels are in parts of; varying: levels of what may differ
-    between runs; threads: of one fit."""
+    full thrust scales the priors of the levels; varying: levels of what may differ between runs;
+    threads: number of them in a fit."""
 
     def __init__(
         self,
@@ -96,11 +96,11 @@ class Likelihood:
         levels: bool = True,
         held: Optional[Mapping[str, float]] = None,
     ) -> Fit:
-        """The likeliest values of the free parameters, sought from the model's own.
+        """The likeliest values of the free parameters; the search begins at the model's values.
 
-        near: a Fit whose levels are near; without it the search begins far away. levels: whether
-        they are fitted, too; held: values by name of those that are not. Raises GroundError when
-        the model cannot be simulated.
+        near: a Fit whose levels are near the optimum; without it they start far away. levels:
+        whether levels are fitted, too; held: values, by name, of levels that are fixed. Raises
+        GroundError when the model cannot be simulated.
         """
         held = {**self.absent, **(held or {})}
         near_by = self.box.start(model) if near is None else near.point
@@ -131,8 +131,8 @@ class Likelihood:
         )
 
     def intervals(self, fit: Fit) -> List[FittedParameter]:
-        """The fitted parameters, their 95% intervals allowing for how well the levels are known:
-        a list of dictionaries as Fit has them."""
+        """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
+        list of dictionaries as Fit has them."""
         return self.box.intervals(
             fit.point,
             fit.level_information,
@@ -143,20 +143,20 @@ class Likelihood:
         )
 
     def blocks(self, fit: Fit, loudness: Sequence[float] = ()) -> List[Array]:
-        """Log-likelihood of blocks of time under another fit, one array a run."""
+        """Log-likelihood of blocks of time under another fit, one array per run."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
         return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
 
     def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
-        """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as its
-        poses up to each time tell them under another fit: times [s], (times, 4)."""
+        """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as
+        estimated from its poses up to each time under another fit: times [s], (times, 4)."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, [])
         found = self.box.residuals(point, run, cap=CAP)["constants"]
         return np.array(self.runs[run].times), np.array(found)
 
     def scores(self, fit: Fit, model: _core.Model, names: Sequence[str]) -> Dict[str, Array]:
-        """Derivatives of the log-likelihood at a fit by parameters of a model that extends the
-        fit's at their neutral values: score (blocks, n), information (n, n), scale (n,), run
+        """Derivatives of the log-likelihood at a fit with respect to parameters of an extended
+        model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
         found = call(
@@ -166,7 +166,7 @@ class Likelihood:
 
 
 def call(function: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
-    """The core's answer; GroundError in place of what it throws."""
+    """Calls the core; its exceptions become GroundErrors."""
     try:
         return function(*arguments, **options)
     except (RuntimeError, ValueError) as error:

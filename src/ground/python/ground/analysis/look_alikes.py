@@ -1,4 +1,4 @@
-"""Effects that the runs cannot show: what they would do, others of the model do as well."""
+"""Effects that the runs cannot show, because other parameters of the model can do the same."""
 
 from dataclasses import dataclass
 from typing import FrozenSet, Iterable, List, Optional, Tuple
@@ -9,30 +9,30 @@ from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Search
 from ground.errors import GroundError
 
-SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # tried, in parts of the typical size
-SETTLED = 0.1  # log-likelihood by which models with and without may differ and do the same
-MOVED = 0.05  # relative change from which on a parameter has taken over what the effect does
+SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # tried sizes, relative to the typical one
+MAX_LOSS = 0.1  # loss of log-likelihood up to which two models do the same
+MIN_CHANGE = 0.05  # relative change of a parameter that has made room for the effect
 
 
 @dataclass(frozen=True)
 class LookAlike:
-    """An effect that on the runs does only what others can do."""
+    """An effect that on the runs does only what other parameters can do."""
 
     name: str  # the effect's
-    fit: Fit  # of the grown model with the effect at some size, all else refitted
-    moved: Tuple[str, ...]  # parameters that do without what the effect does in this one
+    fit: Fit  # the grown model with the effect at some size, all else refitted
+    moved: Tuple[str, ...]  # parameters that changed to make room for the effect
 
 
-def names(search: Search, chosen: FrozenSet[str], told: Iterable[str]) -> List[str]:
-    """Effects, but those told already, that are, to first order, a change of the parameters of the
-    model with the chosen ones."""
+def names(search: Search, chosen: FrozenSet[str], known: Iterable[str]) -> List[str]:
+    """Effects, except the known ones, that to first order equal a change of the parameters of the
+    model with the chosen effects."""
     tests = search.test_beside(chosen)
-    return [n for n in tests.columns if n not in told and tests.seen(n) < UNSEEN]
+    return [n for n in tests.columns if n not in known and tests.seen(n) < UNSEEN]
 
 
 def look_alike(search: Search, chosen: FrozenSet[str], name: str) -> Optional[LookAlike]:
-    """The model grown by the chosen effects with another of typical size, or a part of it, and all
-    else refitted, if the runs allow it: a LookAlike; else None."""
+    """Adds an effect of typical size, or a part of it, to the model with the chosen effects, and
+    refits all else: a LookAlike if the likelihood stays the same, else None."""
     fit = search.fits[chosen]
     neutral = search.candidates[name].neutral(fit.model)
     steps = search.test_beside(chosen).in_place(name, 1.0)
@@ -42,7 +42,7 @@ def look_alike(search: Search, chosen: FrozenSet[str], name: str) -> Optional[Lo
             found = search.likelihood.fit(model, fit.free, fit, levels=False)
         except GroundError:
             continue
-        if found.log_posterior > fit.log_posterior - SETTLED:
+        if found.log_posterior > fit.log_posterior - MAX_LOSS:
             return LookAlike(name, found, _moved(fit, found.model))
     return None
 
@@ -54,4 +54,4 @@ def _moved(fit: Fit, model: _core.Model) -> Tuple[str, ...]:
         a, b = fit.model.value(name), model.value(name)
         return abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
 
-    return tuple(sorted((n for n in fit.free if way(n) > MOVED), key=lambda n: -way(n)))
+    return tuple(sorted((n for n in fit.free if way(n) > MIN_CHANGE), key=lambda n: -way(n)))

@@ -1,10 +1,8 @@
-"""Whether the motion depends on the past: effects with states of their own, tried beside a grown
-model.
+"""Whether the motion depends on the past: effects with states, added to a grown model.
 
 Each kind of memory is an effect as model files list it, with a state that forgets with a time
-constant. Score tests of all kinds and times say which is worth a refit; it has to raise the
-likelihood by more than chance would with the best of so many, and that of what it was not fitted
-to.
+constant. Score tests of all kinds and times choose the one to refit. It has to raise the
+likelihood significantly, corrected for the number of tests, and the held-out likelihood, too.
 """
 
 from dataclasses import dataclass
@@ -20,19 +18,19 @@ from ground.annotations import Document
 from ground.errors import GroundError
 
 LEVEL = 0.001  # chance of finding memory where there is none
-NEEDED = 20.0  # least log-likelihood ratio: models are never quite true
+MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other errors of the model
 
 
 @can_be_kept
 @dataclass(frozen=True)
 class Kind:
-    """A way in which the past may act. `c` is its size, `tau` the time after which it is forgotten."""
+    """A way in which the past may act. `c` is its size, `tau` its time constant."""
 
     name: str
-    means: str  # what is so, with %s for the time
-    unit: str  # of c
-    scale: float  # of c
-    times: Tuple[float, ...]  # tried [s]
+    means: str  # the dependence in words, with %s for the time
+    unit: str  # unit of c
+    scale: float  # typical size of c
+    times: Tuple[float, ...]  # time constants that are tried [s]
     states: Dict[str, str]
     expression: Dict[str, str]
 
@@ -49,7 +47,7 @@ class Kind:
         }
 
     def at(self, time: float) -> candidates.Candidate:
-        """The Candidate whose time is no parameter: for score tests of several times."""
+        """The Candidate with a fixed time constant, for score tests of several times."""
         states = {s: f.replace("tau", repr(time)) for s, f in self.states.items()}
         entry = dict(self.entry(time), states=states, parameters={"c": self._size()})
         entry["name"] += "_%d" % round(1e3 * time)
@@ -87,17 +85,17 @@ class Memory:
     """The likeliest kind of memory that holds."""
 
     kind: Kind
-    p_value: float  # of the best of all kinds and times
-    fit: Fit  # with it
+    p_value: float  # of the best kind and time, corrected for their number
+    fit: Fit  # of the model with it
 
     @property
     def time(self) -> float:
-        """After which it is forgotten [s]."""
+        """Its time constant [s]."""
         return self.fit.model.value(self.kind.name + ".tau")
 
     @property
     def means(self) -> str:
-        """What is so, in words, with the time."""
+        """The dependence in words, with the time."""
         return self.kind.means % ("%.2g s" % self.time)
 
     @property
@@ -107,7 +105,7 @@ class Memory:
 
 
 def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
-    """The likeliest Memory beside a likelihood.Fit; None where it does no more than chance would."""
+    """The likeliest Memory to add to a likelihood.Fit; None without a significant one."""
     kinds = [kind for kind in KINDS if kind.name not in fit.model.effects]
     tried = {
         c.name: (kind, time, c) for kind in kinds for time in kind.times for c in [kind.at(time)]
@@ -116,12 +114,12 @@ def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     gains = {name: tests.test((name,))[0] for name in tried}
     best = max(gains, key=gains.__getitem__)
     chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
-    if chance > LEVEL or gains[best] < NEEDED:
+    if chance > LEVEL or gains[best] < MIN_RATIO:
         return None
     kind, time, _ = tried[best]
     _, step = tests.test((best,))
     timed = _fitted(likelihood, fit, kind, time, step[best + ".c"])
-    if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < NEEDED:
+    if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < MIN_RATIO:
         return None
     return Memory(kind, chance, timed)
 

@@ -1,4 +1,4 @@
-"""The experiment that would distinguish effects that recorded runs do not."""
+"""The experiment that would distinguish effects that recorded runs do not distinguish."""
 
 import dataclasses
 import itertools
@@ -14,26 +14,26 @@ from ground.annotations import Array, Document, Each
 from ground.errors import GroundError
 from ground.simulation import experiments
 
-DURATION = 8.0  # of the thrust [s]
+DURATION = 8.0  # duration of the thrust [s]
 IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
-HOLD = 1.0  # of a pattern's levels [s]
-CLOCKS = (2, 5, 10, 20, 40)  # of the PRBS [Hz]
+HOLD = 1.0  # time for which a pattern holds a level [s]
+CLOCKS = (2, 5, 10, 20, 40)  # clocks of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
 LIFTS = (1.0, 0.6)
-RATE = 120.0  # of the mocap [Hz]
-REFITTED, TOGETHER = 12, 4  # experiments at most, and at a time
-LEAST = 1.0  # standard deviations between rivals that make an experiment worth while
-SURE = 6.0  # standard deviations that distinguish rivals in nearly all cases
+RATE = 120.0  # rate of the mocap [Hz]
+MAX_REFITTED, BATCH = 12, 4  # experiments that are refitted in all, and in parallel
+MIN_DISAGREEMENT = 1.0  # standard deviations between rivals that an experiment needs to be proposed
+CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
 
 Options = Tuple[Tuple[str, Any], ...]  # (name, value) of _core.DesignParams
 
 
 @dataclass
 class Rival:
-    """A model that does on the recorded runs what another one does."""
+    """One of several models that do the same on the recorded runs."""
 
     name: str
-    fit: Fit  # to the recorded runs
+    fit: Fit  # the fit to the recorded runs
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Experiment:
         return " ".join(["--input %s" % self.design] + options + lift)
 
     def launch(self) -> str:
-        """The line by which the real craft flies it, in its room."""
+        """The command line that flies it with the real craft in its room."""
         options = ["%s:='%s'" % (name, _listed(value)) for name, value in self.options]
         options.append("lift:=%g duration:=%g" % (self.lift, IN_ROOM))
         return "roslaunch ground room_prbs.launch design:=%s %s" % (self.design, " ".join(options))
@@ -63,9 +63,9 @@ class Experiment:
         return experiments.with_lift(rows, DURATION, self.lift)
 
     def schedule_in(self, room: _core.RoomPlan, model: _core.Model) -> experiments.Schedule:
-        """The Schedule that a craft which moves by `model` is given in a _core.RoomPlan: bursts and
-        returns. Raises ValueError when ModelPredictive cannot drive by the model, GroundError when
-        the motion is not finite."""
+        """The Schedule of commands to a craft that moves by `model`, in a _core.RoomPlan: bursts and
+        returns. Raises ValueError when ModelPredictive cannot use the model, GroundError when the
+        motion is not finite."""
         params = _core.ExcitationParams()
         params.design = experiments.design_params(self.design, **dict(self.options))
         params.room, params.duration, params.life.lift = room, IN_ROOM, self.lift
@@ -89,21 +89,21 @@ def propose(
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
 ) -> Optional[Document]:
-    """Where Rivals, which the same runs were explained with, would diverge most.
+    """The experiment in which Rivals that explain the same runs would diverge most.
 
-    runs: _core.RunData that the rivals were fitted to. Each rival is run through each experiment
-    that a lab can do, and the others explain what it did: in the promising ones again as the room
-    (a _core.RoomPlan, by default 4 x 4 m) lets them be flown, in bursts between returns home, and when
-    refitted to the old runs and the new one together. They are sqrt(2 (L1 - L0)) standard deviations
-    apart, L the log-likelihood of the poses under the rivals' own disturbance
-    (ground.analysis.likelihood); of all pairs, the one that is hardest to distinguish counts. each:
-    maps over experiments, in parallel if it can.
+    runs: _core.RunData that the rivals were fitted to. Each rival simulates each experiment that a
+    lab can do, and the others have to explain its motion. Promising experiments are then repeated in
+    the room (a _core.RoomPlan, by default 4 x 4 m), in bursts between returns home, with the rivals
+    refitted to the old runs and the new one together. Rivals are sqrt(2 (L1 - L0)) standard
+    deviations apart, with L the log-likelihood of the poses under a rival's own disturbance
+    (ground.analysis.likelihood); the pair that is hardest to distinguish counts. each: maps over
+    experiments, in parallel if it can.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
     `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the
-    design), `repeat`, the number of such runs that make sure, `expected_disagreement` of one of them
-    [standard deviations], and `all`: every experiment with its disagreement open loop and before the
-    refit, best first. None when no experiment distinguishes the rivals.
+    design), `repeat` (number of such runs for a clear decision), `expected_disagreement` of one of
+    them [standard deviations], and `all`: every experiment with its disagreement open loop and before
+    the refit, best first. None when no experiment distinguishes the rivals.
     """
     place = room or _core.RoomPlan()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
@@ -120,14 +120,14 @@ def propose(
             return None
 
     best, proposed = 0.0, choice[0]
-    for at in range(0, min(REFITTED, len(found)), TOGETHER):
-        some = [experiment for _, experiment in found[at : at + TOGETHER]]
+    for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
+        some = [experiment for _, experiment in found[at : at + BATCH]]
         if found[at][0] <= best:
-            break  # a refit brings rivals nearer to each other
+            break  # a refit brings rivals closer to each other
         for disagreement, experiment in zip(each(flown, some), some):
             if disagreement and disagreement > best:
                 best, proposed = disagreement, experiment
-    if best < LEAST:
+    if best < MIN_DISAGREEMENT:
         return None
     return {
         "separates": [rival.name for rival in rivals],
@@ -136,15 +136,15 @@ def propose(
         "launch": proposed.launch(),
         "room": place.name,
         "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
-        "repeat": math.ceil((SURE / best) ** 2),
+        "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
         "expected_disagreement": best,
         "all": [{"input": e.input, "expected_disagreement": d} for d, e in found],
     }
 
 
 def schedule_of(arguments: str, model: _core.Model) -> experiments.Schedule:
-    """The Schedule that a craft which moves by `model` is given in a room of 4 x 4 m, of an experiment
-    by the arguments that `propose` gave."""
+    """The Schedule of commands to a craft that moves by `model`, in a room of 4 x 4 m, of the
+    experiment whose arguments `propose` returned."""
     found = next(e for e in choices() if e.arguments() == arguments)
     return found.schedule_in(_core.RoomPlan(), model)
 
@@ -175,9 +175,9 @@ def _disagreement(
     runs: List[_core.RunData],
     known: Optional[Mapping[str, float]] = None,
 ) -> Optional[float]:
-    """What a new run adds to the difference of two rivals' costs, of the pair where that is least.
-    `known`: the costs of the runs, when rivals are refitted to them and the new run. None when
-    one does not move on this input, or not finitely."""
+    """Standard deviations that a new run puts between the two rivals that it distinguishes least.
+    `known`: the rivals' costs of the runs, to refit them to these and the new run. None when a
+    rival's motion is not finite."""
     worst = np.inf
     try:
         for true, other in itertools.permutations(rivals, 2):
@@ -194,10 +194,10 @@ def _disagreement(
 
 
 def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _core.RunData:
-    """What a model does on a schedule, from rest, as _core.RunData: without noise, for it is the
-    mean disagreement that is wanted; `noise` says how exact it is."""
+    """A model's motion on a schedule, from rest, as _core.RunData. Poses have no noise added,
+    because the mean disagreement is wanted; `noise` is the level that they are given."""
     inputs = schedule.rows.copy()
-    off = inputs[inputs[:, 3] > 0, 0].max() < inputs[:, 0]  # of what comes after, nothing is usable
+    off = inputs[inputs[:, 3] > 0, 0].max() < inputs[:, 0]  # nothing after it is usable
     end = inputs[off, 0].min() if off.any() else schedule.end
     times = np.arange(experiments.LEAD, end, 1 / RATE)
     inputs[:, 1:3] *= model.input_max
@@ -208,7 +208,7 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
 
 
 def _cost(rival: Rival, runs: Sequence[_core.RunData], refitted: bool) -> float:
-    """Cost of poses under a rival, as it is or refitted; levels of the disturbance are kept."""
+    """Negative log-likelihood of poses under a rival, as it is or refitted with its levels kept."""
     on = Likelihood(runs, rival.fit.model)
     near = dataclasses.replace(rival.fit, loudness=())
     if refitted:

@@ -7,7 +7,7 @@ whose watchdog works accelerates until T after the last packet and brakes from t
     speed(t) = max(0, s(T) - b (t - T))    from T on
 
 T, b, s0 and a are fitted by least squares. Zeros at the end are the control: a craft that neither the
-silence nor the zeros brake shows nothing but that braking cannot be seen here.
+silence nor the zeros brake only shows that braking cannot be seen here.
 """
 
 from dataclasses import dataclass, field
@@ -20,15 +20,15 @@ from ground.annotations import Array
 
 PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
 
-BEFORE = 0.4  # the fit begins so long before the silence [s]
+BEFORE = 0.4  # time before the silence at which the fit begins [s]
 AFTER = 1.0  # motion after the silence that shows what zeros do [s]
-MIN_SPEED = 0.15  # at the last packet, for its loss to be seen [m/s]
-MIN_BRAKING = 0.5  # gliding loses less than that [m/s^2]
-MAX_BRAKING = 6.0  # a floor brakes no harder, walls do [m/s^2]
-MIN_LOSS = 0.1  # least fall of the speed that is taken for braking [m/s]
-MAX_GAP = 0.1  # between states [s]
+MIN_SPEED = 0.15  # speed at the last packet that a visible loss needs [m/s]
+MIN_BRAKING = 0.5  # least deceleration by braking; gliding has less [m/s^2]
+MAX_BRAKING = 6.0  # largest deceleration by the floor; walls cause more [m/s^2]
+MIN_LOSS = 0.1  # least loss of speed that counts as braking [m/s]
+MAX_GAP = 0.1  # largest gap between states [s]
 BLUR = 0.02  # standard deviation of T by filter, latency and the packets' period [s]
-TELEMETRY_AGREES = 0.2  # with the mocap's T [s]
+TELEMETRY_AGREES = 0.2  # largest difference of the telemetry's T from the mocap's [s]
 
 
 def _none() -> Array:
@@ -42,7 +42,7 @@ class Trial:
     Parameters
     ----------
     times, speeds: of the states [s], and of the craft over the floor [m/s]
-    valid: which states are to be believed
+    valid: which states are valid
     last_packet, silence_end: when the last packet before the silence was sent, and the first after [s]
     telemetry_times, telemetry: arrival [s] and accelerometer of the craft, (n, 3), where it sends some
     """
@@ -76,12 +76,12 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Break:
-    """A fitted change of the speed: at `time` [s] after the instant that was asked for."""
+    """A fitted change of slope of the speed; `time` is on the clock of the times given [s]."""
 
     time: float
     deviation: float  # standard deviation of time [s]
-    slope: float  # before [m/s^2]
-    braking: float  # after, positive when it slows down [m/s^2]
+    slope: float  # acceleration before [m/s^2]
+    braking: float  # deceleration after [m/s^2]
     loss: float  # fall of the speed from the break to the end of the fit [m/s]
 
     @property
@@ -220,7 +220,7 @@ def _shape(s0: float, slope: float, time: float, braking: float, t: Array) -> Ar
 
 
 def _guess(t: Array, s: Array, time: float) -> List[float]:
-    """Straight line through what is before a time, and the mean braking just after it."""
+    """Start of a fit: the line through the speeds before a time, and the braking just after it."""
     before, soon = t < time, (t >= time) & (t < time + 0.3)
     slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
     braking = -np.polyfit(t[soon], s[soon], 1)[0] if soon.sum() > 2 else 1.0
@@ -228,7 +228,7 @@ def _guess(t: Array, s: Array, time: float) -> List[float]:
 
 
 def _deviation(fit: OptimizeResult, index: int) -> float:
-    """Standard deviation of a parameter; residuals of a filter follow from each other."""
+    """Standard deviation of a parameter, allowing for the correlation of a filter's residuals."""
     r = fit.fun
     correlation = float(np.clip(np.sum(r[1:] * r[:-1]) / max(np.sum(r * r), 1e-30), 0.0, 0.95))
     variance = np.sum(r * r) / max(1, len(r) - len(fit.x))
@@ -237,8 +237,8 @@ def _deviation(fit: OptimizeResult, index: int) -> float:
 
 
 def _telemetry_change(trial: Trial, around: float) -> Optional[float]:
-    """When the accelerometer changes its mean most clearly, until shortly after a time [s] since the
-    last packet; None when it does not clearly."""
+    """Time of the clearest change of the accelerometer's mean, up to shortly after `around` [s] since
+    the last packet; None without a clear one."""
     t = trial.telemetry_times - trial.last_packet
     within = (t > -BEFORE) & (t < around + 0.2)
     t, values = t[within], np.asarray(trial.telemetry, float)[within]
@@ -250,7 +250,7 @@ def _telemetry_change(trial: Trial, around: float) -> Optional[float]:
         before, after = values[:i], values[i:]
         inner = ((before - before.mean(0)) ** 2).sum(0) + ((after - after.mean(0)) ** 2).sum(0)
         outer = ((values - values.mean(0)) ** 2).sum(0)
-        rounding = n / 12.0  # numbers are integers
+        rounding = n / 12.0  # telemetry is in integers
         gain = float(np.max(n * np.log((outer + rounding) / (inner + rounding))))
         if gain > best:
             best, when = gain, 0.5 * float(t[i - 1] + t[i])

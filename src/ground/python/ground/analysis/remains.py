@@ -1,9 +1,9 @@
 """What the grown model leaves: dependence on state and on history.
 
-Whatever acts on the craft beside the model shows in the innovations of the filter. Functions of
-the *simulated* state and of the commands are held against them, each seen through the filter (a
-wrench that the filter has followed no longer surprises it); a flexible ridge regression is
-scored on runs that it has not seen. Features of measured velocities would contain the
+Whatever acts on the craft beside the model shows in the innovations of the filter. They are
+regressed on functions of the *simulated* state and of the commands. Each function is passed
+through the filter, because the filter follows a slow wrench, which then causes no innovation. The
+regression is scored on held-out runs. Functions of measured velocities would contain the
 disturbance itself and seem to explain everything.
 """
 
@@ -19,27 +19,27 @@ from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Flags
 from ground.recordings import windows
 
-LEVEL = 0.01  # chance of finding what is not there
-PENALTIES = (1e0, 1e1, 1e2, 1e3, 1e4)  # of the ridge regression, in squares of whitened innovations
+LEVEL = 0.01  # probability of finding a dependence where there is none
+PENALTIES = (1e0, 1e1, 1e2, 1e3, 1e4)  # ridge penalties, in squares of whitened innovations
 MEMORIES = (0.05, 0.2, 0.6, 2.0)  # time constants of the commands' past [s]
 WAVELENGTHS = (0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)  # over the floor [m]
-FEW = 3  # features of a sparse regression
-BLOCK = 120  # samples of a block of the test
+MAX_FEATURES = 3  # features of the sparse regression
+BLOCK = 120  # samples in a block of the test
 
 
 Gram = Tuple[Array, Array]  # D' D and D' t of a design D and targets t
-# Weights of features; takes Grams, designs, targets, and which of them are fitted to.
+# Returns weights of features; takes Grams, designs, targets, and the indices of the runs to fit to.
 Weigh = Callable[[Sequence[Gram], Sequence[Array], Sequence[Array], Sequence[int]], Array]
 
 
 @can_be_kept
 @dataclass(frozen=True)
 class Remains:
-    """One kind of what is left."""
+    """What one kind of dependence still explains."""
 
     p_value: float
-    gain: float  # log-likelihood on runs held out that a flexible function of it gains
-    share: float  # of the innovations' power, on runs held out
+    gain: float  # log-likelihood that a flexible function gains on held-out runs
+    share: float  # part of the innovations' power that it explains there
 
     @property
     def found(self) -> bool:
@@ -60,7 +60,7 @@ def of_history(likelihood: Likelihood, fit: Fit) -> Remains:
 def _explained(
     likelihood: Likelihood, fit: Fit, features: Callable[[_core.RunData, _core.Model], Array]
 ) -> Remains:
-    """The better of what all features together and a few of them explain."""
+    """The better of two regressions: on all features, and on a few of them."""
     designs, targets = [], []
     for i, run in enumerate(likelihood.runs):
         acting, channels, owner = _acting(features(run, fit.model), fit)
@@ -121,31 +121,31 @@ def _together(grams: Sequence[Gram], parts: Sequence[int]) -> Gram:
 def _ridge(
     grams: Sequence[Gram], designs: Sequence[Array], targets: Sequence[Array], fitted: Sequence[int]
 ) -> Array:
-    """Weights of all features, the penalty chosen by leaving out one after the other of the fitted."""
+    """Weights of all features; leaving out each fitted run in turn chooses the penalty."""
 
     def weights(parts: Sequence[int], penalty: float) -> Array:
         A, b = _together(grams, parts)
         return np.linalg.solve(A + penalty * len(parts) * np.eye(len(A)), b)
 
-    def worth(penalty: float) -> float:
+    def gain(penalty: float) -> float:
         falls = [
             _fall(designs[j], targets[j], weights([k for k in fitted if k != j], penalty)).sum()
             for j in fitted
         ]
         return float(sum(falls))
 
-    best = max(PENALTIES, key=worth) if len(fitted) > 1 else PENALTIES[2]
+    best = max(PENALTIES, key=gain) if len(fitted) > 1 else PENALTIES[2]
     return weights(fitted, best)
 
 
 def _sparse(
     grams: Sequence[Gram], designs: Sequence[Array], targets: Sequence[Array], fitted: Sequence[int]
 ) -> Array:
-    """Weights of at most FEW features, each the one that gains most beside those before it."""
+    """Weights of at most MAX_FEATURES features, each the one that gains most beside those before."""
     A, b = _together(grams, fitted)
     weights = np.zeros(len(b))
     chosen: List[int] = []
-    for _ in range(min(FEW, len(b))):
+    for _ in range(min(MAX_FEATURES, len(b))):
         slope = b - A @ weights
         gain = slope**2 / np.maximum(np.diag(A), 1e-300)
         gain[chosen] = 0
@@ -159,8 +159,8 @@ def _sparse(
 
 
 def _acting(wrenches: Array, fit: Fit) -> Tuple[Array, List[int], Array]:
-    """Wrenches of features (n, 3, m), in parts of full thrust, as columns in a channel each; the
-    channels; and which column is part of which feature (columns, m)."""
+    """Splits wrenches of features (n, 3, m), relative to full thrust, into columns of one channel
+    each. Returns the columns, their channels, and which feature a column belongs to (columns, m)."""
     full = 2 * fit.model.value("k") * np.array([1.0, 1.0, fit.model.value("l")])
     used = np.argwhere(np.abs(wrenches).max(axis=0) > 0)
     acting = np.column_stack([wrenches[:, c, j] * full[c] for c, j in used])
@@ -171,7 +171,7 @@ def _acting(wrenches: Array, fit: Fit) -> Tuple[Array, List[int], Array]:
 
 def _simulated(run: _core.RunData, model: _core.Model) -> Tuple[Array, Array, Flags]:
     """Poses and velocities (n, 3) simulated in windows of 1.5 s from initial velocities that
-    suit the model, and where there are any (n,)."""
+    suit the model, and which samples are in a window (n,)."""
     cut = windows.cut([run])
     eta, nu = np.zeros((len(run.times), 3)), np.zeros((len(run.times), 3))
     inside = np.zeros(len(run.times), bool)
@@ -236,7 +236,7 @@ def _history_features(run: _core.RunData, model: _core.Model) -> Array:
 
 
 def _past(times: Array, values: Array, memory: float) -> Array:
-    """Exponentially forgotten mean of what was held (n,)."""
+    """Mean of the held values before each sample, with exponentially decaying weights (n,)."""
     result = np.empty_like(values)
     state = 0.0
     for i, value in enumerate(values):

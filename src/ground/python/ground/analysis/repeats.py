@@ -1,10 +1,9 @@
-"""What of a model's error repeats where the commands repeat.
+"""Share of a model's squared error that repeats where the commands repeat.
 
-Where a run plays commands that were played before, what any function of the commands could explain
-is the same again, and a random wrench is not. With e and e' the errors of two such windows, e e'
-in place of e^2 is therefore, in the mean, the part of the squared error that commands and model
-leave for an effect to explain: an upper bound for effects that depend on the commands alone. What
-depends on the place or the heading, too, need not repeat.
+Where commands repeat, an error that depends on the commands repeats, too; a random wrench does not.
+With e and e' the errors of two such windows, the mean of e e' is therefore the part of the mean of
+e^2 that a missing effect could explain. It is an upper bound for effects that depend on the commands
+alone. An error that also depends on place or heading need not repeat.
 """
 
 from dataclasses import dataclass
@@ -19,17 +18,17 @@ from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import windows
 
-STEP = 0.01  # commands are compared at instants so far apart [s]
-BEFORE = 0.3  # commands before a window count as well [s]
+STEP = 0.01  # sampling step at which commands are compared [s]
+BEFORE = 0.3  # time before a window whose commands are compared, too [s]
 # Largest mean squared difference of repeated commands, relative to their variance: edges jitter.
 MAX_DIFFERENCE = 0.15
 MIN_VARIANCE = 1e-3  # commands that vary less repeat everywhere
-MAX_REPETITIONS = 3  # repetitions of a window that are used
-MIN_WINDOWS = 8  # with a repetition, that an estimate needs
-SLACK = 0.02  # poses do not fall on the same instants of the commands [s]
+MAX_REPETITIONS = 3  # largest number of repetitions of a window
+MIN_WINDOWS = 8  # windows with a repetition that an estimate needs
+SLACK = 0.02  # tolerance for poses that fall on other instants of the commands [s]
 
 
-Repetition = Tuple[_core.Window, float]  # and how much later it is [s]
+Repetition = Tuple[_core.Window, float]  # window, and by how much it is later [s]
 
 
 @can_be_kept
@@ -46,7 +45,7 @@ def repeats(
     runs: Sequence[_core.RunData], cut: Sequence[_core.Window], model: _core.Model
 ) -> Optional[Repeats]:
     """The Repeats of a model's error over windows of runs (_core.RunData); None where commands
-    do not repeat often enough to tell."""
+    do not repeat often enough."""
     repeated = [(window, _repetitions(runs, window)) for window in cut]
     repeated = [(window, found) for window, found in repeated if found]
     if len(repeated) < MIN_WINDOWS:
@@ -80,7 +79,7 @@ def _products(
 
 
 def _repetitions(runs: Sequence[_core.RunData], window: _core.Window) -> List[Repetition]:
-    """Windows in which the commands of one are played again, and how much later [s]."""
+    """Windows that repeat the commands of a window, and by how much they are later [s]."""
     run, times = runs[window.run], _times(runs, window)
     wanted = residuals.held(run, np.arange(times[0] - BEFORE, times[-1], STEP))
     spread = wanted.var(axis=0).sum()
@@ -108,7 +107,7 @@ def _repetitions(runs: Sequence[_core.RunData], window: _core.Window) -> List[Re
 
 
 def _unlike(commands: Array, wanted: Array) -> Array:
-    """Mean squared difference of the wanted commands to those that begin at each sample."""
+    """Mean squared difference between the wanted commands and those from each sample on."""
     count = len(wanted)
     total = np.zeros(len(commands) - count + 1)
     for a, b in zip(commands.T, wanted.T):

@@ -1,9 +1,9 @@
-"""Whether what a model leaves over is white and free of the inputs (Ljung 1999, 16.6).
+"""Whether a model's residuals are white and independent of the inputs (Ljung 1999, 16.6).
 
-Residuals of a simulation, and velocities from a smoother, are correlated by construction. What is
-tested is therefore the innovation: each measured pose against its prediction by a Kalman filter
-around the model, with a white force of the likeliest level beside it. Innovations of a true model
-are white, whatever the spacing of the stamps, and do not follow the inputs.
+Residuals of a simulation, and velocities from a smoother, are correlated by construction. The tests
+therefore use innovations: each measured pose minus its prediction by a Kalman filter around the
+model and a white force of the likeliest level. Innovations of a true model are white, whatever the
+spacing of the stamps, and independent of the inputs.
 """
 
 from statistics import NormalDist
@@ -15,15 +15,15 @@ from ground import _core
 from ground.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
-LAGS = 40  # of the auto-correlation [samples]
-INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input came before the residual [s]
+LAGS = 40  # number of lags of the auto-correlation [samples]
+INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [s]
 BAND = 0.99
 
 
 def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData) -> Document:
     """Auto-correlation and correlation with thruster commands, with 99% bands.
 
-    Pairs never reach over a gap. Lags of the auto-correlation count samples: innovations are white
+    Pairs never span a gap. Lags of the auto-correlation count samples: innovations are white
     sample by sample.
     """
     nature = _core.WrenchNature.white
@@ -90,13 +90,13 @@ def _autocorrelation(values: Array, stretch: Indices) -> Document:
 def _with_input(
     values: Array, stretch: Indices, run: _core.RunData, times: Array, command: str
 ) -> Optional[Document]:
-    """Correlation with a command that held some time before; None when it never changes."""
+    """Correlation with the command at each lag; None when it never changes."""
     sign = 1 if command == "sum" else -1
     good = np.isfinite(values)
     now = held(run, times)[:, :2] @ [1, sign]
     if not now[good].std() > 0:
         return None
-    # Bartlett: a residual that is not white makes the correlation less certain.
+    # Bartlett: residuals that are not white make the correlation less certain.
     widening = 1.0
     centred, residual = now - now[good].mean(), np.where(good, values, 0.0)
     for lag in range(1, min(100, len(values) // 4)):
@@ -120,7 +120,7 @@ def _with_input(
 
 
 def _judged(found: Sequence[float], widths: Sequence[float]) -> Document:
-    """Values with bands; accepted unless one is further out than any of them is by chance."""
+    """Values with bands; accepted unless one lies outside the band of their maximum."""
     values, bands = np.array(found), np.array(widths)
     quantile = NormalDist().inv_cdf(0.5 + BAND / 2)
     outside = int((np.abs(values) > quantile * bands).sum())

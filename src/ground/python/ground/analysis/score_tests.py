@@ -1,4 +1,4 @@
-"""Score tests (Rao 1948) of all effects beside a fit: what each, and each few together, would gain."""
+"""Score tests (Rao 1948) of effects added to a fit: the likelihood that one or several would gain."""
 
 from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
@@ -10,11 +10,16 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array
 from ground.core_types import Estimate, ParameterInfo
 
-UNSEEN = 0.003  # part of its information that is left beside the model's other parameters
+UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
 
 
 class ScoreTests:
-    """Effects that a fit does without, all at their neutral parameters."""
+    """Score tests of effects that a fit does not have, at their neutral parameters.
+
+    With scores s and information A of the fitted (n) and the tested (t) parameters, the fitted ones
+    are projected out: s = s_t - A_tn A_nn^-1 s_n and A = A_tt - A_tn A_nn^-1 A_nt. The expected
+    log-likelihood ratio is then s' A^-1 s, at the step A^-1 s.
+    """
 
     def __init__(
         self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]
@@ -39,7 +44,7 @@ class ScoreTests:
         self._project(found, len(nuisance))
 
     def _project(self, found: Mapping[str, Array], count: int) -> None:
-        """Scores and information with the nuisance parameters fitted along."""
+        """Scores and information with the nuisance parameters projected out."""
         A, blocks = found["information"], found["score"]
         n, s = slice(0, count), slice(count, None)
         self.onto = solve(A[n, n], A[n, s])
@@ -49,20 +54,20 @@ class ScoreTests:
         self.score = self.blocks.sum(axis=0)
 
     def seen(self, name: str) -> float:
-        """Part of the information that the fitted parameters cannot take over, of the worst
-        parameter."""
+        """Share of the information that the fitted parameters cannot take over, of the effect's
+        worst parameter."""
         at = self.columns[name]
         raw = np.where(self.raw[at] > 0, self.raw[at], np.inf)
         return float(np.min(np.diag(self.information)[at] / raw))
 
     def hidden(self, name: str) -> bool:
-        """Whether an effect does, to first order, only what the fitted parameters can do as well."""
+        """Whether to first order an effect does only what the fitted parameters can do."""
         at = self.columns[name]
         return bool((self.raw[at] > 0).all() and self.seen(name) < UNSEEN)
 
     def in_place(self, name: str, part: float) -> Dict[str, float]:
-        """Steps of coordinates by parameter name that put an effect of `part` of its typical
-        size in the place of what the fitted parameters do to first order."""
+        """Steps of coordinates by parameter name that add an effect of `part` of its typical size
+        and, to first order, undo it by the fitted parameters."""
         at = self.columns[name]
         steps = {self.names[i]: float(part * self.scale[i]) for i in at}
         moved = -part * self.onto[:, at].sum(axis=1) * self.nuisance_scale
@@ -70,8 +75,7 @@ class ScoreTests:
         return steps
 
     def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Estimate]:
-        """Parameters of an effect as one step of its score test gives them: dictionaries as of a
-        fit."""
+        """Parameters of an effect after the step of its score test: dictionaries as of a fit."""
         found: List[Estimate] = []
         for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
@@ -92,8 +96,8 @@ class ScoreTests:
         return found
 
     def test(self, names: Iterable[str]) -> Tuple[float, Dict[str, float]]:
-        """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that leads
-        there: (gain, step by parameter name in coordinates)."""
+        """Expected log-likelihood ratio 2 (L1 - L0) of effects together, and the step that reaches
+        it: (gain, step by parameter name in coordinates)."""
         at = np.array([i for name in names for i in self.columns[name]], int)
         moving = at
         while len(moving):
@@ -120,7 +124,7 @@ def moved(parameter: ParameterInfo, value: float, by: float) -> float:
 
 
 def stepped(model: _core.Model, steps: Mapping[str, float], part: float = 1.0) -> _core.Model:
-    """A model after a part of some steps of coordinates by parameter name."""
+    """A model after `part` of the steps of coordinates, by parameter name."""
     described = {p["name"]: p for p in model.parameters()}
     changed = model.copy()
     for name, by in steps.items():

@@ -1,9 +1,9 @@
-"""Which set of effects makes recorded poses likeliest.
+"""The set of effects under which recorded poses are likeliest.
 
-Forward, backward and swap steps over sets of effects. Score tests of all effects, alone and in
-pairs, say which sets are worth a refit; a set's likelihood is that of a refit with its levels.
-An effect has to raise the log-likelihood ratio 2 (L1 - L0) by more than chance would with the
-best of so many effects.
+The search takes forward, backward and swap steps over sets of effects. Score tests of all effects,
+alone and in pairs, choose the sets to refit; a set's likelihood is that of the refit, levels
+included. An effect's log-likelihood ratio 2 (L1 - L0) has to be significant, corrected for the
+number of effects.
 """
 
 import itertools
@@ -36,12 +36,12 @@ from ground.recordings import windows
 
 @dataclass(frozen=True)
 class Criteria:
-    """What a search goes by."""
+    """Thresholds of a search."""
 
-    level: float = 0.01  # chance of choosing an effect although none is missing
+    level: float = 0.01  # probability of choosing an effect although none is missing
     refitted: int = 4  # effects that are refitted in a step, best by score test first
     pairs: int = 2  # pairs that are refitted in a step
-    worth: float = 3.0  # expected gain for each parameter from which on a refit is worth while
+    min_gain: float = 3.0  # expected gain per parameter that a refit needs
     steps: Tuple[float, ...] = (
         1.0,
         0.3,
@@ -51,23 +51,24 @@ class Criteria:
         0.5,
         0.2,
         -0.2,
-    )  # of an effect that score tests cannot see, in typical ones
-    windows: int = 40  # that far starts are tried on by simulation error
-    farther: float = 0.98  # of the simulation error from the neutral start: worth a fit
-    doubtful: float = 10.0  # of what an effect has to reach: below such a ratio by its information
-    # alone, which is too large by far where levels would follow, it is tried to do without it
-    rivals: int = 3  # effects that are tried in the place of one that was chosen
-    rival: float = 0.4  # of its expected gain: a rival's has to be larger to be worth a refit
-    apart: float = 7.0  # log-likelihood ratio from which on a rival is excluded: were it the truth,
-    # the ratio would come out so high with a chance of at most 0.4% (the root of it is the least
-    # number of standard deviations that it is off)
+    )  # start values of an effect that score tests cannot see, relative to the typical size
+    windows: int = 40  # windows on which far starts are tried by simulation error
+    max_far_error: float = 0.98  # largest error from a far start, relative to the neutral one, for a fit
+    # An effect is tested for removal if its Wald ratio is below this multiple of its threshold. The
+    # Wald ratio is far too large where levels would change with the removal.
+    wald_margin: float = 10.0
+    rivals: int = 3  # effects that are tried in the place of a chosen one
+    min_rival_gain: float = 0.4  # least expected gain of a rival, relative to the chosen effect's
+    # Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio
+    # would have a probability of at most 0.4% (its root is the least number of standard deviations).
+    exclusion: float = 7.0
 
 
 class Search:
-    """Sets of effects beside a model, on the runs of a Likelihood. each: maps a function over
-    items, side by side if it can; say: called with a sentence now and then; kept: Unfinished, of
-    this very work; holds(better, current): whether a set that was grown does better on what it
-    was not fitted to, too."""
+    """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
+    items, in parallel if it can; say: called with a sentence at each step; kept: Unfinished results
+    of the same call; holds(better, current): whether a grown set does better on held-out data,
+    too."""
 
     def __init__(
         self,
@@ -92,8 +93,8 @@ class Search:
         self.say = say or (lambda text: None)
         self.kept = kept or Unfinished()
         self.holds = holds
-        self._swapped: Set[str] = set()  # effects in whose place others were tried already
-        # sets that do not hold, by the set that they were to grow from
+        self._swapped: Set[str] = set()  # effects that were tried to be swapped already
+        # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
         self.fits: Dict[FrozenSet[str], Fit] = {}  # by set of effects
         self.tests: Dict[FrozenSet[str], ScoreTests] = {}
@@ -105,8 +106,8 @@ class Search:
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
-        """The set of effects by which the likelihood rises beyond chance. near: a Fit whose
-        effects the search begins with."""
+        """The likeliest set of significant effects. near: a Fit with whose effects the search
+        begins."""
         self.nominal()
         current: FrozenSet[str] = frozenset()
         if near is not None:
@@ -127,7 +128,7 @@ class Search:
         return float(2 * (self.fits[names].log_posterior - self.fits[without].log_posterior))
 
     def test_beside(self, names: FrozenSet[str]) -> ScoreTests:
-        """ScoreTests of all effects beside a fitted set."""
+        """ScoreTests of all other effects, added to a fitted set."""
         if names not in self.tests:
             rest = [c for n, c in self.candidates.items() if n not in names]
             self.tests[names] = ScoreTests(self.likelihood, self.fits[names], rest)
@@ -150,12 +151,12 @@ class Search:
         return int(self._sizes[name])
 
     def value(self, names: FrozenSet[str]) -> float:
-        """What sets are compared by: the log-likelihood ratio to the model as it is, less what each
-        effect has to reach."""
+        """Value by which sets are compared: the log-likelihood ratio to the model as it is, minus
+        the thresholds of the effects."""
         return self.ratio(names, frozenset()) - sum(self.threshold(n) for n in names)
 
     def _grow(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
-        """A better set with an effect or a pair more; None without one."""
+        """A better set with another effect or pair; None without one."""
         proposals = self._proposals(current)
         self._fit_all(current, proposals)
         fitted = [current | set(p) for p in proposals if current | set(p) in self.fits]
@@ -167,7 +168,7 @@ class Search:
         return None
 
     def refused(self, current: FrozenSet[str]) -> List[FrozenSet[str]]:
-        """Larger sets that are likelier than one and do not hold."""
+        """Larger sets that are likelier than `current` but refuted by held-out data."""
         return self._refused.get(current, [])
 
     def _proposals(self, current: FrozenSet[str]) -> List[Tuple[str, ...]]:
@@ -178,7 +179,7 @@ class Search:
         }
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [
-            s for s in singles if gains[s] + self._size(s[0]) > criteria.worth * self._size(s[0])
+            s for s in singles if gains[s] + self._size(s[0]) > criteria.min_gain * self._size(s[0])
         ]
         chosen = promising[: criteria.refitted]
         turned: List[Tuple[str, ...]] = [
@@ -202,7 +203,7 @@ class Search:
         return len(list(self.candidates[name].starts(self.given))) > 1
 
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
-        """Fits of a set with each proposal more."""
+        """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
         if wanted:
             self.say("refitting with each of %d sets of effects" % len(wanted))
@@ -213,14 +214,14 @@ class Search:
                 ("fit", varying, base, added), lambda: self._refit(current, added)
             )
 
-        self.test_beside(current)  # before threads ask for it
+        self.test_beside(current)  # computed before threads need it
         for proposal, fit in zip(wanted, self.each(refit, wanted)):
             if fit is not None:
                 self.fits[current | set(proposal)] = fit
 
     def _refit(self, current: FrozenSet[str], added: Tuple[str, ...]) -> Optional[Fit]:
-        """The likeliest fit with effects more, from where score tests and the effects' own
-        starts lead."""
+        """The likeliest fit with added effects, from the steps of the score tests and the effects'
+        own starts."""
         base, tests = self.fits[current], self.test_beside(current)
         extended = base.model
         for name in added:
@@ -259,9 +260,9 @@ class Search:
                 yield other, None
 
     def _far_starts(self, name: str) -> List[_core.Model]:
-        """Models with an effect far from neutral that are worth a fit. What was fitted without
-        may be far from what is right with it; the simulation error, whose fit is quick, tells
-        where."""
+        """Models with an effect far from neutral from which a fit should start. The other
+        parameters may be far from the right ones, too; a quick fit by simulation error finds
+        them."""
         neutral, *others = self.candidates[name].starts(self.given)
         if not others:
             return []
@@ -269,7 +270,7 @@ class Search:
         problem = windows.problem(runs, windows.spread(windows.cut(runs), self.criteria.windows))
 
         def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
-            """The error and the fit from a start; endless where it cannot be simulated."""
+            """The error and the fit from a start; infinite where it cannot be simulated."""
             try:
                 found = problem.fit(model, self.free_of(model), threads=1)
             except (RuntimeError, ValueError):
@@ -280,7 +281,7 @@ class Search:
         return [
             model
             for error, model in (fitted(other) for other in others)
-            if error < self.criteria.farther * least
+            if error < self.criteria.max_far_error * least
         ]
 
     def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
@@ -288,7 +289,7 @@ class Search:
         return self.without_each(current, [name])[0]
 
     def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
-        """Sets without one of their effects each, fitted."""
+        """Fitted sets, each without one of the effects."""
         start = self.fits[current]
 
         def refit(name: str) -> Fit:
@@ -302,7 +303,7 @@ class Search:
         return [current - {name} for name in names]
 
     def _prune(self, current: FrozenSet[str]) -> FrozenSet[str]:
-        """Takes out effects while that is better."""
+        """Takes out effects as long as the set improves."""
         while True:
             doubtful = [n for n in sorted(current) if self.may_go(self.fits[current], n)]
             others = self.without_each(current, doubtful)
@@ -312,11 +313,11 @@ class Search:
             current = best
 
     def may_go(self, fit: Fit, name: str) -> bool:
-        """Whether a Fit may do without an effect, by its information (Wald): a refit tells."""
-        return fit.ratio_without(name) < self.criteria.doubtful * self.threshold(name)
+        """Whether a Fit may do without an effect, by its Wald ratio; a refit then decides."""
+        return fit.ratio_without(name) < self.criteria.wald_margin * self.threshold(name)
 
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
-        """A better set with other effects in the place of some of its own; the same without one."""
+        """A better set with one effect replaced by another; the same set without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
         self._swapped |= set(names)
         self.without_each(current, names)
@@ -325,23 +326,23 @@ class Search:
         return best if self.value(best) > self.value(current) else current
 
     def swaps(self, current: FrozenSet[str], name: str) -> List[FrozenSet[str]]:
-        """Fitted sets with another effect in the place of one of a set."""
+        """Fitted sets in which another effect replaces the named one."""
         rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
-        least = self.criteria.rival * gains.pop(name)
+        least = self.criteria.min_rival_gain * gains.pop(name)
         names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
-        worth = {n: max(least, self.criteria.worth * self._size(n)) for n in names}
-        proposals = [(n,) for n in names if gains[n] > worth[n]]
+        needed = {n: max(least, self.criteria.min_gain * self._size(n)) for n in names}
+        proposals = [(n,) for n in names if gains[n] > needed[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
-        """Effects that do in the place of one of a set what it does, as far as the data tell."""
+        """Effects that the data cannot distinguish from one of a set."""
         behind = {}
         for other in self.swaps(current, name):
             (rival,) = other - current
             behind[rival] = self.value(current) - self.value(other)
         return [
-            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.apart
+            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.exclusion
         ]

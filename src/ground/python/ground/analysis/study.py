@@ -1,4 +1,4 @@
-"""A model and its variants on the same runs: fits, and errors on what they were not fitted to."""
+"""A model and its variants on the same runs: fits, and errors on held-out data."""
 
 import itertools
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from ground.analysis.likelihood import Fit as LikelihoodFit
     from ground.analysis.likelihood import Likelihood
 
-PARTS = 4  # held out one after the other, where one run is all there is
-FOLDS = 8  # largest number of parts that several runs are held out in: bounds the refits
-MAX_WINDOWS = 160  # four minutes: many times what distinguishes the effects that matter
-# Lengths of the windows that models are fitted to [s]: the longer they are the more they say, but
-# what disturbs the craft on its way adds up along them.
+PARTS = 4  # parts of a single run, held out one after the other
+FOLDS = 8  # largest number of folds of several runs; it bounds the refits
+MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
+# Lengths of the windows that models are fitted to [s]. Longer windows contain more information, but
+# disturbances add up along them.
 LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
-BETTER = 0.99  # of the error on held-out windows: what makes another length worth while
-FIVE = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
+MAX_ERROR_RATIO = 0.99  # largest ratio of held-out errors for which another length is taken
+NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
 @can_be_kept
@@ -38,14 +38,14 @@ class Fit:
     ]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
-    by_window: Array  # (windows,) their sum in each window, held out
+    by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
 
 
 class Study:
-    """Runs (_core.RunData), their windows, and the parts that are held out together.
+    """Runs (_core.RunData), their windows, and the folds that are held out together.
 
-    Parts are runs (of more than FOLDS runs, every FOLDS-th one together), or quarters of a
-    single run. Of long runs it takes about `most` windows, spread evenly, so that its work does
+    Folds are runs (with more than FOLDS runs, every FOLDS-th one together), or quarters of a
+    single run. Of long runs about `most` windows are used, spread evenly, so that the work does
     not grow with them. Raises GroundError when runs are too short.
     """
 
@@ -53,13 +53,13 @@ class Study:
         self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS
     ) -> None:
         self.runs = runs
-        # Of fits that are not refits, 0 for all cores; one gives the same bits each time.
+        # Threads of fits from scratch, 0 for all cores; with one thread results are reproducible.
         self.threads = threads
         every = windows.cut(runs)
         self.windows = windows.spread(every, most)
-        self.available = len(every)  # windows, of which it takes these
-        self.width = 0.0  # of the robust loss of refits [standard deviations]; 0: each its own
-        self.length = windows.WINDOW  # of windows that are fitted to [s]
+        self.available = len(every)  # number of windows before thinning
+        self.width = 0.0  # width of refits' robust loss [standard deviations]; 0: each fit estimates it
+        self.length = windows.WINDOW  # length of the windows that are fitted to [s]
         if len(runs) > 1:
             self.part_of = np.array([w.run % FOLDS for w in self.windows])
         else:
@@ -73,12 +73,12 @@ class Study:
             self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
     def fit(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Fit:
-        """Fits the free parameters, and once more without each part in turn.
+        """Fits the free parameters, and again without each fold in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
-        best: what was fitted without an effect may be far from what is right with it. It chooses
-        the length of windows whose fits predict best what they were not fitted to; `refit` takes
-        that length, and the same residuals as outliers.
+        best: parameters fitted without an effect may be far from the right ones with it. It chooses
+        the length of windows whose fits have the least held-out error; `refit` uses the same length
+        and outliers.
         """
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
         near = self._best(starts, free, threads=self.threads)["model"]
@@ -88,7 +88,7 @@ class Study:
             result = self._fit(self.windows, near, free, near=True, threads=self.threads)
             self.width = result["width"] if np.isfinite(result["width"]) else 0.0
             found = self._judged(result, free, self.threads)
-            if best is None or found.heldout.sum() < BETTER * best[0].heldout.sum():
+            if best is None or found.heldout.sum() < MAX_ERROR_RATIO * best[0].heldout.sum():
                 best = found, self.length, self.width
         assert best is not None
         fit, self.length, self.width = best
@@ -143,7 +143,7 @@ class Study:
         )
 
     def _pieces(self, window: _core.Window) -> List[_core.Window]:
-        """What is fitted to in place of a window."""
+        """The shorter windows that a window is cut into for a fit."""
         return windows.cut_again(self.runs, window, self.length)
 
     def _fit(
@@ -162,7 +162,7 @@ class Study:
 
 def free_parameters(model: _core.Model) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
-    return list(FIVE) + [
+    return list(NOMINAL) + [
         p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
     ]
 
@@ -209,9 +209,8 @@ def calibrated_errors(
     likelihood: "Likelihood",
     fit: "LikelihoodFit",
 ) -> Array:
-    """window_errors of a Fit by which runs are predicted as in use: what differs from run to run
-    (wrench and thrust) is known as far as a run's poses before each window tell it. likelihood: a
-    Likelihood of the runs."""
+    """window_errors of a Fit, as in use: differences between runs (wrench and thrust) are estimated
+    from a run's poses before each window. likelihood: a Likelihood of the runs."""
     if not likelihood.varying:
         return window_errors(runs, chosen, fit.model)
     errors, known = np.empty((len(chosen), 3)), {}
@@ -226,8 +225,7 @@ def calibrated_errors(
 
 
 def trimmed(model: _core.Model, constant: Array) -> _core.Model:
-    """A model on which a wrench X, Y [N], N [N m] acts besides, and whose thrust is changed in
-    part."""
+    """A model with a constant wrench X, Y [N], N [N m] and a relative change of thrust, (4,)."""
     changed = model.copy()
     changed.set_value("k", (1 + constant[3]) * model.value("k"))
     wrench = (("body_force_bias", "x0"), ("body_force_bias", "y0"), ("yaw_bias", "n0"))
@@ -245,9 +243,8 @@ def change(
     model: _core.Model,
     other: _core.Model,
 ) -> Array:
-    """Mean |difference|/s of u, v, r (3,) between what two models predict over windows of runs,
-    each from the initial velocities that suit it best: how much is wrong with one if the other
-    is true."""
+    """Mean |difference|/s of u, v, r (3,) between two models' predictions over windows of runs, each
+    from its best initial velocities: the error of one if the other is true."""
     problem = windows.problem(runs, chosen)
     try:
         motions = [problem.simulate(m)["nu"] for m in (model, other)]
@@ -258,10 +255,10 @@ def change(
 
 
 def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1) -> Array:
-    """Mean |e|/s of u, v, r (3,) that the poses' noise alone would leave, were the model the truth.
+    """Mean |e|/s of u, v, r (3,) that pose noise alone would leave if the model were true.
 
-    The model is run along each stretch without a gap, its poses get the noise that was measured and
-    are smoothed as the recording was; s is that of the recording.
+    The model is simulated along each stretch without a gap. Its poses get the measured noise and are
+    smoothed as the recording was; s is that of the recording.
     """
     random = np.random.default_rng(seed)
     artificial = [recorded(run, model, random) for run in runs]
@@ -275,8 +272,8 @@ def recorded(
     wrench: Optional[Array] = None,
     thrust: float = 0.0,
 ) -> _core.RunData:
-    """What a run would have recorded, were the model the truth: _core.RunData. wrench: (n, 3), acts
-    besides, held from sample to sample [N], [N m], body; thrust: its relative change."""
+    """The recording that a run would give if the model were true: _core.RunData. wrench: (n, 3), an
+    added wrench, held from sample to sample [N], [N m], body; thrust: its relative change."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     inputs, noise = np.array(run.inputs), np.array(run.noise)
     wrench = np.zeros_like(eta) if wrench is None else wrench

@@ -1,8 +1,8 @@
 """Recordings at a lower rate: neighbouring poses averaged.
 
-What moves the craft changes within tens of milliseconds, and a motion capture's noise is
-independent from frame to frame: the mean of two poses within 10 ms says what both say, at half
-the work. At full thrust it is off by a fifth of the noise of heading at most, as by a delay of
+Forces on the craft change within tens of milliseconds, and a motion capture's noise is independent
+from frame to frame. The mean of two poses within 10 ms therefore has the same information, at half
+the work. At full thrust its error is at most a fifth of the noise of heading, as from a delay of
 0.05 ms.
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array
 
-RATE = 50.0  # that is kept at least [Hz]
-UNEVEN = 1.5  # of the usual step: a longer one is within no group
+RATE = 50.0  # least rate after thinning [Hz]
+UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
 
 
 def thinned(run: _core.RunData) -> _core.RunData:
-    """A _core.RunData whose samples are means of as many as its rate allows; the same run where
+    """A _core.RunData whose samples are means of as many samples as its rate allows; the same run if
     that is one. Its noise is that of the means."""
     times = np.array(run.times)
     step = np.median(np.diff(times)) if len(times) > 1 else 1.0

@@ -1,8 +1,8 @@
 """Force against input of thrusters on a bench (thesis 3.2, figure 3.1): a model's thrust.
 
 The force of a thruster at input w (0..1) is k (1 + a) w^p on the left, k (1 - a) w^p on the right
-(effects thrust_asymmetry, thrust_curve). A curve or an asymmetry is taken only where the forces
-show it beyond chance.
+(effects thrust_asymmetry, thrust_curve). A curve or an asymmetry is fitted only if it is
+significant.
 """
 
 import csv
@@ -19,7 +19,7 @@ from ground.annotations import Array
 from ground.errors import GroundError
 
 SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
-LEVEL = 0.01  # chance of a curve or an asymmetry that is not there
+LEVEL = 0.01  # probability of finding a curve or an asymmetry where there is none
 OFF = 1e-9  # input of a thruster that is off
 # Start and bounds of a fit; k as a share of the largest force of a thruster.
 START = {"k": 1.0, "a": 0.0, "p": 1.0}
@@ -40,9 +40,9 @@ class Bench:
 class Thrust:
     """The fitted thrust."""
 
-    values: Dict[str, float]  # k [N], and those of a [-], p [-] that the forces show
+    values: Dict[str, float]  # k [N], and a [-], p [-] where they are significant
     intervals: Dict[str, Tuple[float, float]]  # 95%
-    p_values: Dict[str, float]  # chance of such an a or p where there is none; if it can be tested
+    p_values: Dict[str, float]  # of a and p, where they can be tested
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
 
@@ -56,7 +56,7 @@ def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> B
     (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
     values of input that mean 0 and 1; unit: newtons in one unit of force. Raises GroundError."""
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:  # as spreadsheets write it, too
+        with open(path, newline="", encoding="utf-8-sig") as file:  # spreadsheets write a BOM
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GroundError("%s: cannot be read: %s" % (path, error))
@@ -64,7 +64,7 @@ def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> B
     columns = {i: name.split("_")[0] for i, name in enumerate(header) if i > 0}
     if header[:1] != ["input"] or not columns or not set(columns.values()) <= set(SIDES):
         raise GroundError(
-            "%s: line 1 must name the columns: input, then left, right or both, each perhaps with an "
+            "%s: line 1 must name the columns: input, then left, right or both, each optionally with an "
             "ending such as left_2" % path
         )
     found = []
@@ -91,9 +91,9 @@ def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> B
 
 
 def draft(levels: Sequence[Tuple[float, float]]) -> str:
-    """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and no forces
-    yet; a level that comes again gets a column of its own. Raises GroundError when the columns would
-    not be of the same inputs."""
+    """Text of a CSV file for read(), with the inputs of levels (pairs left, right; 0..1) and without
+    forces; a repeated level gets another column. Raises GroundError when the columns would not have
+    the same inputs."""
     counts: Dict[str, "CounterType[float]"] = {}
     for left, right in levels:
         if left > OFF and right > OFF and left != right:
@@ -179,7 +179,7 @@ def _least_squares(bench: Bench, names: Sequence[str]) -> OptimizeResult:
 
 
 def _chance(without: float, whole: float, freedom: int) -> float:
-    """Chance of such a fall of the squares by one more parameter (F test)."""
+    """p-value of one more parameter, by the fall of the sum of squares (F test)."""
     if freedom < 1:
         return 1.0
     whole = max(whole, 1e-12 * max(without, 1e-300))

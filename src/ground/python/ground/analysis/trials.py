@@ -1,4 +1,4 @@
-"""Effects tried beside a model, and how sure the data are of each."""
+"""Effects added to a model on trial, and the evidence for each."""
 
 from dataclasses import dataclass, replace
 from typing import Iterable, List, Mapping, Optional, Sequence
@@ -13,27 +13,27 @@ from ground.core_types import Estimate
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect beside a model without it."""
+    """An effect added to a model on trial."""
 
     name: str
     model: _core.Model  # with it; refitted, or moved by one step of the score test
-    parameters: Sequence[Estimate]  # of the effect: name, unit, value, ci95, identified
+    parameters: Sequence[Estimate]  # the effect's: name, unit, value, ci95, identified
     gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
-    p_value: float  # of this effect alone
-    chance: float  # the same, corrected for the number of effects tried
+    p_value: float  # not corrected for the number of effects tried
+    chance: float  # corrected for it
     delta_bic: float
-    seen: bool  # whether it does anything that the model without cannot take over
+    seen: bool  # whether it does anything that the other parameters cannot
     refitted: bool
-    equal: bool = False  # to the best one, as far as the data tell
+    equal: bool = False  # whether the data cannot distinguish it from the best one
     inclusion: float = 0.0  # weight among the refitted ones, by likelihood
     influence: Optional[float] = (
-        None  # change of the motion by it, in parts of what the poses' noise leaves
+        None  # its change of the motion, relative to the error that pose noise leaves
     )
 
 
 @dataclass(frozen=True)
 class Dropped:
-    """An effect that the likelihood asks for and that was not added."""
+    """An effect that the likelihood prefers and that was not added."""
 
     trial: Trial
     why: str
@@ -49,7 +49,7 @@ def trial(
     tried: int,
     samples: int,
 ) -> Trial:
-    """A Trial; tried: number of effects of which it is one; samples: of the data."""
+    """A Trial; tried: number of effects tried; samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)
     on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
     alone = p_value(gain, len(described), on_bound)
@@ -73,10 +73,10 @@ def ranked(
 
 
 def p_value(gain: float, free: int, on_bound: int) -> float:
-    """Chance of a log-likelihood ratio 2 (L1 - L0) as large as `gain` without the effect. Of
-    `free` parameters `on_bound` have their neutral value at a bound: each of those stays there
-    half of the time, which makes the ratio a mixture (Self and Liang 1987; binomial weights,
-    exact for independent estimates)."""
+    """Probability of a log-likelihood ratio 2 (L1 - L0) of at least `gain` without the effect.
+    `on_bound` of the `free` parameters have their neutral value at a bound. Each of those stays
+    there half of the time, so that the ratio has a mixture distribution (Self and Liang 1987;
+    binomial weights, exact for independent estimates)."""
     if not gain > 0:
         return 1.0
     total = 0.0

@@ -1,10 +1,10 @@
-"""What remains when no effect of the library explains the rest: where it is, and a term for it.
+"""The missing wrench that no effect of the library explains: what it depends on, and a term for it.
 
 The missing wrench of a model (ground.analysis.failure) is regressed on formulas of everything
-that a wrench may depend on. The smoother that infers the wrench weakens what is fast, so each
-formula is seen through the smoother's own response to it. Few terms are chosen by orthogonal
-matching pursuit (Pati et al. 1993), as many as predict stretches of time that were left out
-best, within one standard error.
+that a wrench may depend on. The smoother that infers the wrench attenuates fast changes; each
+formula is therefore passed through the same smoother. Orthogonal matching pursuit (Pati et al.
+1993) chooses a few terms: the fewest that predict held-out stretches of time within one standard
+error of the best.
 """
 
 import re
@@ -20,13 +20,13 @@ from ground.annotations import Array, Document, Indices
 from ground.recordings import repair
 
 CHANNELS = failure.CHANNELS
-STRETCH = 2.0  # of time, left out together [s]
+STRETCH = 2.0  # length of a stretch of time that is held out together [s]
 FOLDS = 6
-MOST = 4  # terms of a proposal
-NEW = 0.05  # part of a term that the model's own parameters cannot do: less is theirs
-STEP = 1e-3  # of a parameter, for the derivative by it
-LEAST = (
-    0.02  # share of the wrench's variance, of stretches left out, below which nothing is proposed
+MAX_TERMS = 4  # terms of a proposal
+MIN_NEW = 0.05  # least part of a term that the model's own parameters cannot imitate
+STEP = 1e-3  # relative step of a parameter, for its finite difference
+MIN_SHARE = (
+    0.02  # share of the wrench's variance on held-out stretches that a proposal has to explain
 )
 NAMES = ("u_L", "u_R", "u", "v", "r", "x", "y", "psi", "lift", "t")
 # Formulas of the body's frame, and the units of their values.
@@ -83,11 +83,11 @@ class Term:
 
     def __init__(self, formula: str, unit: str, parts: Mapping[str, str]) -> None:
         self.formula, self.unit = formula, unit
-        self.parts = parts  # by channel: the formula there
+        self.parts = parts  # formula by channel
 
     @property
     def variables(self) -> Set[str]:
-        """Names that the term's value depends on; the heading that turns a world force apart."""
+        """Names that the term's value depends on, without the heading that rotates a world force."""
         return set(re.findall(r"\b(?:%s)\b" % "|".join(NAMES), self.formula))
 
 
@@ -103,10 +103,10 @@ def dictionary() -> List[Term]:
 def explain(
     runs: Sequence[_core.RunData], model: _core.Model
 ) -> Tuple[List[Document], Optional[Document]]:
-    """Where the missing wrench of a model comes from, and a proposal for it.
+    """What the missing wrench of a model depends on, and a proposal for it.
 
-    Returns `where`, what the wrench depends on, most first: dictionaries of `variable` and
-    `share`, the part of the variance on stretches left out that is lost without the terms that
+    Returns `where`, what the wrench depends on, strongest first: dictionaries of `variable` and
+    `share`, the part of the variance on held-out stretches that is lost without the terms that
     contain it, or that bins of it explain; and `proposal`, an effect as a model file lists it
     with its `share`, or None.
     """
@@ -125,13 +125,13 @@ def explain(
     whole = np.sqrt((np.vstack(designs) ** 2).mean(axis=0))
     design, wrench = _beside(np.vstack(own), np.vstack(designs), np.concatenate(wrenches))
     size = np.sqrt((design**2).mean(axis=0))
-    usable = np.flatnonzero((whole > 1e-9 * whole.max()) & (size > NEW * whole))
+    usable = np.flatnonzero((whole > 1e-9 * whole.max()) & (size > MIN_NEW * whole))
     columns = design[:, usable] / size[usable]
     chosen = _choose(columns, wrench, group)
     kept = [terms[usable[i]] for i in chosen]
     share = _cross_validated(columns[:, chosen], wrench, group).mean() if chosen else 0.0
     where = _where(kept, columns[:, chosen], wrench, group, share, shares)
-    if not chosen or share < LEAST:
+    if not chosen or share < MIN_SHARE:
         return where, None
     weights = np.linalg.lstsq(columns[:, chosen], wrench, rcond=None)[0] / size[usable[chosen]]
     return where, _proposal(kept, weights, share)
@@ -161,7 +161,7 @@ def _prepare(
     wrench = smoothed["wrench"][every]
     sigma = np.median(smoothed["sigma"], axis=0) / scale
     own = _own_responses(run, model, noise, smoothed["wrench"])[every]
-    responses = smoothed["responses"][every]  # of each column in the channel that it acts on
+    responses = smoothed["responses"][every]  # one of each column, in the channel that it acts on
     design = np.zeros((len(wrench), 3, len(terms)))
     for column, (acts_on, at) in enumerate(zip(channels, owner)):
         design[:, acts_on, at] += responses[:, column]
@@ -173,7 +173,7 @@ def _prepare(
             share = failure.share_explained(part, wrench[:, axis])["share"]
             shares[name] = max(shares.get(name, 0.0), share)
             at += indicator.shape[1]
-    weight = 1 / scale / np.hypot(0.01, sigma)  # of channels that are inferred less well, less
+    weight = 1 / scale / np.hypot(0.01, sigma)  # less for channels that are inferred less well
     stretch = (np.array(run.times)[every] / STRETCH).astype(int)
     return (
         (design * weight[:, None]).reshape(-1, len(terms)),
@@ -203,8 +203,8 @@ def _own_responses(
 
 
 def _beside(own: Array, design: Array, wrench: Array) -> Tuple[Array, Array]:
-    """Design and wrench without what other values of the model's own parameters would do: these
-    were fitted, and took over as much of the missing term as they could (Frisch and Waugh 1933)."""
+    """Projects the model's own parameters out of design and wrench: these were fitted, and took over
+    as much of the missing term as they could (Frisch and Waugh 1933)."""
     size = np.sqrt((own**2).mean(axis=0))
     own = own[:, size > 0] / size[size > 0]
 
@@ -236,7 +236,7 @@ def _values(run: _core.RunData) -> Dict[str, Any]:
 
 
 def _evaluate(formula: str, values: Mapping[str, Any]) -> Array:
-    """A formula of the dictionary, in the words of muparser, over all samples."""
+    """A formula of the dictionary, in muparser's syntax, over all samples."""
     result = eval(formula.replace("^", "**"), {"__builtins__": {}}, values)
     return np.broadcast_to(np.asarray(result, float), values["u"].shape)
 
@@ -246,7 +246,7 @@ def _fit(columns: Array, wrench: Array) -> Array:
 
 
 def _scores(prediction: Array, wrench: Array, groups: Indices) -> Array:
-    """Share of the mean square that a prediction explains, of each fold (FOLDS,)."""
+    """Share of the mean square that a prediction explains in each fold (FOLDS,)."""
     total = (wrench**2).mean()
     return np.array(
         [1 - ((wrench[g] - prediction[g]) ** 2).mean() / total for g in _folds(wrench, groups)]
@@ -259,7 +259,7 @@ def _folds(wrench: Array, groups: Indices) -> List[Indices]:
 
 
 def _cross_validated(columns: Array, wrench: Array, groups: Indices) -> Array:
-    """Share that least squares explain of each fold when they have not seen it (FOLDS,)."""
+    """Share of each fold that least squares on the other folds explain (FOLDS,)."""
     prediction = np.zeros(len(wrench))
     for fold in _folds(wrench, groups):
         rest = np.setdiff1d(np.arange(len(wrench)), fold)
@@ -270,10 +270,10 @@ def _cross_validated(columns: Array, wrench: Array, groups: Indices) -> Array:
 def _choose(columns: Array, wrench: Array, groups: Indices) -> List[int]:
     """Columns of the sparsest regression that is within a standard error of the best one."""
     scores = [np.zeros(len(_folds(wrench, groups)))]
-    predictions = np.zeros((MOST + 1, len(wrench)))
+    predictions = np.zeros((MAX_TERMS + 1, len(wrench)))
     for fold in _folds(wrench, groups):
         rest = np.setdiff1d(np.arange(len(wrench)), fold)
-        for count in range(1, MOST + 1):
+        for count in range(1, MAX_TERMS + 1):
             pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False)
             pursuit.fit(columns[rest], wrench[rest])
             predictions[count, fold] = pursuit.predict(columns[fold])

@@ -1,8 +1,8 @@
-"""What long work has finished so far, so that the next try need not do it again.
+"""Finished parts of a long computation, so that an interrupted one can be resumed.
 
-Kept are data only: a file holds arrays (NumPy's npz without objects) and a tree in JSON that
-refers to them, after the SHA-256 of both. What somebody else puts into the folder is never run:
-a file that is damaged, or holds anything else, is ignored and its part computed again.
+Files contain data only: the SHA-256 of the rest, arrays (NumPy's npz without objects) and a JSON
+tree that refers to them. Nothing in the folder is ever executed: a file that is damaged or foreign
+is ignored, and its part is computed again.
 """
 
 import contextlib
@@ -24,12 +24,12 @@ from ground.errors import GroundError
 
 _T = TypeVar("_T")
 
-NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # of files that Unfinished has written, now or formerly
-_classes: Dict[str, type] = {}  # name, module included -> dataclass
+NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # names of files written by this and earlier versions
+_classes: Dict[str, type] = {}  # full name -> dataclass
 
 
 def can_be_kept(cls: Type[_T]) -> Type[_T]:
-    """Decorates a dataclass whose objects may be in a result: fields of numbers, texts, arrays,
+    """Decorates a dataclass whose objects may be in a result: fields of numbers, strings, arrays,
     models, lists, tuples and dictionaries of these, and other such classes."""
     _classes[_name_of(cls)] = cls
     return cls
@@ -40,22 +40,22 @@ def _name_of(cls: type) -> str:
 
 
 class Unfinished:
-    """Results of the parts of one piece of work, kept in a folder until all of it is done.
+    """Results of the parts of a computation, kept in a folder until all parts are done.
 
-    folder: None keeps nothing. identity: whatever the results depend on, of what can be kept;
-    results of other work are not taken for those of this one.
+    folder: None keeps nothing. identity: everything that the results depend on, of types that can be
+    kept; it distinguishes them from the results of other computations.
     """
 
     def __init__(self, folder: Optional[str] = None, identity: Any = None) -> None:
         self._folder = folder
         self._identity = _packed(identity) if folder else b""
         self._lock = threading.Lock()
-        self.taken = 0  # results of an earlier try
+        self.taken = 0  # number of results taken from an earlier run
         if folder:
             os.makedirs(folder, exist_ok=True)
 
     def result(self, part: Any, compute: Callable[[], _T]) -> _T:
-        """What compute() gives, or gave in an earlier try; part: says which; its repr counts."""
+        """Result of compute(), or of an earlier call; the repr of `part` identifies it."""
         if not self._folder:
             return compute()
         name = hashlib.sha256(self._identity + repr(part).encode()).hexdigest()
@@ -64,13 +64,13 @@ class Unfinished:
             with open(path, "rb") as file:
                 kept = _unpacked(file.read())
         except Exception:
-            pass  # never finished, damaged or foreign: what parsing then raises can be anything
+            pass  # absent, damaged or foreign: parsing may raise anything
         else:
             with self._lock:
                 self.taken += 1
             return cast(_T, kept)
         found = compute()
-        # what cannot be kept is computed once more the next time
+        # a result that cannot be kept is computed again next time
         with contextlib.suppress(GroundError, OSError):
             with files.new_file(path, force=True) as temporary:
                 with open(temporary, "wb") as file:
@@ -78,7 +78,7 @@ class Unfinished:
         return found
 
     def done(self) -> None:
-        """All is finished: nothing need be kept. Files of others stay."""
+        """Deletes the kept results; foreign files stay."""
         if not self._folder:
             return
         with contextlib.suppress(OSError):
@@ -112,7 +112,7 @@ def _unpacked(contents: bytes) -> Any:
 
 
 def _tree(value: Any, arrays: List[Array]) -> Any:
-    """A value as JSON has it; what JSON has no word for is a map of its kind to its contents."""
+    """A value as JSON; a type that JSON does not have is a map from its kind to its contents."""
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):

@@ -1,4 +1,4 @@
-"""How well a fit predicts what it has not seen: runs, and blocks of time, held out of it."""
+"""How well a fit predicts runs and blocks of time that are held out of it."""
 
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -9,10 +9,10 @@ from ground.annotations import Array, Document, Progress
 from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
-FOLDS = 10  # largest number of parts that blocks are held out in, whatever the length of the runs
-# Fits to windows, from initial states of the windows where there are any.
+FOLDS = 10  # largest number of folds of blocks, whatever the length of the runs
+# Fits to windows, from the windows' initial states if any are given.
 Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
-RUN_FOLDS = 20  # largest number of parts that runs are held out in
+RUN_FOLDS = 20  # largest number of folds of runs
 
 
 def leave_runs_out(
@@ -23,12 +23,12 @@ def leave_runs_out(
     most: int = RUN_FOLDS,
     say: Progress = None,
 ) -> List[Tuple[core_types.Fit, float]]:
-    """Fits without some of the runs, and their errors on those: [(fit's result, error)], one a run.
+    """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
 
-    Each run is held out once: alone, or, of more than `most` runs, together with every `most`-th
+    Each run is held out once: alone, or, with more than `most` runs, together with every `most`-th
     other one. `fit(windows, initial)` fits to windows of `length` seconds of `runs` (_core.RunData)
     from initial states of the windows; `whole` is its result over windows.cut(runs, length).
-    say(sentence): progress.
+    say: called with a sentence at each step.
     """
     cut = windows.cut(runs, length)
     folds = [w.run % most for w in cut]
@@ -48,12 +48,12 @@ def leave_blocks_out(
     most: int = FOLDS,
     say: Progress = None,
 ) -> Optional[Document]:
-    """Errors on blocks of time: of models as they are, and of fits that have not seen the blocks.
+    """Errors on blocks of time: of models as they are, and of fits without the blocks.
 
-    Up to `most` blocks are held out one by one; of more blocks every `most`-th one together. `fit`,
-    `length` and `say` as in leave_runs_out; without initial states fit begins at measured ones.
-    Returns {"models": one error a model, "heldout": error, "blocks", "folds": how many}, all errors
-    over the same windows; None when there is nothing left to fit to without some fold.
+    Up to `most` blocks are held out one by one; of more blocks, every `most`-th one together. `fit`,
+    `length` and `say` as in leave_runs_out; without initial states fits begin at measured ones.
+    Returns {"models": one error per model, "heldout": error, "blocks", "folds": how many}, all
+    errors over the same windows; None when a fit without some fold would have no data.
     """
     blocks = _blocks(runs, block, length)
     folds = [number % most for number in range(len(blocks))]
@@ -80,7 +80,7 @@ def leave_blocks_out(
 def _blocks(
     runs: Sequence[_core.RunData], duration: float, length: float
 ) -> List[Tuple[List[_core.Window], List[_core.Window]]]:
-    """Windows to fit to and windows to test on of each block that has any of the latter."""
+    """Windows to fit to and windows to test on, of each block that has windows to test on."""
     blocks = []
     for i, run in enumerate(runs):
         start, end = run.times[0], run.times[-1]
@@ -99,7 +99,7 @@ def _refits(
     initial: Sequence[Array],
     say: Progress,
 ) -> Dict[int, core_types.Fit]:
-    """Results of fits without each fold, by fold; folds: of each window; initial: its state."""
+    """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
     results: Dict[int, core_types.Fit] = {}
     for fold in sorted(set(folds)):
         if say:

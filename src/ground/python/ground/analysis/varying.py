@@ -1,8 +1,8 @@
-"""What differs from run to run: a constant wrench on a channel, or the thrust.
+"""Differences between runs: a constant wrench on a channel, or the thrust.
 
-Each is a random effect, normal over the runs; a likelihood has it or does without
-(Likelihood.varying). Whether it is needed is tested beside forces that are the same in all runs,
-for what all runs have in common does not differ.
+Each is a random effect, normally distributed over the runs, that a likelihood includes or not
+(Likelihood.varying). The test for it includes forces that are the same in all runs, because a force
+that all runs share is not a difference.
 """
 
 from dataclasses import dataclass, replace
@@ -15,9 +15,11 @@ from ground.analysis import candidates
 from ground.analysis.likelihood import ABSENT, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 
-# Chance of a false finding: a disturbance whose correlation time changes looks like a difference.
+# Probability of a false finding. It is low, because a disturbance whose correlation time changes
+# looks like a difference.
 LEVEL = 1e-4
-SLOWEST = 0.3  # of a run: a random wrench that takes longer to change differs between runs
+SLOWEST = 0.3  # longest correlation time of a random wrench, in durations of a run; a slower one
+# is a difference between runs
 SHARED = ("body_force_bias", "yaw_bias")  # effects that are the same in all runs
 
 
@@ -27,8 +29,8 @@ class Kind:
 
     parameter: str
     unit: str
-    level: str  # of DisturbanceLevels
-    time: str  # level of the time in which a random wrench on the same channel changes, or none
+    level: str  # name of its level in DisturbanceLevels
+    time: str  # name of the correlation time of the random wrench on the same channel, or ""
 
 
 KINDS = (
@@ -49,7 +51,7 @@ class Difference:
 
 
 def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
-    """The Differences that the runs show beside a Fit. likelihood: one that has all random effects."""
+    """The significant Differences between runs beside a Fit. likelihood: with all random effects."""
     if len(likelihood.runs) < 2:
         return ()
     model = fit.model
@@ -68,7 +70,7 @@ def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
     found = []
     for i, kind in enumerate(KINDS):
         if not (np.abs(sizes[:, i]) > doubts[:, i]).any():
-            continue  # no run shows any
+            continue  # zero in all runs
         chance = min(1.0, len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest))
         if chance < LEVEL:
             found.append(Difference(kind, chance))
@@ -76,7 +78,7 @@ def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
 
 
 def with_all(likelihood: Likelihood, fit: Fit) -> Fit:
-    """A Fit whose levels of what differs are where a search may start from."""
+    """A Fit whose levels of differences are large enough for a search to start from."""
     usual = likelihood.box.start(fit.model).levels
     levels = {k.level: max(usual[k.level], fit.levels[k.level]) for k in KINDS}
     return replace(fit, levels={**fit.levels, **levels})
@@ -85,11 +87,11 @@ def with_all(likelihood: Likelihood, fit: Fit) -> Fit:
 def _chance_without(
     likelihood: Likelihood, fit: Fit, kind: Kind, slow: Mapping[str, float], slowest: float
 ) -> float:
-    """Chance of the likelihood ratio between a fit and one in which a kind does not differ
-    between runs, all other levels refitted: half of the time zero, else chi squared of one
-    degree of freedom (Self and Liang 1987). A random wrench that is slower than `slowest` would
-    take the place of a constant one, and is not let; `slow`: levels that are held for that
-    already."""
+    """p-value of the likelihood ratio between a fit and one in which a kind does not differ
+    between runs, all other levels refitted. Without a difference the ratio is zero half of the
+    time, else chi squared with one degree of freedom (Self and Liang 1987). A random wrench slower
+    than `slowest` would replace a constant one; its time is held at `slowest`. `slow`: times that
+    are held there already."""
 
     def ratio(held: Mapping[str, float]) -> Tuple[float, Fit]:
         other = likelihood.fit(fit.model, fit.free, near=fit, held={**slow, **held})

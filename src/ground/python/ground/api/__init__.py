@@ -1,1 +1,1 @@
-"""What `import ground` gives: one module for each verb, beside the models, rooms and recordings."""
+"""The Python API: one module for each verb, beside those of models, rooms and recordings."""

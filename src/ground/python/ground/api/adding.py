@@ -1,4 +1,4 @@
-"""add: a physical effect into a model, refitted, with the error before and after."""
+"""add: adds a physical effect to a model and refits it, with the error before and after."""
 
 import os
 from dataclasses import asdict, dataclass
@@ -56,14 +56,14 @@ class Pair:
 
 @dataclass(frozen=True, repr=False)
 class Addition(Shown):
-    """A model with an effect more, both refitted."""
+    """A model with an added effect. The models with and without it are refitted."""
 
     effect: str
     model: Model  #: with the effect
-    parameters: Dict[str, Parameter]  #: of the model with it, by name
-    parameters_before: Dict[str, Parameter]  #: of the model without it
+    parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
+    parameters_before: Dict[str, Parameter]  #: parameters of the model without it
     error: Dict[str, Pair]  #: by kind of runs: fit, heldout, and holdout where some were given
-    noise_floor: ChannelErrors  #: that the noise of the poses alone would leave
+    noise_floor: ChannelErrors  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
 
     def to_dict(self) -> Document:
@@ -114,18 +114,18 @@ def add(
     everything: bool = False,
     progress: Progress = None,
 ) -> Addition:
-    """A model with an effect more: both are fitted to the recordings, and to all but a part of
-    them.
+    """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
+    all but a part of them.
 
     effect: a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
-    run, on the run's clock [s]; everything: also what is not usable. progress: is told in a
-    sentence what is done. GroundError when there is no such effect, or the recordings are too
-    short.
+    run, on the run's clock [s]; everything: includes parts that are not usable. progress: called
+    with a sentence at each step. GroundError when there is no such effect, or the recordings are
+    too short.
 
-    >>> found = ground.add(model_file, "yaw_bias", bag)  # of a craft that turns by itself
+    >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
-    >>> low < 2e-5 < high  # [N m], what was hidden
+    >>> low < 2e-5 < high  # [N m], the moment that turns it
     True
     >>> found.error["heldout"].change < -0.5
     True

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 ROLES = ("fit", "held_out")
 Models = Union[ModelLike, Sequence[ModelLike]]
-Files = Optional[Document]  # of one run: pictures and series, by what they are of
+Files = Optional[Document]  # files of one run: pictures and series, by their subject
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,11 +36,11 @@ class RunComparison(Shown):
     """All models against one run."""
 
     recording: Recording
-    studies: List[Document]  #: of each model, as ground.reports.inspection.inspect gives them
+    studies: List[Document]  #: one for each model, from ground.reports.inspection.inspect
 
     @property
     def name(self) -> str:
-        """The run's."""
+        """Name of the run."""
         return self.recording.name
 
     @property
@@ -54,7 +54,7 @@ class RunComparison(Shown):
         return {study["label"]: study["summary"] for study in self.studies}
 
     def to_dict(self, files: Files = None) -> Document:
-        """Plain values, as compare.json has them; files: that belong to the run."""
+        """Plain values, as compare.json has them; files: the run's files."""
         named = files or {"comparison": None, "where": None, "residuals": None, "models": {}}
         return {
             "name": self.name,
@@ -100,7 +100,7 @@ class Comparison(Shown):
         return str(words.comparison({"pooled": self.pooled, "noise_floor": self.noise_floor}))
 
     def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
-        """Plain values, as compare.json has them; files: of each run."""
+        """Plain values, as compare.json has them; files: the files of each run."""
         named = files or [None] * len(self.runs)
         return {
             "schema": SCHEMA,
@@ -145,9 +145,9 @@ class Comparison(Shown):
     def save(
         self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
     ) -> str:
-        """Writes compare.json and, of every run, the missing wrench as CSV; with pictures these as
-        well, and the page report.html. form: "png" or "svg". Gives the path of the page, or of the
-        JSON. GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `pictures` also the
+        pictures and the page report.html. form: "png" or "svg". Returns the path of the page, or of
+        the JSON. GroundError when a file cannot be written, or exists and `force` is not set."""
         from ground.reports import comparison_files
 
         kept = comparison_files.Folder(os.fspath(folder), list(self.models), pictures, form, force)
@@ -193,14 +193,15 @@ def compare(
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
-    models: one or several; recordings: or bags. start, end: the part of every run, on the run's
-    clock [s]; everything: also what is not usable. scheduler: of a Dask cluster to work on,
-    tcp://HOST:PORT, in a network you trust; None: all cores of this computer. progress: is told in
-    a sentence what is done. GroundError when a file cannot be read or a model cannot be simulated.
+    models: one or several; recordings: recordings or bags. start, end: the part of every run, on the
+    run's clock [s]; everything: includes parts that are not usable. scheduler: address of a Dask
+    cluster to work on, tcp://HOST:PORT, in a network you trust; None: all cores of this computer.
+    progress: called with a sentence at each step. GroundError when a file cannot be read or a model
+    cannot be simulated.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
-    >>> print(found.best)  # of a craft that turns by itself
+    >>> print(found.best)  # this craft turns by itself
     Tiny Whoover with yaw_bias
     >>> found.runs[0].numbers[found.best]["error"] < 2 * found.noise_floor
     True
@@ -238,8 +239,8 @@ def each_run(
     scheduler: Optional[str] = None,
     progress: Progress = None,
 ) -> Iterator[RunComparison]:
-    """What is found out about all models on each run, in their order; the last model is asked how
-    much it accounts for of what is missing in the first one."""
+    """The RunComparison of each run, in their order. For the first model it includes how much of
+    its missing wrench the last model accounts for."""
     say = progress or silent
     runs = [recording.repaired for recording in recordings]
     note_suspicions(recordings)
@@ -265,7 +266,7 @@ def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:
 
 
 def conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
-    """The Comparison of what was found on each run."""
+    """The Comparison over all runs."""
     pooled: Dict[str, Document] = {}
     for label in models:
         of_model = [s for run in runs for s in run.studies if s["label"] == label]

@@ -38,17 +38,17 @@ class Diagnosis(Shown):
     """Which effects are missing in a model, by how much they improve it, and the model with them."""
 
     verdict: str  #: complete, missing, varies, memory or unexplained
-    effects: Tuple[str, ...]  #: that were added, in the order in which the error falls
+    effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
     improved: Model  #: the model with them, refitted
-    parameters: Dict[str, Parameter]  #: of that, by name
+    parameters: Dict[str, Parameter]  #: its parameters, by name
     error: Tuple[
         float, ...
-    ]  #: on what was held out: of the model as it was, then after each effect
+    ]  #: held-out error of the model as it was, then after each effect
     noise_floor: float  #: error there that the noise of the poses alone would leave
-    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right, which would distinguish the rest
-    report: Document  #: all of it, as diagnosis.json has it
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
+    report: Document  #: everything, as diagnosis.json has it
     problem: "Problem"  #: what was diagnosed
-    found: diagnosis.Diagnosis  #: how it was found, for the page
+    found: diagnosis.Diagnosis  #: the search, for the page
     conclusion: Conclusion
 
     @property
@@ -76,7 +76,7 @@ class Diagnosis(Shown):
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
-        proposal.yaml and next_experiment.csv. Gives their paths. GroundError when a file cannot be
+        proposal.yaml and next_experiment.csv. Returns their paths. GroundError when a file cannot be
         written, or exists and `force` is not set."""
         from ground.reports import diagnosis_files
 
@@ -102,8 +102,8 @@ class Problem:
 
     model: Model
     tried: List[candidates.Candidate]
-    seen: Measured  #: what is fitted to
-    held: Measured  #: what is tested on; empty: parts of what is fitted to
+    seen: Measured  #: recordings to fit to
+    held: Measured  #: recordings to test on; empty: parts of `seen` are held out
     own: List[str]  #: files of effects
     budget: Optional[int]
     thorough: bool
@@ -125,7 +125,7 @@ class Problem:
         return next((r for r in self.seen.recordings if "room" in r.files), None)
 
     def room(self) -> Optional[Room]:
-        """Where the next experiment has to stay; None where it is not said."""
+        """Where the next experiment has to stay; None if no room is known."""
         flown = self.flown_in()
         return self.given_room or (Room.of_recording(flown) if flown else None)
 
@@ -137,7 +137,7 @@ class Problem:
         return str(flown.files["room"].place()) if flown else ""
 
     def unfinished(self, folder: str) -> Unfinished:
-        """What an interrupted diagnosis of the same has left in a folder."""
+        """Results that an interrupted run of this diagnosis has left in a folder."""
         neutral = [(c.name, c.add(self.model.core).format()) for c in self.tried]
         measured_in = [
             (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
@@ -167,21 +167,21 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects are missing in a model, with evidence, and the model with them.
 
-    recordings, holdout: recordings or bags to fit to and to test on; without the latter, parts of
-    the former are held out. only, exclude: names of effects to try and not to try (all of the
-    library but those that it tries on request). effects: to try as well, YAML files with one effect
-    each or names. budget: refit only so many effects in each step, best by a score test first.
-    thorough: look at all of much data. room: for the next experiment. start, end: the part of every
-    run, on the run's clock [s]; everything: also what is not usable. resume: a folder that keeps
-    what is finished, so that the same diagnosis goes on where it was interrupted. progress: is told
-    in a sentence what is done. GroundError when a file cannot be read, there is no such effect or
-    the recordings are too short.
+    recordings, holdout: recordings or bags to fit to and to test on; without holdout, parts of
+    recordings are held out. only, exclude: names of effects to try and not to try (by default all of
+    the library, except those that are tried on request). effects: further effects to try, as names
+    or as YAML files with one effect each. budget: number of effects that are refitted in each step,
+    best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
+    start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
+    not usable. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
+    resumed. progress: called with a sentence at each step. GroundError when a file cannot be read,
+    there is no such effect or the recordings are too short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
-    >>> found.verdict, found.effects  # of a craft that turns by itself
+    >>> found.verdict, found.effects  # this craft turns by itself
     ('missing', ('yaw_bias',))
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
-    >>> low < 2e-5 < high  # [N m], what was hidden
+    >>> low < 2e-5 < high  # [N m], the moment that turns it
     True
     >>> found.to_frame().loc["yaw_bias", "selected"]
     True
@@ -233,10 +233,10 @@ def effects_to_try(
     exclude: Sequence[str] = (),
     effects: Sequence[str] = (),
 ) -> List[candidates.Candidate]:
-    """Effects of the library and of `effects`, by `only` and `exclude`. Those of `effects` are
-    tried beside the library's of `only`, unless `only` names one of them, and in place of those of
-    the library that have their names. GroundError when one does not exist or does not fit the
-    model."""
+    """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
+    are tried in addition to the library's in `only`, unless `only` names one of them; they replace
+    those of the library with the same names. GroundError when one does not exist or does not fit
+    the model."""
     own = [candidates.named(effect) for effect in effects]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
@@ -252,7 +252,7 @@ def effects_to_try(
     if not chosen:
         raise GroundError("no effect is left to try")
     for candidate in chosen:
-        candidate.add(model.core)  # says what does not fit the model before long work starts
+        candidate.add(model.core)  # raises before long work starts if it does not fit the model
     return chosen
 
 
@@ -264,7 +264,7 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
 
 
 def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diagnosis:
-    """Diagnoses; kept: what an interrupted diagnosis of the same has finished."""
+    """Diagnoses; kept: results of an interrupted run of this diagnosis."""
     say = progress or silent
     room = problem.room()
     found = _grown(problem, kept, say)
@@ -323,7 +323,7 @@ def _result(
 
 
 def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
-    """Takes the inputs out of the proposal, whose line that flies it then names the room."""
+    """Takes the inputs out of the proposal, and adds the room to its command line."""
     if not proposed:
         return None
     file = problem.room_file()

@@ -31,7 +31,7 @@ TARGETS = ("velocities", "poses")
 
 @dataclass(frozen=True)
 class Change:
-    """An error of the start values and of the fit."""
+    """Errors of the start values and of the fit."""
 
     before: float
     after: float
@@ -39,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True)
 class ThesisObjective:
-    """(3.4) over the first 4 s of runs, of the start values and of the fit; None of shorter
+    """(3.4) over the first 4 s of runs, with the start values and with the fit; None for shorter
     runs."""
 
     before: Optional[float]
@@ -50,20 +50,20 @@ class ThesisObjective:
 class BlockErrors:
     """Errors on blocks of time."""
 
-    before: float  #: of the start values
-    after: float  #: of the fit
-    heldout: float  #: of fits that have not seen the block
-    count: int  #: of blocks
-    folds: int  #: parts that they are held out in
+    before: float  #: error of the start values
+    after: float  #: error of the fit
+    heldout: float  #: error of fits without the block
+    count: int  #: number of blocks
+    folds: int  #: number of folds of blocks
 
 
 @dataclass(frozen=True)
 class Errors:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows of 1.5 s."""
 
-    before: float  #: of the start values
-    after: float  #: of the fit
-    heldout_runs: Optional[float]  #: each run by a fit to the others; None of a single run
+    before: float  #: error of the start values
+    after: float  #: error of the fit
+    heldout_runs: Optional[float]  #: each run by a fit to the others; None for a single run
     blocks: Optional[BlockErrors]  #: None where the runs are too short
     holdout: Optional[Change]  #: on runs given to test on
 
@@ -77,7 +77,7 @@ class RunFit:
     ci95: Dict[str, Tuple[float, float]]
     error: float
     heldout_error: float
-    disagrees_in: List[str]  #: parameters whose estimate is not that of the others
+    disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,18 +85,18 @@ class Fit(Shown):
     """A model fitted to recordings."""
 
     model: Model  #: fitted
-    parameters: Dict[str, Parameter]  #: that were free, by name
+    parameters: Dict[str, Parameter]  #: the free parameters, by name
     error: Errors
     thesis_objective: ThesisObjective
-    objective: float  #: what was minimised
-    starts: Dict[str, int]  #: tried, and how many of them came to this end (at_best)
-    condition: float  #: of the scaled information matrix
+    objective: float  #: the minimised value
+    starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
+    condition: float  #: condition number of the scaled information matrix
     weak: List[Document]  #: combinations of parameters that are known better than their parts
     converged: bool
-    message: str  #: of the optimizer
-    runs: List[RunFit]  #: one by one; empty for a single run
+    message: str  #: the optimizer's message
+    runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
-    remarks: List[str]  #: what is not identifiable, in words
+    remarks: List[str]  #: sentences on what is not identifiable
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -139,7 +139,7 @@ class Fit(Shown):
 
 @dataclass(frozen=True)
 class _Problem:
-    """What is fitted to, and how."""
+    """The data of a fit, and its options."""
 
     runs: List[_core.RunData]
     free: List[str]
@@ -169,8 +169,8 @@ class _Problem:
         return one.fit(model, one.cut())
 
     def refit_near(self, result: core_types.Fit) -> validation.Refit:
-        """A function of windows and initial states that fits from a result near by, and with the
-        same outliers: so a refit costs a few steps."""
+        """A function of windows and initial states that fits again, starting from a result and with
+        the same outliers, so that a refit takes a few steps only."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
 
         def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> core_types.Fit:
@@ -184,7 +184,7 @@ def fit(
     recordings: Recordings,
     *,
     holdout: Recordings = (),
-    free: Sequence[str] = study.FIVE,
+    free: Sequence[str] = study.NOMINAL,
     objective: str = "least-squares",
     target: str = "velocities",
     window: float = windows.WINDOW,
@@ -199,17 +199,17 @@ def fit(
 
     model: with the start values. recordings, holdout: recordings or bags to fit to and to test on.
     free: names of the free parameters. objective: "least-squares" (robust, weighted) or "thesis"
-    (mean absolute error, 3.4). target: "velocities" (smoothed) or "poses" (raw; sharper where the
-    model is right). window: length of the windows that are simulated [s]. starts: descend from the
-    model's values and starts - 1 others, keep the best. block: length of blocks of time that are
-    held out [s]. start, end: the part of every run, on the run's clock [s]; everything: also what
-    is not usable. progress: is told in a sentence what is done. GroundError when a file cannot be
-    read, a parameter does not exist or nothing can be fitted to.
+    (mean absolute error, 3.4). target: "velocities" (smoothed) or "poses" (raw; more precise if the
+    model is right). window: length of the windows that are simulated [s]. starts: fits from the
+    model's values and starts - 1 others, and keeps the best. block: length of blocks of time that
+    are held out [s]. start, end: the part of every run, on the run's clock [s]; everything: includes
+    parts that are not usable. progress: called with a sentence at each step. GroundError when a file
+    cannot be read, a parameter does not exist or there is nothing to fit to.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])
     >>> low, high = found.parameters["k"].ci95
-    >>> low < 0.062 < high  # [N], of the craft that flew
+    >>> low < 0.062 < high  # [N], the craft's true value
     True
     >>> found.error.after < found.error.before
     True
@@ -288,7 +288,7 @@ def _each(
 
 
 def _pooled(problem: _Problem, runs: List[RunFit]) -> Optional[float]:
-    """Mean error of runs held out, by the number of their samples."""
+    """Mean error of runs held out, weighted by their number of samples."""
     if not runs:
         return None
     samples = [len(run.times) for run in problem.runs]

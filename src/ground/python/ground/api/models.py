@@ -37,7 +37,7 @@ class Parameter:
     value: float
     ci95: Tuple[float, float]  #: 95% interval
     deviation: float  #: standard deviation
-    at_bound: bool  #: the data would have it beyond
+    at_bound: bool  #: whether it is at a bound; the data then prefer a value beyond
     identified: bool  #: whether the data determine it
 
     @property
@@ -47,7 +47,7 @@ class Parameter:
 
 
 def parameters_by_name(found: Iterable[core_types.FittedParameter]) -> Dict[str, Parameter]:
-    """Parameters by name of the dictionaries that a fit of the core gives."""
+    """Parameters, by name, from the dictionaries that a fit of the core returns."""
     return {p["name"]: Parameter(**p) for p in found}
 
 
@@ -68,8 +68,8 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown):
-    """A craft: a rigid body and the effects that act on it. It never changes: what changes one
-    gives another.
+    """A craft: a rigid body and the effects that act on it. It is immutable: methods that change it
+    return a copy.
 
     >>> craft = Model.load(model_file)
     >>> craft["m"], craft.unit("m"), craft.effects
@@ -80,12 +80,12 @@ class Model(Shown):
     """
 
     core: _core.Model  #: must not be changed
-    path: str = ""  #: of the file that it was read from
+    path: str = ""  #: path of the file that it was read from
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """The model in a file. GroundError names file, line and key of what is wrong; a value that
-        is hardly meant as it stands is a GroundWarning."""
+        """The model in a file. GroundError names file, line and key of what is wrong; an implausible
+        value gives a GroundWarning."""
         try:
             core, doubts = _core.load_model_with_warnings(os.fspath(path))
         except RuntimeError as error:
@@ -145,8 +145,8 @@ class Model(Shown):
         return Model(core)
 
     def with_effect(self, effect: Path, **values: float) -> "Model":
-        """A copy with an effect: a name of the library, or a YAML file with one effect; values: of
-        its parameters. GroundError when there is no such effect, or the model has it already."""
+        """A copy with an effect: a name of the library, or a YAML file with one effect; values: those
+        of its parameters. GroundError when there is no such effect, or the model has it already."""
         from ground.analysis import candidates
 
         candidate = candidates.named(os.fspath(effect))
@@ -166,15 +166,15 @@ class Model(Shown):
         return str(self.core.format())
 
     def save(self, path: Path, force: bool = False) -> "Model":
-        """Writes its file; force: also over another one. Gives the model of that file. GroundError
-        when it cannot be written."""
+        """Writes its file; force: overwrites an existing one. Returns the model of that file.
+        GroundError when it cannot be written."""
         with files.new_file(os.fspath(path), force) as temporary:
             with open(temporary, "w") as file:
                 file.write(self.format())
         return Model(self.core, os.fspath(path))
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters as a table, indexed by name: value, unit, what they are."""
+        """Parameters as a table, indexed by name: value, unit, meaning."""
         import pandas
 
         described = self.core.parameters()
@@ -194,7 +194,7 @@ ModelLike = Union[Model, Path]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Room:
-    """The floor that a craft may be on, world_ned.
+    """The floor on which a craft may be, world_ned.
 
     >>> room = Room.load(room_file)
     >>> room.corners.shape, room.home.shape
@@ -204,7 +204,7 @@ class Room:
     """
 
     core: _core.RoomPlan  #: must not be changed
-    path: str = ""  #: of the file that it was read from
+    path: str = ""  #: path of the file that it was read from
 
     @classmethod
     def load(cls, path: Path) -> "Room":
@@ -221,8 +221,8 @@ class Room:
 
     @classmethod
     def of_recording(cls, recording: "Recording") -> "Optional[Room]":
-        """The room that was kept with a run; None without one. GroundError says what is wrong with
-        it."""
+        """The room that was recorded with a run; None without one. GroundError says what is wrong
+        with it."""
         file = recording.files.get("room")
         if file is None:
             return None
@@ -270,7 +270,7 @@ def with_provenance(
     intervals: Mapping[str, Tuple[float, float]],
     not_identified: Sequence[str],
 ) -> Model:
-    """A fitted model that says where its numbers come from.
+    """A fitted model with its provenance.
 
     bags: names of the files fitted to; before, after: errors by kind of runs; intervals: 95%
     intervals by parameter.
@@ -292,7 +292,7 @@ def fitted_model(
     after: Mapping[str, float],
     parameters: Mapping[str, Parameter],
 ) -> Model:
-    """A model fitted to recordings that says where its numbers come from."""
+    """A model fitted to recordings, with its provenance."""
     return with_provenance(
         core,
         [recording.bag for recording in recordings],

@@ -1,4 +1,4 @@
-"""Recordings: reading them, and the part of them that models are held against."""
+"""Recordings: reading them, and choosing the part that models are compared with."""
 
 import os
 from dataclasses import dataclass, replace
@@ -28,10 +28,10 @@ def read(
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
-    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both in place of
-    what was recorded with the run. mapping: a mapping file, or what it holds; pose_topic,
-    command_topic and body (child frame, or part of the topic's name) in place of its own. GroundError
-    when a bag cannot be read or is given twice; what is odd about a bag is a GroundWarning.
+    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
+    was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
+    body (child frame, or part of the topic's name) replace its own. GroundError when a bag cannot be
+    read or is given twice; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -51,7 +51,7 @@ def read(
 def reading(
     paths: Sequence[str], mapping: FieldMapping = DEFAULT
 ) -> Iterator[Recording]:
-    """The recordings in bags and folders, which are read when the first one is asked for."""
+    """The recordings in bags and folders, all read before the first one is returned."""
     found = []
     bags = readers.listed(paths, mapping)
     for path in bags:
@@ -69,7 +69,7 @@ def reading(
 
 
 def taken(given: Recordings) -> List[Recording]:
-    """The recordings that were given, or are in the bags that were."""
+    """The given recordings, and those in the given bags."""
     if isinstance(given, Recording):
         return [given]
     if isinstance(given, (str, os.PathLike)):
@@ -92,7 +92,7 @@ def taken(given: Recordings) -> List[Recording]:
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
-    """Notes that runs, of these and of `others`, were recorded with different settings."""
+    """Warns if runs, of these and of `others`, were recorded with different settings."""
     different = settings.differences([*others, *found])
     if different and different != settings.differences(others):
         warn(different, GroundNote)
@@ -106,7 +106,7 @@ def note_suspicions(found: Sequence[Recording]) -> None:
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
-    """Notes what a model's heading_offset means for runs whose heading is corrected already."""
+    """Warns what a model's heading_offset means for runs whose heading is corrected already."""
     if "heading_offset" not in model.effects:
         return
 
@@ -116,8 +116,8 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
     corrected = [r for r in found if any(offsets(r))]
     if corrected:
         warn(
-            "heading_offset %s is taken off the headings of %s before the model sees them; the "
-            "model's effect heading_offset is what is left of it"
+            "heading_offset %s is subtracted from the headings of %s first; the model's effect "
+            "heading_offset is the remaining offset"
             % (
                 " then ".join("%g" % v for v in offsets(corrected[0])),
                 ", ".join(r.name for r in corrected),
@@ -128,11 +128,11 @@ def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a run that is looked at, on the run's clock."""
+    """The part of a run that is used, on the run's clock."""
 
     start: float = 0.0  #: [s]
-    end: Optional[float] = None  #: [s]; None: of the run
-    everything: bool = False  #: also what is not usable by ground.recordings.quality
+    end: Optional[float] = None  #: [s]; None: the end of the run
+    everything: bool = False  #: includes what ground.recordings.quality finds not usable
 
     def of(self, run: quality.Run, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
@@ -141,7 +141,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Measured:
-    """Recordings as fits see them."""
+    """Recordings as fits use them."""
 
     recordings: List[Recording]
     data: List[_core.RunData]
@@ -155,8 +155,8 @@ class Measured:
 def measured(
     given: Recordings, model: Model, part: Part, others: Sequence[Recording] = ()
 ) -> Measured:
-    """What a model is fitted to or tested on. Warns of what the repair of a recording may have got
-    wrong, and of different settings, also of `others`. GroundError when a recording cannot be used.
+    """Recordings to fit to or to test on. Warns of possible errors of a recording's repair, and of
+    settings that differ among these and `others`. GroundError when a recording cannot be used.
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")

@@ -19,14 +19,14 @@ from ground.simulation.experiments import SimulatedRun
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
-WITH_RETURNS = 4  # times the length of timed rows: what bursts and returns may take together
+WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the timed rows
 
-# What may be set, by what takes it.
+# Options, by the part that they belong to.
 MOCAP = (
     "rate",  # frames per second [Hz]
-    "position_noise",  # of x and y, 1 sigma [m]
-    "heading_noise",  # 1 sigma [rad]
-    "latency",  # from capture to delivery [s]
+    "position_noise",  # noise of x and y, 1 sigma [m]
+    "heading_noise",  # noise of psi, 1 sigma [rad]
+    "latency",  # time from capture to delivery [s]
     "loss",  # share of single frames lost
     "gap_rate",  # losses of tracking per second [1/s]
     "gap_length",  # their mean duration [s]
@@ -50,7 +50,7 @@ TRACKING = (
     "control_rate",
     *(parameter.name for parameter in REFERENCE + GAINS),
 )
-# Least and largest value
+# Least and largest values
 RANGES = {
     "duration": (0.1, experiments.LONGEST),
     "burst": (0.1, experiments.LONGEST),
@@ -88,16 +88,17 @@ def simulate(
 ) -> SimulatedRun:
     """A recording of a simulated experiment, without ROS and faster than real time.
 
-    model: moves the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...: `identify
-    simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of bits or
-    timed rows. duration: of the input [s] (20, or that of a file's rows). seed: of noise, losses,
-    disturbance and the input. start_pose: x, y [m], psi [rad], world_ned; start_velocity: u, v
+    model: the true model of the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...:
+    `identify simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of
+    bits or timed rows. duration: length of the input [s] (20, or that of a file's rows). seed: for
+    noise, losses, disturbance and the input. start_pose: x, y [m], psi [rad], world_ned;
+    start_velocity: u, v
     [m/s], r [rad/s], body. mocap: rate [Hz], position_noise [m], heading_noise [rad], latency [s],
     loss (0..1), gap_rate [1/s], gap_length [s]. disturbance: True for that of the model, or the
     standard deviation of a random wrench as a share of full thrust and its correlation time [s].
-    trim: what differs from run to run, 1 sigma, in the same shares. room: bursts of the input
-    between returns home, inside it. controller_model: what a controller believes (model). axes,
-    heading_offset: of the mocap, for `save`.
+    trim: differences from run to run, 1 sigma, in the same shares. room: bursts of the input
+    between returns home, inside it. controller_model: the controller's model (default: model). axes,
+    heading_offset: the mocap's, for `save`.
 
     options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1), hold [s], rows_per_bit of
     a design; burst [s] in a room; controller, reference, origin, end ((x, y) [m]), sharp, max_error
@@ -217,7 +218,7 @@ class _Drive:
         return self._with_life(params, duration)
 
     def _with_life(self, params: _P, duration: float) -> _P:
-        """The _core.DriveParams with what all controllers take."""
+        """The _core.DriveParams with the parameters of all controllers."""
         params.start, params.tail = experiments.LEAD, experiments.TAIL
         params.duration, params.room = duration, self.room.core if self.room else None
         for name, value in self._given(LIFT).items():
@@ -264,7 +265,7 @@ class _Drive:
                 )
 
     def parameters(self, mover: Model, believed: Model) -> Dict[str, Dict[str, str]]:
-        """What the run is made with, by the nodes that would make it."""
+        """Parameters of the run, by the ROS nodes that would have them."""
         controller = {"design": self.kind if self.kind in KINDS else "file"}
         if isinstance(self.params, _core.ExcitationParams):
             controller.update(kind="Excitation")
@@ -281,8 +282,8 @@ class _Drive:
 
 
 def _takes(kind: str) -> List[str]:
-    """Which options an input takes; timed and lifted: a CSV file with a column time, and one with a
-    column lift as well."""
+    """Options that an input takes. Kinds "timed" and "lifted" are CSV files with a column time, and
+    with a column lift as well."""
     if kind == "tracking":
         return [*TRACKING, *LIFT, "room"]
     if kind in ("timed", "lifted"):

@@ -35,11 +35,11 @@ class Tracking(Shown):
     numbers: Dict[
         str, Any
     ]  # medians over the runs: rms, max, final [m], saturated_fraction, effort, ...
-    window: Tuple[float, float]  #: in which errors count, since the reference began [s]
-    max_error: float  #: at which a controller stops itself [m]
+    window: Tuple[float, float]  #: start and end of what errors count, since the reference began [s]
+    max_error: float  #: error at which a controller stops itself [m]
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
-    remark: str  #: what the controller makes of the model's effects; empty when nothing is odd
-    effects: Dict[str, List[str]]  #: that the controller has used and unused
+    remark: str  #: how the controller uses the model's effects; empty when nothing is odd
+    effects: Dict[str, List[str]]  #: effects that the controller has used and unused
     gains: Document
     seed: Optional[int]
 
@@ -123,16 +123,17 @@ def track(
 ) -> Tracking:
     """A controller that follows a reference in closed loop with a simulated craft, without ROS.
 
-    model: what the controller believes in. reference: its kind, or a CSV file. controller: its
-    kind. gains: names and values, or a file of them. truth: what the craft moves by (model).
+    model: the controller's model. reference: its kind, or a CSV file. controller: its kind. gains:
+    names and values, or a file of them. truth: the true model of the craft (default: model).
     perturb: factors on parameters of the craft. noise: mocap noise and the estimator; else the
     controller knows the true state. delay: from measurement to command [s]. loss: share of frames
-    lost. rate: of the controller [Hz]. max_error: error at which the controller stops itself [m];
-    0: as the reference's size asks, inf: never. seed: of noise and starts (None: one start, at rest
-    at the origin). starts: how many; spread: of them, all states, 1 sigma; anywhere: or at rest, so
-    far off in x and y [m]. settled, end_time: when errors count [s]. settings: parameters of the
-    reference, as size [m], rate_of_turn [rad/s], petals, speed [m/s], x, y, end_x, end_y [m],
-    smooth. GroundError when something does not exist or the motion is not finite.
+    lost. rate: the controller's [Hz]. max_error: error at which the controller stops itself [m];
+    0: by the reference's size, inf: never. seed: for noise and starts (None: one start, at rest at
+    the origin). starts: how many; spread: 1 sigma of all their states; anywhere: instead, starts at
+    rest up to this far off in x and y [m]. settled, end_time: errors count between these [s].
+    settings: parameters of the reference, such as size [m], rate_of_turn [rad/s], petals, speed
+    [m/s], x, y, end_x, end_y [m], smooth. GroundError when something does not exist or the motion is
+    not finite.
 
     >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
     >>> found.stopped, found.rms < 0.03  # [m]
@@ -159,7 +160,7 @@ class Loop:
 
     @property
     def remark(self) -> str:
-        """What the controller makes of the model's effects."""
+        """How the controller uses the model's effects."""
         return str(self.use["remark"])
 
     @property
@@ -209,7 +210,7 @@ def prepare(
     end_time: Optional[float] = None,
     **settings: Any,
 ) -> Loop:
-    """The Loop of the arguments of `track`."""
+    """The Loop from the arguments of `track`."""
     believed = Model.of(model)
     moves = believed if truth is None else Model.of(truth)
     try:

@@ -1,4 +1,4 @@
-"""What the modules of the API share: tables, and how results look in a notebook."""
+"""Shared by the modules of the API: tables, and how results look in a notebook."""
 
 import html
 from typing import Iterable, List, Optional, Sequence, Tuple
@@ -38,7 +38,7 @@ def text_table(head: Row, rows: Iterable[Row]) -> List[str]:
 
 
 def number(value: Optional[float], form: str = "%.3f") -> str:
-    """A number in a table; nothing where there is none."""
+    """A number in a table; empty for None."""
     return "" if value is None else form % value
 
 

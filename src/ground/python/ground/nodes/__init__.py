@@ -1,1 +1,1 @@
-"""What the rospy nodes are made of."""
+"""Parts of the rospy nodes."""

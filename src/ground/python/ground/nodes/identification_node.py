@@ -1,7 +1,7 @@
 """The identification tool as a ROS node: fit, diagnose and add as services, results on latched topics.
 
-A task runs in a process of its own, the command line's, so that one that fails or is cancelled leaves
-the node as it was, and what the node can do and what the terminal can do is the same.
+A task runs the command line in a separate process. A task that fails or is cancelled therefore leaves
+the node as it was, and the node can do the same as the terminal.
 """
 
 import collections
@@ -38,13 +38,13 @@ from ground.recordings import codecs, readers, topics
 from ground.reports import words
 
 Status = IdentificationStatus
-PATIENCE = 5.0  # with a process that was asked to end [s]
-MOST_SETTINGS = 1000  # changes of the mocap's settings that are remembered
+PATIENCE = 5.0  # timeout of a process that was asked to end [s]
+MAX_SETTINGS = 1000  # changes of the mocap's settings that are kept
 
 
 class LiveBuffer:
-    """The last seconds of poses and commands, and of when the drive began, as they came, with the settings
-    of the mocap."""
+    """The messages of the last seconds: poses, commands and starts of the drive, with the settings of
+    the mocap."""
 
     TOPICS = {topics.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
     REQUIRED = [topics.POSE.lstrip("/"), "controls"]
@@ -54,7 +54,7 @@ class LiveBuffer:
         self._lock = threading.Lock()
         # receipt, topic, message
         self._messages: Deque[Tuple[rospy.Time, str, Message]] = collections.deque()
-        self._settings: Deque[MocapSettings] = collections.deque(maxlen=MOST_SETTINGS)
+        self._settings: Deque[MocapSettings] = collections.deque(maxlen=MAX_SETTINGS)
         self._subscribers = [
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
             for topic, kind in self.TOPICS.items()
@@ -79,7 +79,7 @@ class LiveBuffer:
                 self._messages.popleft()
 
     def covered(self) -> float:
-        """How many seconds there are of both poses and commands."""
+        """Time for which there are both poses and commands [s]."""
         with self._lock:
             spans = []
             for wanted in self.REQUIRED:
@@ -90,7 +90,7 @@ class LiveBuffer:
         return float((min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec())
 
     def write(self, path: str, last: float) -> None:
-        """Writes the last seconds to a bag; GroundError when there are not as many."""
+        """Writes the last seconds to a bag; GroundError when there are fewer."""
         if last > self.seconds:
             raise GroundError(
                 "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
@@ -114,8 +114,8 @@ class LiveBuffer:
 
 class IdentificationNode:
     """Parameters: model (model file, required), bag_dir and output (folders), axes and heading_offset
-    (in place of those that were recorded, or that mocap_state has), keep (seconds of live topics that
-    can be asked for, 120). Subscribes: pose, controls, drive, mocap_state/settings. Services: ~fit,
+    (instead of the recorded ones, or of mocap_state's), keep (seconds of live topics that are kept,
+    120). Subscribes: pose, controls, drive, mocap_state/settings. Services: ~fit,
     ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger), ~offer (ground_msgs/OfferModel).
     Publishes, latched: ~status, ~result (JSON, as the command line prints it) and ~model (the path of
     the newest model).
@@ -180,7 +180,7 @@ class IdentificationNode:
             return self._run_in(folder, task, request, model, began)
         finally:
             with contextlib.suppress(OSError):
-                os.rmdir(folder)  # when nothing came of it
+                os.rmdir(folder)  # if it is empty, because the task failed
 
     def _run_in(
         self, folder: str, task: str, request: IdentifyRequest, model: str, began: float
@@ -222,10 +222,11 @@ class IdentificationNode:
                 return path
             except FileExistsError:
                 continue
-        raise GroundError("%s: no free name beside it" % stem)
+        raise GroundError("%s: all names for the folder are in use" % stem)
 
     def _execute(self, task: str, command: List[str], began: float) -> str:
-        """What the command prints; its progress goes out as status. GroundError when it fails."""
+        """Returns what the command prints and publishes its progress as status. GroundError when it
+        fails."""
         self._cancelled = False
         self._say(Status.RUNNING, task, "begins", began)
         lines: Deque[str] = collections.deque(maxlen=20)
@@ -312,7 +313,7 @@ def _folder(path: str) -> str:
 
 
 def _found(task: str, result: Document) -> str:
-    """What came of a task, in a sentence."""
+    """The result of a task, in a sentence."""
     if task == "diagnose":
         return words.verdict(result)
     error = result["error"]

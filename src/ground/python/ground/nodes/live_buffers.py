@@ -1,4 +1,4 @@
-"""The last seconds of some topics, and what is drawn of them: no ROS, no window."""
+"""The last seconds of some topics, and how they are drawn; without ROS and without a window."""
 
 import math
 import threading
@@ -9,9 +9,9 @@ import numpy as np
 
 from ground.annotations import Array
 
-JUMP = 0.5  # back in time, more than messages come in disorder [s]
-ROOM = 256  # samples that a history begins with
-GAP = 0.3  # between two samples: no line is drawn across a longer one [s]
+JUMP = 0.5  # jump back in time that clears the histories, more than disorder of messages [s]
+ROOM = 256  # initial capacity of a history [samples]
+GAP = 0.3  # longest gap between samples across which a line is drawn [s]
 HEADROOM = 0.15  # share that a new range of an axis leaves free on each side
 SLACK = 2.5  # a range this many times wider than needed is narrowed
 
@@ -29,8 +29,8 @@ class Samples:
 class History:
     """Samples of one topic, of the last `duration` seconds before the newest.
 
-    They are contiguous in an array with room for more, and once written they do not change: to look
-    at them needs no copy. When the room is used up, those still wanted move into a new array.
+    They are contiguous in an array with spare room, and never change once written, so that readers
+    need no copy. When the room is used up, the samples in use move into a new array.
     """
 
     def __init__(self, channels: int, duration: float) -> None:
@@ -87,15 +87,15 @@ class LiveBuffers:
     """
 
     def __init__(self, channels: Dict[str, int], duration: float) -> None:
-        """channels: of each topic, how many numbers a sample has. duration: what is kept [s]."""
+        """channels: how many numbers a sample has, by topic. duration: time that is kept [s]."""
         self.duration = duration
         self.version = 0  # grows with every change
         self._lock = threading.Lock()
         self._histories = {topic: History(n, duration) for topic, n in channels.items()}
 
     def add(self, topic: str, stamp: float, values: Sequence[float]) -> None:
-        """Adds a sample (stamp [s]). A stamp of 0 is that of a message without one: left out. Infinite
-        values are kept as not a number."""
+        """Adds a sample (stamp [s]). A stamp of 0 means that the message has none: it is left out.
+        Infinite values become NaN."""
         if stamp <= 0:
             return
         row = np.asarray(values, float)
@@ -110,7 +110,7 @@ class LiveBuffers:
 
     def snapshot(self) -> Tuple[Optional[float], Dict[str, Samples]]:
         """The newest stamp of all topics [s] (None before the first), and their samples of the
-        `duration` before it. They are not copies; leave them as they are."""
+        `duration` before it. They are not copies: do not change them."""
         with self._lock:
             stamps = [h.newest for h in self._histories.values() if h.newest is not None]
             now = max(stamps) if stamps else None
@@ -118,7 +118,7 @@ class LiveBuffers:
             return now, {t: h.samples(since) for t, h in self._histories.items()}
 
     def silent(self, topics: Sequence[str]) -> List[str]:
-        """Topics among `topics` without a sample yet, or since time jumped back."""
+        """Topics among `topics` without a sample since the start or the last jump back."""
         with self._lock:
             return [topic for topic in topics if self._histories[topic].newest is None]
 
@@ -126,8 +126,8 @@ class LiveBuffers:
 def tracking_error(state: Samples, reference: Samples) -> Samples:
     """Distance between craft and reference at the reference's stamps, up to the newest state.
 
-    state: its first two channels are x and y, world_ned [m]; reference: x and y [m]. Gives one
-    channel [m]; it is not a number before the first state and where the state is invalid.
+    state: its first two channels are x and y, world_ned [m]; reference: x and y [m]. Returns one
+    channel [m]; it is NaN before the first state and where the state is invalid.
     """
     if len(state.times) == 0:
         return Samples(np.empty(0), np.empty((1, 0)))
@@ -138,7 +138,7 @@ def tracking_error(state: Samples, reference: Samples) -> Samples:
 
 
 def thinned(times: Array, values: Array, points: int) -> Tuple[Array, Array]:
-    """A curve in about `points` points: of every few samples the smallest and the largest."""
+    """A curve in about `points` points: the smallest and the largest of every few samples."""
     together = math.ceil(2 * len(times) / points)
     if together <= 2:
         return times, values
@@ -150,15 +150,15 @@ def thinned(times: Array, values: Array, points: int) -> Tuple[Array, Array]:
 
 
 def extent(values: Array) -> Tuple[float, ...]:
-    """Smallest and largest of the values (n,) that are numbers; nothing when there are none."""
+    """Smallest and largest of the values (n,) that are not NaN; empty when there are none."""
     low = np.fmin.reduce(values, initial=math.nan)
     return () if math.isnan(low) else (float(low), float(np.fmax.reduce(values, initial=math.nan)))
 
 
 def axis_range(low: float, high: float, shown: Span, least: float) -> Span:
-    """The range of an axis on which low to high is to be seen.
+    """The range of an axis that shows low to high.
 
-    shown: the range up to now; it stays as long as it fits, for an axis that moves with every
+    shown: the present range. It stays as long as it fits, because an axis that moves with every
     picture cannot be read. least: the smallest span.
     """
     middle, span = (low + high) / 2, max(high - low, least)

@@ -1,4 +1,4 @@
-"""Parameters of running nodes that dynamic_reconfigure can change: what they are, and setting them."""
+"""Parameters of running nodes that dynamic_reconfigure can change: describing and setting them."""
 
 import ast
 import threading
@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Log
 
 from ground.errors import GroundError
 
-ANSWER = 3.0  # patience with a node [s]
-REASON = 0.5  # and with the reason of a refusal, which comes on another way [s]
+ANSWER_TIMEOUT = 3.0  # timeout of a node's answer [s]
+REASON_TIMEOUT = 0.5  # timeout of the reason of a refusal, which comes by /rosout [s]
 Value = Union[bool, int, float, str]
 
 KINDS: Dict[str, Callable[[str], Value]] = {"double": float, "int": int, "str": str}
@@ -33,7 +33,7 @@ class Parameter:
     choices: Optional[List[str]]
 
     def parse(self, text: str) -> Value:
-        """The value that a text stands for; GroundError when it is none."""
+        """Parses a value; GroundError when the text is not one."""
         if self.kind == "bool":
             known = {"true": True, "1": True, "on": True, "false": False, "0": False, "off": False}
             if text.strip().lower() in known:
@@ -63,8 +63,8 @@ class Parameter:
 class Node:
     """A running node with parameters that can be changed.
 
-    changed: called with nothing whenever values have changed, whoever did it. Raises GroundError when
-    the node does not answer.
+    changed: called without arguments whenever values have changed, whoever changed them. Raises
+    GroundError when the node does not answer.
     """
 
     def __init__(self, name: str, changed: Optional[Callable[[], None]] = None) -> None:
@@ -74,9 +74,9 @@ class Node:
         self._refusal, self._refused = "", threading.Event()
         self._log = rospy.Subscriber("/rosout", Log, self._listen)
         try:
-            self._client = reconfigure.Client(self.name, ANSWER, self._take)
+            self._client = reconfigure.Client(self.name, ANSWER_TIMEOUT, self._take)
             described = self._client.get_group_descriptions()
-            self.values = dict(self._client.get_configuration(ANSWER) or {})
+            self.values = dict(self._client.get_configuration(ANSWER_TIMEOUT) or {})
         except rospy.ROSException:
             raise GroundError(
                 "%s: no node of this name with such parameters runs; there are: %s"
@@ -103,7 +103,7 @@ class Node:
             raise GroundError("%s does not answer: %s" % (self.name, error))
         self.values = {k: v for k, v in now.items() if k != "groups"}
         if any(self.values[name] != value for name, value in values.items()):
-            self._refused.wait(REASON)
+            self._refused.wait(REASON_TIMEOUT)
             raise GroundError(self._refusal or "%s refused it" % self.name)
 
     def _take(self, config: Mapping[str, Any]) -> None:
@@ -145,12 +145,12 @@ def _parameters(group: Mapping[str, Any]) -> Iterator[Parameter]:
 
 
 def shown(value: Value) -> str:
-    """A value in few characters."""
+    """A value as short text."""
     return "%.6g" % value if isinstance(value, float) else str(value)
 
 
 def range_of(parameter: Parameter) -> str:
-    """What a parameter may be, in words."""
+    """The values that a parameter may have, in words."""
     if parameter.choices:
         return ", ".join(map(str, parameter.choices))
     if parameter.kind in ("double", "int"):

@@ -36,10 +36,10 @@ from ground.nodes.live_buffers import (
 from ground.reports import appearance
 
 REDRAW = 33  # period [ms]
-FIT = 0.2  # period at which vertical axes are fitted to what they show [s]
+FIT = 0.2  # period at which vertical axes are fitted to their curves [s]
 SIZE = (1200, 900)  # width and height when the window opens [pixels]
-SILENCE = 3.0  # the window says so when a node or all topics are silent for so long [s]
-WATCH = 1.0  # period at which the master is looked at [s]
+SILENCE = 3.0  # silence of a node or of all topics after which the window says so [s]
+WATCH = 1.0  # period at which the master is checked [s]
 LONGEST_NAME = 16  # characters; longer names of models are cut off in titles
 TICK_SPACE = 20  # between two ticks of a vertical axis [pixels]
 TITLE = 24  # height of a title [pixels]
@@ -54,11 +54,11 @@ STATUS_COLORS = {
 }
 
 _Numbers = TypeVar("_Numbers", float, Array)
-Line = Tuple[Array, Array]  # stamps [s] and values, (n,); not a number interrupts it
+Line = Tuple[Array, Array]  # stamps [s] and values, (n,); NaN interrupts it
 
 
 class Topic:
-    """A topic with stamped messages, of which numbers are drawn."""
+    """A topic with stamped messages, and their fields that are drawn."""
 
     def __init__(self, kind: Any, *fields: str) -> None:
         """kind: class of the messages. fields: their numbers, such as "error" or "nu[0]"."""
@@ -75,7 +75,7 @@ class Topic:
 _PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "error", "wrench[0]", "wrench[1]", "wrench[2]"]
 _INPUTS = ["left", "right", "lift"]
 TOPICS = {
-    # tracking_error() takes the first two for x and y.
+    # tracking_error() takes the first two as x and y.
     "state": Topic(State, "eta[0]", "eta[1]", "nu[0]", "nu[1]", "nu[2]"),
     "model_error": Topic(ModelError, *_PREDICTED),
     "model_error2": Topic(ModelError, *_PREDICTED),
@@ -117,7 +117,7 @@ class Panel:
     scale: float = 1.0  # from the messages' unit to the axis's
     least: float = 0.0  # smallest span of the axis, in its unit
     always: Tuple[float, ...] = ()  # what the axis always shows, in its unit
-    waits_for: Sequence[str] = ()  # topics besides those of the curves that are EXPECTED
+    waits_for: Sequence[str] = ()  # topics that it needs besides its EXPECTED ones
 
 
 def _velocity(index: int, least: float) -> Panel:
@@ -179,15 +179,15 @@ COLUMNS = [
 
 
 class Feed:
-    """What the topics say: samples in buffers, and the newest statuses.
+    """The newest data of the topics: samples in buffers, and the last statuses.
 
     Subscribes: state, model_error, model_error2, controls, controls/wanted, reference,
-    controller/status, sender/status. It subscribes again at a new master, as when a launch file
-    that brings its own is started again.
+    controller/status, sender/status. It subscribes again when the master is replaced, as by a
+    restarted launch file.
     """
 
     def __init__(self, duration: float) -> None:
-        """duration: of the history [s]."""
+        """duration: length of the history [s]."""
         self.buffers = LiveBuffers({n: len(t.fields) for n, t in TOPICS.items()}, duration)
         self.models: Dict[str, ModelError] = {}  # topic to newest message
         # topic to newest message, received [s]
@@ -200,7 +200,7 @@ class Feed:
     def connect(self) -> None:
         """Subscribes; the node has to be initialised."""
         master = rosgraph.Master(rospy.get_name())
-        known = _pid(master)  # before: a master that ends soon after would not be missed
+        known = _pid(master)  # first, so that the end of a master right afterwards is noticed
         self._subscribe()
         threading.Thread(target=self._watch_master, args=(master, known), daemon=True).start()
 
@@ -248,9 +248,9 @@ def _pid(master: rosgraph.Master) -> Optional[int]:
 class Strip(QtWidgets.QWidget):
     """The inside of a diagram: grid, curves, or a note.
 
-    It lies upon the graphics view that draws the axes. Until an axis changes, it moves what it has
-    drawn by whole pixels and adds what is new: to draw all curves of the window again, 30 times a
-    second, would take several times as long.
+    It lies on top of the graphics view that draws the axes. Until an axis changes, it moves its
+    picture by whole pixels and adds the new part: to draw all curves again, 30 times a second, takes
+    several times as long.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, panel: Panel, across: Span) -> None:
@@ -261,13 +261,13 @@ class Strip(QtWidgets.QWidget):
         self._scale = panel.scale
         self._grid_pen, self._note_pen = pg.mkPen(GRID), pg.mkPen(NOTE)
         self._across = across
-        self._per_second = 1.0  # columns
-        self._column = 0  # how far the curves have moved altogether
+        self._per_second = 1.0  # columns of pixels per second
+        self._column = 0  # column of the newest stamp
         self._up: Span = (0.0, 1.0)
         self._lines: Sequence[Line] = [(np.empty(0), np.empty(0))] * len(panel.curves)
         self._picture = QtGui.QPixmap()
         self._drawn: Any = None  # size, axis and grid of the picture
-        self.note = ""  # in place of curves
+        self.note = ""  # text shown on the curves
         self.grid: Tuple[Sequence[float], Sequence[float]] = ((), ())  # shares of the width, values
 
     def draw(self, now: float, up: Span, lines: Sequence[Line]) -> None:
@@ -294,10 +294,10 @@ class Strip(QtWidgets.QWidget):
         self.update()
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:
-        """Paints the curves, the grid and the note, as Qt asks for it."""
+        """Paints the curves, the grid and the note."""
         painter = QtGui.QPainter(self)
         painter.drawPixmap(event.rect(), self._picture, event.rect())
-        # These lines do not move with the curves; they darken only what is light.
+        # These lines do not move with the curves, and lie behind them.
         painter.setCompositionMode(QtGui.QPainter.CompositionMode_Darken)
         painter.setPen(self._grid_pen)
         xs = [int(share * self.width()) for share in self.grid[0]]
@@ -325,13 +325,13 @@ class Strip(QtWidgets.QWidget):
         painter.end()
 
     def _pieces(self, line: Line, left: int, right: int) -> Iterator[QtGui.QPolygonF]:
-        """What is seen of a line between two columns of pixels, in pieces without a gap."""
+        """The part of a line between two columns of pixels, in pieces without a gap."""
         times, values = line
         first = int(np.searchsorted(times, self._time(left))) - 1
         last = int(np.searchsorted(times, self._time(right))) + 1
         part = slice(max(first, 0), last)
         times, values = thinned(times[part], values[part], max(2 * (right - left), 100))
-        # Mostly a few samples: lists, not arrays.
+        # Lists are faster than arrays here, because there are mostly a few samples.
         points: List[QtCore.QPointF] = []
         for x, y in zip(self._x(times).tolist(), self._y(self._scale * values).tolist()):
             if not math.isnan(y):
@@ -343,8 +343,8 @@ class Strip(QtWidgets.QWidget):
             yield QtGui.QPolygonF(points)
 
     def _undrawn(self, lines: Sequence[Line]) -> float:
-        """The earliest stamp from which on the picture differs: infinity when it does not, minus
-        infinity when all does [s]."""
+        """The earliest stamp from which the picture differs [s]: infinity when nothing differs, minus
+        infinity when everything does."""
         since = math.inf
         for (before, _), (times, _) in zip(self._lines, lines):
             if len(before) and (not len(times) or times[-1] < before[-1]):
@@ -356,7 +356,7 @@ class Strip(QtWidgets.QWidget):
         return since
 
     def _x(self, stamps: _Numbers) -> _Numbers:
-        """Columns of stamps, which move by whole pixels from picture to picture."""
+        """Columns of stamps."""
         return (stamps - self._across[0]) * self._per_second - self._column
 
     def _time(self, x: float) -> float:
@@ -367,12 +367,12 @@ class Strip(QtWidgets.QWidget):
 
 
 class Diagram:
-    """A panel as it is drawn: axes in the view, curves and title upon it."""
+    """A drawn panel: axes in the view, curves and title on top of it."""
 
     def __init__(
         self, panel: Panel, duration: float, view: pg.GraphicsLayoutWidget, bottom: bool
     ) -> None:
-        """duration: of the time axis [s]. bottom: whether the time axis is labelled."""
+        """duration: length of the time axis [s]. bottom: whether the time axis is labelled."""
         self.panel = panel
         self.item = pg.PlotItem(viewBox=pg.ViewBox(enableMouse=False, enableMenu=False))
         self._view = view
@@ -401,10 +401,10 @@ class Diagram:
             item.setLabel("bottom", "time before the newest message [s]")
         for axis in (left, below):
             axis.enableAutoSIPrefix(False)
-            axis.setStyle(tickLength=0)  # the strip has lines there
+            axis.setStyle(tickLength=0)  # the strip draws grid lines instead
 
     def place(self) -> None:
-        """Moves the curves to where the view has the inside of the diagram, and the title above."""
+        """Moves the curves to the inside of the diagram in the view, and the title above it."""
         inside = self._view.mapFromScene(self.item.vb.sceneBoundingRect()).boundingRect()
         self.strip.setGeometry(inside.adjusted(1, 0, 0, -2))  # beside the axes
         self.title.setGeometry(inside.left() + 4, inside.top() - TITLE, inside.width() - 4, TITLE)
@@ -418,9 +418,9 @@ class Diagram:
         silent: Sequence[str],
         fit: bool,
     ) -> None:
-        """now: the newest stamp [s]; None before the first. samples: of each topic. models: of each
-        topic, the name of the model file. silent: topics without a sample. fit: whether the vertical
-        axis is fitted to the samples."""
+        """now: the newest stamp [s]; None before the first. samples, models: samples and name of the
+        model file, by topic. silent: topics without a sample. fit: whether the vertical axis is
+        fitted to the samples."""
         lines = [
             (samples[curve.topic].times, samples[curve.topic].values[channel])
             for curve, channel in zip(self.panel.curves, self._channels)
@@ -460,7 +460,7 @@ class Diagram:
             self.item.getAxis(side).setTicks([[(value, "%g" % value) for value in found]])
 
     def _name(self, curves: Sequence[Curve], models: Mapping[str, str]) -> None:
-        """Title and legend in one line, above the curves instead of over them."""
+        """Sets title and legend, in one line above the curves."""
         model = models.get(MODELS[0], "the model")
         words = ["<b>%s</b>" % html.escape(self.panel.title.format(model=model))]
         for curve in curves:
@@ -478,7 +478,7 @@ class LivePlot(QtWidgets.QWidget):
         self._feed = feed
         self._drawn = -1  # version of the buffers
         self._fitted = math.inf  # stamp at which the axes were fitted [s]
-        self._placed = False  # curves where the axes are
+        self._placed = False  # whether the curves are where the axes are
         pg.setConfigOptions(antialias=False, background="w", foreground="k")
         font = QtWidgets.QApplication.font()
         font.setPointSize(9)
@@ -517,10 +517,10 @@ class LivePlot(QtWidgets.QWidget):
         return view
 
     def _move(self, *_: object) -> None:
-        self._placed = False  # later, when all has found its place
+        self._placed = False  # redraw places the curves, when the layout is complete
 
     def redraw(self) -> None:
-        """Draws what has come since the last time."""
+        """Draws the messages since the last call."""
         feed, version = self._feed, self._feed.buffers.version
         now, samples = feed.buffers.snapshot()
         self._tell(now)
@@ -555,7 +555,7 @@ class LivePlot(QtWidgets.QWidget):
 
 
 def short(name: str) -> str:
-    """A name that fits into a title."""
+    """A name, cut off to fit into a title."""
     return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
 
 
@@ -565,7 +565,7 @@ def colored(text: str, color: str) -> str:
 
 
 def status_line(topic: str, feed: Feed) -> str:
-    """What a node says of itself, as rich text: state and reason."""
+    """A node's last status, as rich text: state and reason."""
     node = topic.split("/")[0]
     if topic not in feed.statuses:
         return "<b>%s</b> %s" % (node, colored("no message yet on " + topic, NOTE))
@@ -575,20 +575,20 @@ def status_line(topic: str, feed: Feed) -> str:
     line = "<b>%s %s</b> %s" % (node, colored(state, color), html.escape(message.reason))
     silent = time.monotonic() - received
     if silent > SILENCE:
-        line += colored(" (said %.0f s ago; silent since)" % silent, BAD)
+        line += colored(" (%.0f s ago; silent since)" % silent, BAD)
     return line
 
 
 def data_line(now: Optional[float], feed: Feed) -> str:
-    """What is missing, as rich text: the master, topics, or new messages; otherwise the time."""
+    """What is missing, as rich text: the master, topics or new messages; otherwise the time."""
     missing = feed.buffers.silent(EXPECTED)
     silent = time.monotonic() - feed.heard
     if not feed.master_answers:
-        return colored("The ROS master does not answer; the window waits for a new one.", BAD)
+        return colored("The ROS master does not answer; waiting for a new one.", BAD)
     if now is not None and silent > SILENCE:
-        return colored("No new message for %.0f s; the newest is of %.0f s." % (silent, now), BUSY)
+        return colored("No new message for %.0f s; the newest has stamp %.0f s." % (silent, now), BUSY)
     if missing:
-        return colored("Waits for messages on %s." % ", ".join(missing), BUSY)
+        return colored("Waiting for messages on %s." % ", ".join(missing), BUSY)
     if feed.invalid:
         return colored("The state is invalid: %s" % html.escape(feed.invalid), BAD)
     horizon = feed.models[MODELS[0]].horizon
@@ -598,7 +598,7 @@ def data_line(now: Optional[float], feed: Feed) -> str:
 
 
 def check_display() -> None:
-    """Raises GroundError where no window can be opened. Qt itself would abort this process."""
+    """Raises GroundError if no window can be opened; Qt itself would abort this process."""
     probe = [sys.executable, "-c", "from PyQt5.QtWidgets import QApplication; QApplication([])"]
     result = subprocess.run(probe, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     if result.returncode == 0:
@@ -616,9 +616,9 @@ def show(
 ) -> None:
     """Shows a feed until the window is closed or a signal ends it.
 
-    picture: PNG that is written `after` so many seconds; then the window closes. force: overwrite it.
+    picture: PNG file that is written `after` [s], whereupon the window closes. force: overwrites it.
     """
-    # pg.mkQApp would have Qt scale all it draws by the screen's resolution, curves as well.
+    # pg.mkQApp would make Qt scale everything by the screen's resolution, including curves.
     application = QtWidgets.QApplication.instance() or QtWidgets.QApplication(["plot"])
     window = LivePlot(feed)
     signals: List[int] = []

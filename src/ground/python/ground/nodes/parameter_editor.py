@@ -24,7 +24,7 @@ BAR = 20  # characters of a bar
 
 
 class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
-    """A parameter: name, value, where in its range it is, and what it means."""
+    """A parameter: name, value, its place in the range, and its meaning."""
 
     def __init__(self, editor: "Editor", node: Node, parameter: Parameter) -> None:
         self.editor, self.node, self.parameter = editor, node, parameter
@@ -49,7 +49,7 @@ class _Row(urwid.WidgetWrap):  # type: ignore[misc]  # urwid has no types
         )
 
     def keypress(self, size: Tuple[int, ...], key: str) -> Optional[str]:
-        """Changes the value by a key of urwid's; gives back keys that it does not take."""
+        """Changes the value by one of urwid's keys; returns keys that it does not use."""
         p, value = self.parameter, self.node.values[self.parameter.name]
         if key in ("left", "right"):
             self.editor.change(self, p.nudged(value, key == "right"))
@@ -76,7 +76,7 @@ def _bar(parameter: Parameter, value: Any) -> str:
 
 
 class Editor:
-    """All nodes given by name; run() until the user has had enough."""
+    """An editor of the parameters of several nodes."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._message = urwid.Text("")
@@ -107,7 +107,7 @@ class Editor:
         self._loop.run()
 
     def change(self, row: _Row, value: Value) -> None:
-        """Sets a parameter and says what came of it."""
+        """Sets a parameter and shows the result."""
         name = row.parameter.name
         try:
             row.node.set({name: value})
@@ -141,7 +141,7 @@ class Editor:
         self._message.set_text((kind, " " + text))
 
     def _poke(self) -> None:
-        """From the thread in which changes of others arrive."""
+        """Requests a refresh, from the thread in which changes arrive."""
         if self._pipe is not None:
             os.write(self._pipe, b"x")
 

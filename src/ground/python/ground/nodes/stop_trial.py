@@ -21,15 +21,15 @@ from ground.annotations import Message, Say
 from ground.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
-ANSWER = 10.0  # patience with a node [s]
-AT_REST = 0.1  # speed with which a trial may begin [m/s]
-TAIL = own_stop.AFTER + 0.2  # recorded after the silence [s]
+ANSWER = 10.0  # timeout of a node [s]
+AT_REST = 0.1  # largest speed at which a trial may begin [m/s]
+TAIL = own_stop.AFTER + 0.2  # time recorded after the silence [s]
 AFTER_SILENCE = "disarmed after the silence"
 
 
 @dataclass(frozen=True)
 class Push:
-    """What the craft is told before the silence: inputs 0..1, durations [s]."""
+    """The commands before the silence: inputs 0..1, durations [s]."""
 
     thrust: float = 0.15
     lift: float = 0.6
@@ -38,13 +38,13 @@ class Push:
     silence: float = 1.5
 
     def distance(self, model: _core.Model) -> float:
-        """How far a craft without a stop of its own goes until zeros come again [m]."""
+        """Distance that a craft whose watchdog fails goes until zeros come again [m]."""
         acceleration = 2 * model.value("k") * model.input_max * self.thrust / model.value("m")
         return 0.5 * acceleration * (self.thrust_time + self.silence) ** 2
 
 
 class Stack:
-    """The running launch: its sender, its states, and the craft that the sender's model names."""
+    """The running launch: its sender, its states, and the sender's model of the craft."""
 
     def __init__(self, manager: str) -> None:
         self.manager = rospy.resolve_name(manager)
@@ -65,8 +65,8 @@ class Stack:
         self.arm = _service("sender/arm", SetBool)
 
     def try_stop(self, push: Push, patience: float, say: Say = print) -> Tuple[own_stop.Trial, str]:
-        """Waits until it is armed, pushes the craft and is silent; the Trial, with what the sender
-        said when the silence ended."""
+        """Waits until the sender is armed, pushes the craft and is silent. Returns the Trial and the
+        sender's reason for the end of the silence."""
         with self._drive(push) as drive:
             self._wait_armed(patience, say)
             self._check_at_rest()
@@ -80,7 +80,7 @@ class Stack:
     @contextlib.contextmanager
     def _drive(self, push: Push) -> Iterator["_Drive"]:
         """A controller that gives constant thrust, loaded beside the launch's own."""
-        _wait(lambda: self.statuses, "no status of the sender comes")
+        _wait(lambda: self.statuses, "the sender publishes no status")
         nodelet = roslib.packages.find_node("nodelet", "nodelet")[0]
         values = dict(
             left_low=push.thrust,
@@ -117,16 +117,16 @@ class Stack:
 
     def _wait_armed(self, patience: float, say: Say) -> None:
         if self.statuses[-1].state != SenderStatus.ARMED:
-            say("waiting until it is armed: rosservice call %s true" % self.arm.resolved_name)
+            say("waiting until the sender is armed: rosservice call %s true" % self.arm.resolved_name)
         _wait(
             lambda: self.statuses[-1].state == SenderStatus.ARMED,
-            lambda: "it was not armed within %.0f s; the sender: %s"
+            lambda: "the sender was not armed within %.0f s: %s"
             % (patience, self.statuses[-1].reason),
             patience,
         )
 
     def _check_at_rest(self) -> None:
-        _wait(lambda: self.states, "no state of the craft comes")
+        _wait(lambda: self.states, "no message on topic state")
         state = self.states[-1]
         if not state.valid:
             raise GroundError("the state is invalid: %s" % state.status)
@@ -146,7 +146,7 @@ class Stack:
 
         _wait(
             lambda: drive.runs_for(push.thrust_time) or drive.ended(),
-            lambda: "the push did not come about: %s" % drive.status.reason,
+            lambda: "the push did not start: %s" % drive.status.reason,
             push.lift_time + push.thrust_time + ANSWER,
         )
         if drive.ended():
@@ -178,7 +178,7 @@ class Stack:
         return self._trial(began, end), end.reason
 
     def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
-        zero = began.to_sec() - 100.0  # stamps of today leave few digits for fractions
+        zero = began.to_sec() - 100.0  # smaller numbers keep more digits of a fraction
         states, telemetry = list(self.states), list(self.telemetry)
         return own_stop.Trial(
             times=np.array([s.header.stamp.to_sec() - zero for s in states]),
@@ -224,7 +224,7 @@ class _Drive:
 
 
 def verdict_of(trial: own_stop.Trial, ended: str) -> own_stop.Verdict:
-    """The Verdict on a trial whose silence the sender ended by saying `ended`."""
+    """The Verdict on a trial; ended: the sender's reason for the end of the silence."""
     if ended != AFTER_SILENCE:
         return own_stop.Verdict(own_stop.UNDECIDED, "the silence was cut short: %s" % ended)
     return own_stop.judge(trial)
@@ -259,8 +259,8 @@ def _wait(
     timeout: float = ANSWER,
     required: bool = True,
 ) -> None:
-    """Until condition() holds, in wall time; GroundError with a message, or with what a function then
-    says, when it does not come to hold and is required."""
+    """Waits, in wall time, until condition() holds. If it does not and is required, raises GroundError
+    with the message, which may be a function that is called then."""
     deadline = time.monotonic() + timeout
     while not condition():
         if rospy.is_shutdown():

@@ -1,1 +1,1 @@
-"""Recordings: bags read, repaired, judged and cut into windows."""
+"""Recordings: reading bags, repairing and checking them, and cutting them into windows."""

@@ -1,9 +1,9 @@
 """Reads bags record by record from the start, without their index: also bags that are cut or damaged.
 
 A bag of format 2.0 (wiki.ros.org/Bags/Format/2.0) is a file header, chunks of messages, each followed by
-its index, and the connections (topics with their types) once more at the end. rosbag needs the end;
-this reader needs none of it, takes every message that is there, checks it against what the file says
-twice, and says what was lost.
+its index, and a copy of the connections (topics with their types) at the end. rosbag needs the end. This
+reader does not: it reads every message that exists, checks it against redundant entries of the file, and
+reports what was lost.
 """
 
 import bz2
@@ -35,9 +35,9 @@ from ground.errors import GroundError
 from ground.recordings import codecs
 
 MAGIC = b"#ROSBAG V2.0\n"
-ANY_MAGIC = MAGIC[:7]  # of any format
+ANY_MAGIC = MAGIC[:7]  # common to all formats
 FILE_OP, INDEX_OP, CHUNK_OP, INFO_OP, CONNECTION_OP = 3, 4, 5, 6, 7
-NEEDED = {  # a field that every record of a kind has
+REQUIRED = {  # a field that every record of a kind has
     FILE_OP: b"index_pos",
     INDEX_OP: b"count",
     CHUNK_OP: b"compression",
@@ -48,9 +48,9 @@ NEEDED = {  # a field that every record of a kind has
 MESSAGE = re.compile(
     rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
 )
-OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # of records that are not inside of chunks
-# What a line of a message's definition may be: codecs make Python of definitions and run it, whatever
-# the constants in it are called.
+OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # in records outside of chunks
+# Allowed lines of a message's definition. The check is needed for safety, because codecs turn
+# definitions into Python code and run it, including the names of constants.
 DEFINITION = re.compile(
     r"""(\#.*|=+|MSG:\s*\w+/\w+
     |[a-zA-Z][\w/]*(\[\d*\])?\s+[a-zA-Z]\w*\s*(\#.*)?
@@ -59,27 +59,27 @@ DEFINITION = re.compile(
     re.ASCII | re.VERBOSE,
 )
 TYPE = re.compile(r"\w+/\w+", re.ASCII)
-LONGEST_HEADER = 1 << 16  # of a record [bytes]
-BEFORE_OP = 120  # at most, from the start of a record to its field op [bytes]
-MOST_OPEN = 16  # chunks whose contents are kept
-LARGEST_BLOCK = 4 << 20  # of LZ4 [bytes]
-LONGEST_CHUNK_HEADER = 200  # [bytes]
+MAX_HEADER = 1 << 16  # size of a record's header [bytes]
+MAX_BEFORE_OP = 120  # distance from the start of a record to its field op [bytes]
+MAX_OPEN = 16  # chunks whose contents are kept in memory
+MAX_BLOCK = 4 << 20  # size of an LZ4 block [bytes]
+MAX_CHUNK_HEADER = 200  # size of a chunk's header [bytes]
 BZ2_MAGIC, LZ4_MAGIC = b"BZh9", b"\x04\x22\x4d\x18"
-LZ4_HEADER = 7  # of a frame that says no size of its contents [bytes]
-LZ4_FLAGS, LZ4_HAS_SIZE, LZ4_HAS_CHECKSUM = 4, 0x08, 0x04  # where the flags are, and two of them
-LZ4_SIZE = 8  # of the size of the contents, where a frame says it [bytes]
+LZ4_HEADER = 7  # length of a frame's header without the size of the contents [bytes]
+LZ4_FLAGS, LZ4_HAS_SIZE, LZ4_HAS_CHECKSUM = 4, 0x08, 0x04  # place of the flags, and two of them
+LZ4_SIZE = 8  # length of the size of the contents, if a frame has it [bytes]
 
 Data = Union[bytes, mmap.mmap]
 
 
 class Record(NamedTuple):
-    """A record in a file or in a chunk; places are bytes from its start."""
+    """A record in a file or in a chunk; start, data and end are offsets there [bytes]."""
 
     op: Optional[int]
     fields: Dict[bytes, bytes]
     start: int
     data: int
-    end: int  # of what is there, maybe cut
+    end: int  # may be beyond the end of a cut file
 
 
 class Topic(NamedTuple):
@@ -104,12 +104,12 @@ class Connection(NamedTuple):
     definition: str
 
 
-# Fields of a Connection as one record has them; None for those that it has not.
+# Fields of a Connection in one record; None for missing ones.
 Claim = Tuple[Optional[str], ...]
 
 
 class State(enum.Enum):
-    """What is known of the contents of a chunk."""
+    """Reliability of the contents of a chunk."""
 
     PLAIN = 0  # has no checksum
     CHECKED = 1  # the checksum is right, or the chunk is cut at the end of the file
@@ -117,20 +117,20 @@ class State(enum.Enum):
 
 
 class BagReader:
-    """The messages of a bag. Raises GroundError when the file is no bag of format 2.0.
+    """The messages of a bag. Raises GroundError when the file is not a bag of format 2.0.
 
-    warnings: what is wrong with the bag, a sentence each, complete when its messages have been read.
+    warnings: sentences on what is wrong with the bag, complete when its messages have been read.
     """
 
     def __init__(self, path: str) -> None:
         self.path = path
         self.warnings: List[str] = []
-        self._lost: List[Tuple[int, int]] = []  # bytes, where, that could not be read
+        self._lost: List[Tuple[int, int]] = []  # unreadable pieces: size and place [bytes]
         self._contradictions = 0  # between messages and the index of their chunk
-        # number of a connection -> what is said of it, as often as it is there
+        # number of a connection -> all its descriptions in the file
         self._claims: Dict[int, List[Claim]] = {}
         self._chunks: List[Record] = []
-        # number of a chunk -> contents, of those that were read last
+        # number of a chunk -> contents, of the last chunks read
         self._open: "OrderedDict[int, bytes]" = OrderedDict()
         # number of a connection -> arrays of (time [ns], chunk, offset, size)
         self._found: Dict[int, List[Indices]] = {}
@@ -155,12 +155,12 @@ class BagReader:
     ) -> None:
         self._open.clear()
         self._data.close()
-        if kind is GroundError and self.warnings:  # the damage may be why
+        if kind is GroundError and self.warnings:  # the damage may be the cause
             raise GroundError("%s; %s" % (error, "; ".join(self.warnings))) from error
 
     def get_type_and_topic_info(self) -> Topics:
-        """Type and number of messages by topic, as rosbag.Bag gives them; the type of a topic that has
-        several is their names with " and " between them."""
+        """Type and number of messages by topic, as rosbag.Bag gives them; several types of a topic are
+        joined by " and "."""
         kinds: Dict[str, Set[str]] = {}
         counts: "CounterType[str]" = Counter()
         for number, connection in self._connections.items():
@@ -185,7 +185,7 @@ class BagReader:
         for time, chunk, offset, size, number in rows.tolist():
             try:
                 message = decode[number](self._contents(chunk)[offset : offset + size])
-            except Exception:  # decoders raise whatever their parsing meets
+            except Exception:  # decoders may raise anything
                 unreadable += 1
                 continue
             yield self._connections[number].topic, message, received(*divmod(time, 10**9))
@@ -198,7 +198,7 @@ class BagReader:
     def _scan(self) -> None:
         """Finds all chunks and their messages."""
         self._size = len(self._data)
-        # where the file header says that the chunks end; 0: it never was closed
+        # end of the chunks by the file header; 0: the bag was never closed
         self._index_at: Optional[int] = None
         self._ends_early = False
         records, position = [], len(MAGIC)
@@ -213,7 +213,7 @@ class BagReader:
                     raise GroundError("%s: the bag is encrypted; decrypt it first" % self.path)
                 self._index_at = _number(record.fields.get(b"index_pos", b""))
         self._has_end = any(record.op == INFO_OP for record in records)
-        indices: Dict[int, List[Record]] = {}  # of each chunk: records that tell its messages
+        indices: Dict[int, List[Record]] = {}  # index records of each chunk
         for record in records:
             if record.op == CHUNK_OP:
                 self._chunks.append(record)
@@ -223,8 +223,8 @@ class BagReader:
         for number in range(len(self._chunks)):
             contents, state = self._unpacked(number)
             if state is not State.DOUBTFUL:
-                # What is compressed has a checksum: it needs no index. That of the last chunk of a
-                # bag that is cut may be cut, too.
+                # A compressed chunk has a checksum and needs no index. In a bag that is cut, the
+                # index of the last chunk may be cut, too.
                 last = self._ends_early and number == len(self._chunks) - 1
                 needed = state is State.PLAIN and not last
                 self._read_chunk(number, contents, indices.get(number, []) if needed else [])
@@ -239,8 +239,8 @@ class BagReader:
                 self._lost.append((chunk.end - chunk.data, chunk.start))
 
     def _whole_record(self, position: int) -> Record:
-        """The record at a place of the file. One that makes no sense is taken for a chunk whose header
-        is lost; a chunk that is cut or says a wrong length ends where the next record begins."""
+        """The record at a place of the file. An invalid one is taken for a chunk whose header is lost;
+        a chunk that is cut or has a wrong length ends where the next record begins."""
         record = _record(self._data, position, self._size)
         if record is None:
             record = Record(CHUNK_OP, {}, position, position, self._size + 1)
@@ -252,7 +252,7 @@ class BagReader:
         if record.op == CHUNK_OP:
             self._contradictions += following is not None
             return record._replace(end=end)
-        # an index that is cut, or that says a wrong length
+        # an index that is cut, or that has a wrong length
         self._contradictions += following is not None
         return record._replace(op=None, end=end)
 
@@ -263,25 +263,25 @@ class BagReader:
     def _contents(self, number: int) -> bytes:
         if number not in self._open:
             self._open[number] = self._unpacked(number)[0]
-            if len(self._open) > MOST_OPEN:
+            if len(self._open) > MAX_OPEN:
                 self._open.popitem(last=False)
         self._open.move_to_end(number)
         return self._open[number]
 
     def _unpacked(self, number: int) -> Tuple[bytes, State]:
-        """What is in a chunk, as far as it can be had, and its State."""
+        """The contents of a chunk, as far as they can be read, and their State."""
         record = self._chunks[number]
         packed = self._data[record.data : record.end]
         kind = record.fields.get(b"compression", b"")
         for magic, unpack in ((BZ2_MAGIC, _from_bz2), (LZ4_MAGIC, _from_lz4)):
-            # if what the header says of the compression is lost, the contents say it
-            at = packed.find(magic, 0, LONGEST_CHUNK_HEADER)
+            # the contents show the compression even if the header is lost
+            at = packed.find(magic, 0, MAX_CHUNK_HEADER)
             if at >= 0 and kind != b"none":
                 return unpack(packed[at:], record.end == self._size)
         return packed, State.PLAIN
 
     def _read_chunk(self, number: int, contents: bytes, indices: List[Record]) -> None:
-        """Takes the messages of a chunk, settled with what the records of its index say of them."""
+        """Takes the messages of a chunk, after reconciling them with the records of its index."""
         offsets, connections, times, starts, sizes = [], [], [], [], []
         position, last, size = 0, 0, len(contents)
         missing = _number(self._chunks[number].fields.get(b"size", b"")) - size
@@ -322,8 +322,8 @@ class BagReader:
             self._found.setdefault(int(connection), []).append(entry)
 
     def _skip(self, number: int, contents: bytes, position: int, last: int, size: int) -> int:
-        """Where to go on after a record that makes no sense; what came before it may have been longer
-        than it says."""
+        """The place to continue at after an invalid record; the message before it may have been
+        longer than it says."""
         following = MESSAGE.search(contents, min(last + 1, position + 1))
         if following and following.start() == position:
             following = MESSAGE.search(contents, position + 1)
@@ -338,25 +338,25 @@ class BagReader:
         return end
 
     def _settled(self, contents: bytes, found: Indices, indices: List[Record]) -> Indices:
-        """The messages of a chunk when its index agrees, or after both are settled: a message that is
-        of another topic by the index is left out, one that was swallowed by a wrong length is taken,
-        and of two times of receipt the one nearer to the other messages' is right."""
+        """Reconciles the messages of a chunk with its index. A message with another topic in the index
+        is left out, one that was swallowed by a wrong length is taken, and of two times of receipt the
+        one nearer to the other messages' is taken."""
         tables = []
         for index in indices:
             count = (index.end - index.data) // 12
             entries = np.frombuffer(self._data[index.data : index.data + 12 * count], "<u4")
             entries = entries.astype(np.int64).reshape(-1, 3)
             of = Counter(found[np.isin(found[:, 0], entries[:, 2]), 1].tolist())
-            told = of.most_common(1)[0][0] if of else -1
+            indexed = of.most_common(1)[0][0] if of else -1
             times = entries[:, :2] @ [10**9, 1]
-            tables.append(np.column_stack([entries[:, 2], np.full(count, told), times]))
-        told = np.concatenate(tables)
-        told = told[np.argsort(told[:, 0], kind="stable")]
-        if np.array_equal(told, found[:, :3]):
+            tables.append(np.column_stack([entries[:, 2], np.full(count, indexed), times]))
+        indexed = np.concatenate(tables)
+        indexed = indexed[np.argsort(indexed[:, 0], kind="stable")]
+        if np.array_equal(indexed, found[:, :3]):
             return found
         messages = {row[0]: row for row in found.tolist()}
         middle = int(np.median(found[:, 2])) if len(found) else 0
-        for at, connection, time in told.tolist():
+        for at, connection, time in indexed.tolist():
             message = messages.get(at)
             swallowed = MESSAGE.match(contents, at) if message is None else None
             if message == [at, connection, time] + (message or [])[3:]:
@@ -370,11 +370,11 @@ class BagReader:
                 del messages[at]
             elif message:
                 message[2] = min(message[2], time, key=lambda t: float(abs(t - middle)))
-        self._contradictions += len(set(messages) - set(told[:, 0].tolist()))
+        self._contradictions += len(set(messages) - set(indexed[:, 0].tolist()))
         return np.array(sorted(messages.values()), np.int64).reshape(-1, 5)
 
     def _take_connection(self, data: Data, record: Record) -> None:
-        """Topic and type are in a connection's record, and once more in what the publisher said."""
+        """Takes topic and type from a connection's record and from the publisher's header in it."""
         number = record.fields.get(b"conn", b"")
         said = _fields(data, record.data, record.end) or {}
         claims = self._claims.setdefault(_number(number), [])
@@ -387,11 +387,11 @@ class BagReader:
             )
 
     def _conclude(self) -> None:
-        """Puts into words what is wrong with the file."""
+        """Adds warnings on what is wrong with the file."""
         lost = sum(size for size, _ in self._lost)
         index_at = self._index_at
         if self._has_end and not self._ends_early and not 0 < (index_at or 0) < self._size:
-            self._contradictions += 1  # all is there: only the file header is damaged
+            self._contradictions += 1  # the file is complete: only its header is damaged
             index_at = None
         cut = self._ends_early or index_at is not None and not 0 < index_at < self._size
         if cut:
@@ -421,12 +421,12 @@ class BagReader:
                 % self._contradictions
             )
         if any(len(set(c)) > 2 for c in self._claims.values()):
-            self.warnings.append("the bag is damaged: it says different things of one topic")
+            self.warnings.append("the bag is damaged: its descriptions of a topic contradict each other")
 
 
 def decoder(connection: Connection) -> codecs.Decode:
-    """What makes messages of a connection's bytes: by the installed type where it is the same, else by the
-    definition in the bag; where neither can be, it raises ValueError."""
+    """A function that decodes the messages of a connection: by the installed type if it is the same, else
+    by the definition in the bag; if neither is possible, it raises ValueError."""
     codec = codecs.installed()
     known = codec.known(connection.msg_type)
     if known and known.md5sum == connection.md5sum:
@@ -438,7 +438,7 @@ def decoder(connection: Connection) -> codecs.Decode:
         return _undecodable
     try:
         defined = codec.defined(connection.msg_type, connection.definition)
-    except Exception:  # parsers raise whatever they meet
+    except Exception:  # parsers may raise anything
         return _undecodable
     if known and known.md5sum == defined.md5sum:
         return known.decode
@@ -450,7 +450,7 @@ def _undecodable(_: bytes) -> Message:
 
 
 def _agreed(claims: Sequence[Claim]) -> Connection:
-    """The Connection that most of what is said of it comes to."""
+    """The Connection on which most of its descriptions agree."""
     fields = []
     for values in zip(*claims):
         known = Counter(v for v in values if v is not None)
@@ -459,12 +459,12 @@ def _agreed(claims: Sequence[Claim]) -> Connection:
 
 
 def _number(text: bytes) -> int:
-    """Little-endian, of up to eight bytes."""
+    """A little-endian number of up to eight bytes."""
     return int.from_bytes(text[:8], "little")
 
 
 def _fields(data: Data, start: int, end: int) -> Optional[Dict[bytes, bytes]]:
-    """Name to value of the fields of a header; None where they make no sense."""
+    """Name to value of the fields of a header; None where they are invalid."""
     fields = {}
     while start < end:
         size = _number(data[start : start + 4])
@@ -483,21 +483,21 @@ def _record(data: Data, start: int, size: int) -> Optional[Record]:
     """The Record at a place; None where there is none. Its end may be beyond the size."""
     length = _number(data[start : start + 4])
     at = start + 4 + length
-    if not 0 < length <= LONGEST_HEADER or at + 4 > size:
+    if not 0 < length <= MAX_HEADER or at + 4 > size:
         return None
     fields = _fields(data, start + 4, at)
     if not fields or len(fields.get(b"op", b"")) != 1:
         return None
     op = fields[b"op"][0]
-    if NEEDED.get(op) not in fields:
+    if REQUIRED.get(op) not in fields:
         return None
     return Record(op, fields, start, at + 4, at + 4 + _number(data[at : at + 4]))
 
 
 def _next_record(data: Data, start: int, size: int) -> Optional[Record]:
-    """The first whole record from a place on that is not inside of a chunk; None without one."""
+    """The first valid record outside of a chunk, from a place on; None without one."""
     for found in OP_FIELD.finditer(data, start):
-        for at in range(found.start() - 4, max(start, found.start() - BEFORE_OP) - 1, -1):
+        for at in range(found.start() - 4, max(start, found.start() - MAX_BEFORE_OP) - 1, -1):
             record = _record(data, at, size)
             if record and record.data > found.end() and record.op == found.group(1)[0]:
                 if record.end <= size or record.op == CHUNK_OP:
@@ -506,7 +506,7 @@ def _next_record(data: Data, start: int, size: int) -> Optional[Record]:
 
 
 def _from_bz2(packed: bytes, _: bool) -> Tuple[bytes, State]:
-    """What bz2 gives until it meets its end, a cut or a wrong checksum (it has one for each block)."""
+    """Decompresses up to the end, a cut or a wrong checksum (bz2 has one for each block)."""
     unpacked, tool = bytearray(), bz2.BZ2Decompressor()
     try:
         for start in range(0, len(packed), 4096):
@@ -519,7 +519,7 @@ def _from_bz2(packed: bytes, _: bool) -> Tuple[bytes, State]:
 
 
 def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
-    """What an LZ4 frame holds, as far as it goes, and its State."""
+    """The contents of an LZ4 frame, as far as they can be read, and their State."""
     flags = packed[LZ4_FLAGS] if len(packed) > LZ4_FLAGS else 0
     checksum = 4 if flags & LZ4_HAS_CHECKSUM else 0  # [bytes]
     blocks, size = [], -1
@@ -545,7 +545,7 @@ def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
         size = _number(packed[at : at + 4])
         block = packed[at + 4 : at + 4 + (size & 0x7FFFFFFF)]
         if size >> 31:
-            unpacked += block  # is not compressed
+            unpacked += block  # not compressed
         elif not _unpack_block(block, unpacked):
             break
     else:
@@ -555,8 +555,8 @@ def _from_lz4(packed: bytes, is_last: bool) -> Tuple[bytes, State]:
 
 
 def _unpack_block(block: bytes, unpacked: bytearray) -> bool:
-    """Appends what a block of LZ4 holds, up to where it is cut or makes no sense (gives False then)."""
-    position, size, most = 0, len(block), len(unpacked) + LARGEST_BLOCK
+    """Appends the contents of an LZ4 block; returns False where it is cut or invalid."""
+    position, size, most = 0, len(block), len(unpacked) + MAX_BLOCK
 
     def length(value: int) -> int:
         nonlocal position

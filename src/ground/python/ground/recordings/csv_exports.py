@@ -13,7 +13,7 @@ from ground.recordings import codecs
 from ground.recordings.recording import checked
 
 CSV_RECEIVED = "%time"
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+LATEST = 2**32 * 10**9  # ROS has 32 bits for seconds [ns]
 CSV_STAMP = "field.header.stamp"
 CSV_COLUMNS = [CSV_STAMP, "field.point.x", "field.point.y", "field.point.z"]
 
@@ -65,7 +65,7 @@ def read_csv(path: str) -> Tuple[List[int], List[int], Array]:
 def write_bag(
     controls_path: str, pose_path: str, bag_path: str, force: bool = False
 ) -> Dict[str, int]:
-    """Writes a pair of CSV exports to a bag; gives the number of messages by topic."""
+    """Writes a pair of CSV exports to a bag; returns the number of messages by topic."""
     codec = codecs.installed()
     series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
     for topic, path in (("pose", pose_path), ("controls", controls_path)):
@@ -77,7 +77,7 @@ def write_bag(
     spans = [(min(r), max(r)) for _, r, _ in series.values()]
     if max(s[0] for s in spans) > min(s[1] for s in spans):
         raise GroundError(
-            "%s and %s do not overlap in time: they are not of one run" % (controls_path, pose_path)
+            "%s and %s do not overlap in time: they are from different runs" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:
         with codec.bag_writer(temporary) as bag:

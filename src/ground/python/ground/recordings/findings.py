@@ -1,4 +1,4 @@
-"""What is in a recording and what is odd about it, in words."""
+"""Contents and oddities of a recording, in words."""
 
 import datetime
 from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
@@ -10,14 +10,14 @@ from ground.recordings.recording import LIFT
 _T = TypeVar("_T")
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
-DRIVES_BY = {  # what is assumed when nothing in the recording says when the drive began
+DRIVES_BY = {  # assumptions if no record says when the drive began
     "first command": "; assumed: the first command has lift, and no record says when it began",
     "start": "; assumed: no command has lift",
 }
-FEWEST_CHANGES = 20  # of the commands that tell whether the motion follows them
+FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
 CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
-MOST_NAMED = 4  # of gaps and the like; the rest is counted
-MOST_CHANGES = 30  # live ones that are listed, likewise
+MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
+MAX_CHANGES = 30  # live changes that are listed; the rest is counted
 
 
 def when(d: Document) -> str:
@@ -29,7 +29,7 @@ def when(d: Document) -> str:
 
 
 def _flown_by(kind: str, name: str, d: Document) -> str:
-    """A name, and what the file that was kept with the run calls itself."""
+    """A name, and the title of the file that was kept with the run."""
     kept = d["files"].get(kind)
     return "%s %s" % (kind, name) + (" ('%s', kept with the run)" % kept["title"] if kept else "")
 
@@ -96,7 +96,7 @@ def _does(name: str, authority: Document) -> str:
 
 
 def _measured(settings: Document) -> str:
-    """Settings by which poses became world_ned, and where these are from."""
+    """Settings by which poses became world_ned, and their sources."""
     sources = settings["sources"]
     words = {
         "axes": "axes '%s' (%s)" % (settings["axes"], sources["axes"]),
@@ -114,7 +114,7 @@ def _measured(settings: Document) -> str:
 
 
 def grave(d: Document) -> Iterator[str]:
-    """What is odd in a way that a repair may have got wrong, a sentence each: not for info alone."""
+    """Sentences on oddities whose repair may be wrong; all verbs print them, not only info."""
     poses, controls = d["poses"], d["controls"]
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
@@ -133,7 +133,7 @@ def grave(d: Document) -> Iterator[str]:
 
 
 def findings(d: Document) -> Iterator[str]:
-    """What is odd and what was repaired, a sentence each."""
+    """Sentences on what is odd and what was repaired."""
     yield from grave(d)
     yield from _frames(d["poses"])
     yield from _poses(d["poses"])
@@ -150,7 +150,7 @@ def findings(d: Document) -> Iterator[str]:
 
 
 def _frames(poses: Document) -> Iterator[str]:
-    """How far the stamps are off the instants of the frames."""
+    """Differences between the stamps and the instants of the frames."""
     clock = poses.get("frame_clock")
     if clock:
         late = clock["lateness"]
@@ -174,7 +174,7 @@ def _frames(poses: Document) -> Iterator[str]:
 
 
 def _poses(poses: Document) -> Iterator[str]:
-    """Poses that are missing, and those that were mended."""
+    """Poses that are missing, and those that were repaired."""
     if poses["gaps"]:
         yield "mocap lost %d times for more than 50 ms: %s" % (
             len(poses["gaps"]),
@@ -209,7 +209,7 @@ def _overlap(controls: Document) -> Iterator[str]:
 
 def _changes(changes: List[Document]) -> Iterator[str]:
     """What was changed while the run was recorded."""
-    for change in changes[:MOST_CHANGES]:
+    for change in changes[:MAX_CHANGES]:
         yield "changed at %.2f s: %s: %s %s -> %s" % (
             change["time"],
             change["node"],
@@ -217,11 +217,11 @@ def _changes(changes: List[Document]) -> Iterator[str]:
             change["before"] or "''",
             change["after"] or "''",
         )
-    if len(changes) > MOST_CHANGES:
-        yield "%d more live changes (info --json lists them)" % (len(changes) - MOST_CHANGES)
+    if len(changes) > MAX_CHANGES:
+        yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
 
 
 def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:
-    text = ", ".join(name(item) for item in items[:MOST_NAMED])
-    more = len(items) - MOST_NAMED
+    text = ", ".join(name(item) for item in items[:MAX_NAMED])
+    more = len(items) - MAX_NAMED
     return text + (" and %d more" % more if more > 0 else "")

@@ -1,4 +1,4 @@
-"""What flew a run: its controller, and the model and room files, whose contents are kept with the run."""
+"""How a run was flown: its controller, model and room, with the contents of the files if recorded."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from ground.recordings.messages import MessageSource
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
-# what drove a craft, and the parameter of node controller that says so
+# name here -> parameter of node controller
 FLOWN_BY = {
     "controller": "kind",
     "design": "design",
@@ -24,8 +24,8 @@ FLOWN_BY = {
     "model": "model",
     "room": "room",
 }
-UNLIKE = ("provenance",)  # keys of files that say nothing of the craft or the room
-MOST_NAMED = 3  # entries in which two files differ
+IGNORED = ("provenance",)  # keys of files that do not describe the craft or the room
+MAX_NAMED = 3  # listed entries in which two files differ
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,12 @@ class RunFile:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def entries(self) -> Dict[str, Any]:
-        """Its entries by path, {"body.m": 0.0583}; provenance and comments are none."""
+        """Its entries by path, {"body.m": 0.0583}, without provenance and comments."""
         try:
             content = yaml.load(self.text, run_parameters.LOADER)
         except (ValueError, yaml.YAMLError, RecursionError):
             return {"text": self.text}
-        return {key: value for key, value in _flat(content, "") if key.split(".")[0] not in UNLIKE}
+        return {key: value for key, value in _flat(content, "") if key.split(".")[0] not in IGNORED}
 
     def describe(self) -> Dict[str, str]:
         """Path, title and SHA-256, as plain values."""
@@ -59,7 +59,7 @@ class RunFile:
         return {"path": self.path, "title": str(title), "sha256": self.digest}
 
     def place(self) -> str:
-        """Path of a file with this content: the old one where it has not changed, else a copy under
+        """Path of a file with this content: the original if it has not changed, else a copy under
         $ROS_HOME/ground. Raises GroundError when that cannot be written."""
         if _content(self.path) == self.text:
             return os.path.abspath(self.path)
@@ -89,7 +89,7 @@ def _content(path: str) -> Optional[str]:
 
 
 def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
-    """Path and value of all that is in nested maps and lists of maps."""
+    """Path and value of all entries in nested maps and lists of maps."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _flat(inner, "%s.%s" % (path, key) if path else str(key))
@@ -101,9 +101,9 @@ def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
 
 
 def read(path: str, bag: MessageSource) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
-    """What drove the craft in the bag at `path`, open in the MessageSource `bag`: `controller`, `design` or
-    `reference` and the names of the files `model` and `room`, each where it is known; and the RunFile of
-    `model` and `room` where their contents were kept."""
+    """How the craft was flown in the bag at `path`, open in the MessageSource `bag`: `controller`,
+    `design` or `reference` and the names of the files `model` and `room`, each if known; and the
+    RunFile of `model` and `room` if their contents were recorded."""
     found, kept = {}, {}
     known = list(run_parameters.in_bag(bag))
     known += [parameters for _, parameters in run_parameters.beside(path, [])]
@@ -124,8 +124,8 @@ def read(path: str, bag: MessageSource) -> Tuple[Dict[str, str], Dict[str, RunFi
 
 
 def differences(recordings: Sequence["Recording"]) -> List[str]:
-    """Phrases that name recordings by the model and the room of their controllers where these differ:
-    in content where that was kept, else in name."""
+    """Phrases that group recordings by model and room of their controllers where these differ: by
+    content if that was recorded, else by name."""
     parts = []
     for kind in run_parameters.NAMES:
         groups = _groups(recordings, kind)
@@ -164,7 +164,7 @@ def _groups(
 
 
 def _changes(one: Mapping[str, Any], another: Mapping[str, Any]) -> str:
-    """In what the entries of two files differ, in words."""
+    """Differences between the entries of two files, in words."""
     missing = "none"
     keys = [
         key
@@ -173,8 +173,8 @@ def _changes(one: Mapping[str, Any], another: Mapping[str, Any]) -> str:
     ]
     named = [
         "%s %s against %s" % (key, one.get(key, missing), another.get(key, missing))
-        for key in keys[:MOST_NAMED]
+        for key in keys[:MAX_NAMED]
     ]
-    if len(keys) > MOST_NAMED:
-        named.append("and %d more" % (len(keys) - MOST_NAMED))
+    if len(keys) > MAX_NAMED:
+        named.append("and %d more" % (len(keys) - MAX_NAMED))
     return ", ".join(named)

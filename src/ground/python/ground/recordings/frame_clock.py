@@ -1,10 +1,10 @@
 """The clock of a motion capture's frames, rebuilt from late stamps and the motion itself.
 
-A client that polls stamps every frame with the instant at which it came to fetch it: frames of one
-poll share a stamp, frames that the network held up come late all together. But frames are taken at a
-constant rate, and while the craft moves each step says how many frames it took. A client that is told
-of each frame stamps most of them well, and those that come in a burst late. The most likely
-numbers of the frames (Viterbi 1967) given both put every pose back to its instant.
+A polling client stamps every frame with the instant at which it fetched it: frames of one poll share a
+stamp, and frames that the network delayed arrive together. A client that is told of each frame stamps
+most of them well, and those of a delayed burst late. But the camera takes frames at a constant rate, and
+while the craft moves, the size of a step shows how many frames it took. The most likely frame numbers
+given both (Viterbi 1967) put every pose back to its instant.
 """
 
 from dataclasses import dataclass
@@ -14,34 +14,34 @@ import numpy as np
 
 from ground.annotations import Array, Flags, Indices
 
-NOISE = np.array([4e-4, 4e-4, 6e-3])  # of one pose: x, y [m], psi [rad]
-LATEST = 0.4  # a frame is not stamped later than this after the poll that might have had it [s]
-EARLIEST = 1e-3  # what the clock itself may be off [s]
-SCATTER = 0.25  # of the steps in frames: intervals that vary more are not those of the frames
-IRREGULAR = 0.02  # of the intervals, from which on the clock is looked for
-SMOOTHER = 0.7  # the motion by its instants has to be, relative to that by the stamps
-MOVES = 4.0  # steps above this many noises tell how many frames they took
-MOST_LOST = 12  # frames in a row that a step can tell
-UNLIKELY = 12.0  # log-likelihood that no single step or stamp may cost more than
-LOSS = 3.0  # log-likelihood of a lost frame against none
+NOISE = np.array([4e-4, 4e-4, 6e-3])  # standard deviations of a pose: x, y [m], psi [rad]
+LATEST = 0.4  # largest delay of a frame after the first poll that might have fetched it [s]
+EARLIEST = 1e-3  # error of the clock itself [s]
+SCATTER = 0.25  # relative deviation of an interval from which it is irregular
+IRREGULAR = 0.02  # share of irregular intervals from which the clock is rebuilt
+SMOOTHER = 0.7  # largest roughness of the motion by the new instants, relative to that by the stamps
+MIN_MOVE = 4.0  # a step above this many standard deviations shows how many frames it took
+MAX_LOST = 12  # lost frames in a row that a step can show
+MAX_COST = 12.0  # largest cost of a single step or stamp [log-likelihood]
+LOSS_COST = 3.0  # cost of a lost frame [log-likelihood]
 
 
 @dataclass
 class FrameClock:
-    """Instants of the poses, and what the stamps were like."""
+    """Instants of the poses, and the errors of the stamps."""
 
-    times: Array  # (n,) of the frames, on the clock of the stamps, as if fetched at once [s]
-    rate: float  # of the frames [1/s]
-    lost: int  # frames between the first and the last that are not there
-    lateness: Array  # (n,) of the stamps after the frames [s]
-    roughness: float  # of the motion by the new instants, relative to that by the stamps
+    times: Array  # (n,) instants of the frames, on the clock of the stamps, if fetched at once [s]
+    rate: float  # frame rate [1/s]
+    lost: int  # missing frames between the first and the last
+    lateness: Array  # (n,) delays of the stamps after the frames [s]
+    roughness: float  # roughness of the motion with the new instants, relative to the stamps
 
 
 def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
     """The frame clock of poses with stamps `times` (n,) [s], not descending, and `eta` (n, 3).
 
-    Returns None where there is none to be found: stamps that are regular already, too little motion,
-    or motion that the clock found makes no smoother.
+    Returns None if the stamps are regular already, if there is too little motion, or if the new
+    instants do not make the motion smoother.
     """
     if len(times) < 200 or not _irregular(times):
         return None
@@ -71,60 +71,60 @@ def _irregular(times: Array) -> bool:
 
 
 def _numbers_by_motion(steps: Array) -> Tuple[Indices, Flags]:
-    """Numbers of the poses' frames as the motion alone tells them, and which steps do tell."""
+    """Frame numbers of the poses by the motion alone, and which steps are large enough for that."""
     single = _single_steps(steps, np.ones(len(steps)))
     size = np.linalg.norm(single, axis=1)
     counts = 1 + np.argmin(_step_costs(steps, single), axis=1)
-    tell = size > MOVES
+    tell = size > MIN_MOVE
     return np.concatenate([[0], np.cumsum(np.where(tell, counts, 1))]), tell
 
 
 def _single_steps(steps: Array, counts: Union[Array, Indices]) -> Array:
-    """What the craft moves from one frame to the next, near every step: medians of nine."""
+    """Motion of the craft from one frame to the next near every step, as medians of nine."""
     padded = np.pad(steps / counts[:, None], ((4, 4), (0, 0)), mode="edge")
     return np.asarray(np.median(np.stack([padded[i : i + len(steps)] for i in range(9)]), axis=0))
 
 
 def _step_costs(steps: Array, single: Array) -> Array:
-    """Minus log-likelihood of each step taking 1, 2, … frames, (n - 1, MOST_LOST + 1)."""
-    counts = np.arange(1, MOST_LOST + 2)
+    """Minus log-likelihood of each step taking 1, 2, … frames, (n - 1, MAX_LOST + 1)."""
+    counts = np.arange(1, MAX_LOST + 2)
     expected = counts[None, :, None] * single[:, None, :]
-    # The motion changes from step to step: by less than a tenth over one frame.
+    # The motion changes by less than a tenth from one frame to the next.
     variance = 1 + (0.1 * counts[None, :, None]) ** 2 * (1 + single[:, None, :] ** 2 / 10)
     misfit = ((steps[:, None, :] - expected) ** 2 / variance).sum(axis=2) / 2
-    return np.asarray(np.minimum(misfit, UNLIKELY))
+    return np.asarray(np.minimum(misfit, MAX_COST))
 
 
 def _rate(times: Array, numbers: Indices, block: int = 60) -> float:
-    """Frames per second: how fast the earliest stamps of each block advance."""
+    """Frames per second, by the earliest stamps of each block."""
     rate = len(times) / (times[-1] - times[0])
     for _ in range(3):
         late = times - numbers / rate
         firsts = [
             i + int(np.argmin(late[i : i + block])) for i in range(0, len(times) - block, block)
         ]
-        # Gaps make single blocks late, never early: the median is that of whole blocks.
+        # A gap makes a block late, never early, and does not affect the median.
         rate = 1 / np.median(np.diff(times[firsts]) / np.diff(numbers[firsts]))
     return float(rate)
 
 
 def _late_cost(late: Union[float, Array], poll: float) -> Array:
-    """Minus log-likelihood of a stamp so late [s]: up to a poll's period all are alike."""
+    """Minus log-likelihood of a stamp's delay [s]: delays up to a poll's period cost the same."""
     cost = np.where(late < poll, 0.0, 2 + 2 * np.log1p(np.maximum(late - poll, 0) / poll))
-    return np.where(late < -EARLIEST, UNLIKELY - 1e3 * late, cost)
+    return np.where(late < -EARLIEST, MAX_COST - 1e3 * late, cost)
 
 
 def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: float) -> Indices:
-    """The frames' numbers that stamps and steps together make most likely."""
+    """The most likely frame numbers given stamps and steps."""
     intervals = np.diff(times)
     poll = 1.2 * max(np.median(intervals[intervals > 1e-3]), 1 / rate)
     newest = np.floor((times - start + EARLIEST) * rate).astype(int)
     depth = int(LATEST * rate)
-    behind = np.arange(depth)  # how many frames a pose is older than the newest at its stamp
+    behind = np.arange(depth)  # number of frames by which a pose is older than the newest at its stamp
     gone = behind[:, None] - behind[None, :]  # rows: pose before, columns: this pose
     by_step = _step_costs(steps, single)
-    longest = MOST_LOST + 1
-    by_count = np.concatenate([[0.0], LOSS + np.log(np.arange(1, 20000))])
+    longest = MAX_LOST + 1
+    by_count = np.concatenate([[0.0], LOSS_COST + np.log(np.arange(1, 20000))])
     cost = _late_cost(times[0] - start - (newest[0] - behind) / rate, poll)
     came_from = np.zeros((len(times), depth), int)
     for k in range(1, len(times)):
@@ -132,7 +132,7 @@ def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: 
         possible = count >= 1
         count = np.clip(count, 1, len(by_count))
         here = by_count[count - 1] + np.where(
-            count <= longest, by_step[k - 1][np.minimum(count, longest) - 1], UNLIKELY / 2
+            count <= longest, by_step[k - 1][np.minimum(count, longest) - 1], MAX_COST / 2
         )
         total = np.where(possible, cost[:, None] + here, np.inf)
         came_from[k] = np.argmin(total, axis=0)
@@ -147,7 +147,7 @@ def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: 
 
 
 def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float]:
-    """Start [s] and rate [1/s] of the clock on which the earliest stamps are not late."""
+    """Start [s] and rate [1/s] of the clock by which the earliest stamps are not late."""
     from scipy import stats  # slow to load, and few recordings need it
 
     slope = (times[-1] - times[0]) / (numbers[-1] - numbers[0])
@@ -161,7 +161,7 @@ def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float
 
 
 def _roughness(times: Array, eta: Array) -> float:
-    """Mean change of velocity from step to step, in noises, where the steps take time."""
+    """Mean change of velocity from step to step, in standard deviations of a pose per second."""
     apart = np.maximum(np.diff(times), 2e-3)[:, None]
     change = np.diff(np.diff(eta, axis=0) / apart, axis=0) / NOISE
     return float(np.mean(np.linalg.norm(change, axis=1)))

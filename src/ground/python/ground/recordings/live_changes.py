@@ -1,4 +1,4 @@
-"""What a person changed while a run was recorded: live parameters and model files of its nodes."""
+"""Changes during a recording: live parameters and model files of nodes."""
 
 from dataclasses import dataclass
 from typing import List
@@ -12,16 +12,16 @@ TYPE = "ground_msgs/LiveChange"
 
 @dataclass(frozen=True)
 class LiveChange:
-    """A change that a node took while it ran."""
+    """A change that a node accepted while it ran."""
 
     time: float  # stamp [s]
     node: str
-    name: str  # of the parameter; model or model2 for a model file
+    name: str  # parameter's name; model or model2 for a model file
     before: str
     after: str
 
     def describe(self, zero: float) -> Document:
-        """The change as plain values; the time is that since `zero` [s]."""
+        """The change as plain values; its time counts from `zero` [s]."""
         return dict(vars(self), time=self.time - zero)
 
 

@@ -25,11 +25,11 @@ def topics_of(bag: MessageSource, kind: str) -> List[str]:
 
 
 def announced(bag: MessageSource, kind: str) -> bool:
-    """Whether the bag had messages of type `kind`, be they there or lost."""
+    """Whether the bag has or had messages of type `kind`, which may be lost."""
     return any(e.msg_type == kind for e in bag.get_type_and_topic_info().topics.values())
 
 
 def of_type(bag: MessageSource, kind: str) -> Iterator[Message]:
-    """Gives all messages of type `kind`, in the order of receipt."""
+    """Yields all messages of type `kind`, in the order of receipt."""
     for _, message, _ in bag.read_messages(topics_of(bag, kind)):
         yield message

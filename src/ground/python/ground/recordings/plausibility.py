@@ -1,4 +1,4 @@
-"""What cannot have been recorded so: single stamps and commands that a damaged file has changed.
+"""Implausible data: single stamps and commands that damage to a file has changed.
 
 A bag without compression has no checksum. A flipped bit shows only where the file says the same thing
 twice, or where one message is unlike all others.
@@ -10,23 +10,23 @@ import numpy as np
 
 from ground.annotations import Array, ArrayLike, Flags, Indices
 
-MIN_STAMP_ERROR = 1e-3  # of a stamp against the recorder's clock where delays are exact [s]
+MIN_STAMP_ERROR = 1e-3  # least error of a stamp against the recorder's clock if delays are exact [s]
 MIN_LIVE_ERROR = (
-    0.015  # the same where they scatter: a busy recorder's clock is late by half of it [s]
+    0.015  # the same if delays scatter; a busy recorder is late by up to half of it [s]
 )
-SCATTERS = 20  # times the typical scatter of delays that an error has to exceed as well
+MIN_SCATTERS = 20  # least error in multiples of the typical scatter of delays
 EXACT = 1e-4  # scatter of delays below which no message is ever late [s]
-REGULAR = 0.25  # part of that error by which receipts and delays around may be uneven
-MAX_SHARE = 0.01  # of stamps that may be wrong; more of them are the way a system works
-NEIGHBOURS = 2  # messages on each side that a message is held against
-MAX_LEVELS = 8  # of commands that switch between levels
-MIN_COMMANDS = 30  # that make levels recognisable
-LEVEL_SHARE = 0.98  # of them that are at a level
+REGULAR = 0.25  # largest unevenness of receipts and delays around, relative to the error
+MAX_SHARE = 0.01  # largest share of wrong stamps; more are no damage but the system's behaviour
+NEIGHBOURS = 2  # messages on each side that a message is compared with
+MAX_LEVELS = 8  # number of levels between which commands switch
+MIN_COMMANDS = 30  # commands needed to recognise levels
+LEVEL_SHARE = 0.98  # least share of commands at a level
 
 
 def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, float]:
-    """Stamps [s] with single ones replaced that contradict the recorder's clock while all around agree
-    with it; how many, and the largest error [s].
+    """Replaces single stamps [s] that contradict the recorder's clock while their neighbours agree with
+    it. Returns the stamps, the number replaced, and the largest error [s].
 
     stamps, received: (n,) in the order of receipt, on clocks that may differ by a constant or drift.
     """
@@ -38,14 +38,14 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
     typical = np.median(around, axis=1)
     error = np.abs(delays - typical)
     steps = np.diff(received)
-    uneven = np.abs(np.diff(steps))  # of a time of receipt between its two neighbours
+    uneven = np.abs(np.diff(steps))  # deviation of a receipt from the middle of its neighbours
     uneven = 0.5 * np.concatenate([uneven[:1], uneven, uneven[-1:]])
     scatter = np.median(error)
-    # A message may come late, which looks like a stamp that is too early; none comes too soon.
+    # A late message looks like a stamp that is too early; no message comes too soon.
     punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
     alike = np.ptp(around, axis=1) < REGULAR * error
     least = MIN_STAMP_ERROR if scatter < EXACT else MIN_LIVE_ERROR
-    wrong = (error > max(least, SCATTERS * scatter)) & alike & punctual
+    wrong = (error > max(least, MIN_SCATTERS * scatter)) & alike & punctual
     wrong &= ~_overtaken(stamps)
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
@@ -57,8 +57,8 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
 def lone_commands(
     times: Sequence[float], controls: Sequence[Sequence[float]], channels: Sequence[str]
 ) -> Iterator[str]:
-    """Sentences about commands whose value no other command has, where all others switch between a few
-    levels. times: (m,) [s]; controls: (m, c) by `channels`."""
+    """Sentences about commands with a unique value if all others switch between a few levels. times:
+    (m,) [s]; controls: (m, c) by `channels`."""
     if len(controls) < MIN_COMMANDS:
         return
     for channel, values in zip(channels, np.asarray(controls).T):
@@ -79,8 +79,8 @@ def lone_commands(
 
 
 def _overtaken(stamps: Array) -> Flags:
-    """Which messages came in the wrong order with stamps that are right: sorted, each takes the place
-    that is left for it, about a period from the one before and the one after. stamps: (n,) [s]."""
+    """Which messages arrived in the wrong order with correct stamps: sorted, each is about a period
+    from the one before and the one after. stamps: (n,) [s]."""
     order = np.argsort(stamps, kind="stable")
     steps = np.diff(stamps[order])
     period = np.median(steps)
@@ -92,7 +92,7 @@ def _overtaken(stamps: Array) -> Flags:
 
 
 def _neighbours(count: int) -> Indices:
-    """Indices (count, 2 * NEIGHBOURS) of those next to each of so many."""
+    """Indices (count, 2 * NEIGHBOURS) of the neighbours of each of `count` messages."""
     first = np.clip(np.arange(count) - NEIGHBOURS, 0, count - 2 * NEIGHBOURS - 1)
     window = first[:, None] + np.arange(2 * NEIGHBOURS + 1)
     others = window != np.arange(count)[:, None]

@@ -1,4 +1,4 @@
-"""What is odd about a recording, which parts of it can be used, and the run that fits see."""
+"""Oddities of a recording, its usable parts, and the run that fits use."""
 
 import itertools
 from dataclasses import asdict
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
 GAP = 0.05  # a longer pause is a gap [s]
-LATE = 0.05  # a stamp that comes more after its frame is a late one [s]
-SHORTEST = 0.3  # no shorter stretch is of use [s]
-MOVED = 0.01  # a craft that has moved by more does not rest [m]
-CONTACT = (1.0, 1.5)  # beyond any input, in parts of the largest thrust and yaw moment
-CONTACT_NOISE = 6.0  # nor less than this many times its noise
-CONTACT_MARGIN = 0.1  # left out before and after one [s]
-MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # of each thruster in a search over all of so many; else 2
+LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
+SHORTEST = 0.3  # shortest usable stretch [s]
+MOVED = 0.01  # largest movement of a craft at rest [m]
+CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
+CONTACT_NOISE = 6.0  # least excess in multiples of its noise
+CONTACT_MARGIN = 0.1  # time left out before and after a contact [s]
+MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
 
 PAIR = ("left", "right")  # the thrusters of a model
 
@@ -30,14 +30,14 @@ Span = Tuple[float, float]  # start, end [s]
 
 
 class Run:
-    """A recording with its motion repaired: findings and usable spans are of its own clock.
+    """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
-    Attributes: recording; motion; zero [s], the instant that the run's clock calls 0, and end [s] on
-    it; spans and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s];
-    reply, how the motion follows the commands; drives, when each drive began [s], the origins of
-    the model's t; drives_by, what says so: "record", "lift" (the first command with lift), "first
-    command" (which has lift already) or "start" (of the run: no command has lift); suspicions, the
-    mistakes that it looks like.
+    Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans
+    and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how
+    the motion follows the commands; drives, when each drive began [s], the origins of the model's
+    t; drives_by, the source of these: "record", "lift" (the first command with lift), "first
+    command" (which has lift already) or "start" (of the run, because no command has lift);
+    suspicions, the mistakes that it looks like.
     """
 
     def __init__(self, recording: "Recording") -> None:
@@ -114,7 +114,7 @@ class Run:
         end: Optional[float] = None,
         everything: bool = False,
     ) -> _core.RunData:
-        """_core.RunData of the usable spans, or of all that overlaps when `everything` is set.
+        """_core.RunData of the usable spans, or of the whole overlap if `everything` is set.
 
         `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
         left of it.
@@ -130,7 +130,7 @@ class Run:
         if inside.sum() < 10:
             raise GroundError(
                 "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
-                "of it (identify info says why, --all takes what is there)"
+                "of it (identify info says why, --all uses the whole run)"
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(PAIR)
@@ -151,7 +151,7 @@ class Run:
         return float(sum(b - a for a, b in self.spans))
 
     def describe(self) -> Document:
-        """What `info` says, as a dictionary of plain values; times are on the run's clock [s]."""
+        """Contents of `info`, as a dictionary of plain values; times are on the run's clock [s]."""
         recording = self.recording
         stamps, controls = recording.pose_times, recording.control_times
         return {
@@ -182,7 +182,7 @@ class Run:
         }
 
     def _describe_poses(self) -> Document:
-        """What `info` says of the poses."""
+        """Contents of `info` on the poses."""
         recording, motion = self.recording, self.motion
         stamps = recording.pose_times
         steps = np.diff(np.sort(stamps))
@@ -232,7 +232,7 @@ class Run:
         return {name: asdict(one) for name, one in zip(recording.thrusters, found)}
 
     def _describe_controls(self) -> Document:
-        """What `info` says of the commands."""
+        """Contents of `info` on the commands."""
         recording, motion = self.recording, self.motion
         controls, thrust = recording.control_times, recording.thrust
         changes = (np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1)
@@ -249,7 +249,7 @@ class Run:
 
 
 def describe(runs: List[Run]) -> List[Document]:
-    """What `info` says of runs, a dictionary each; with those that share their inputs."""
+    """Contents of `info` on runs, a dictionary each, with the runs that have the same inputs."""
     pairs = same_inputs(runs)
     described = [run.describe() for run in runs]
     for d in described:
@@ -278,7 +278,7 @@ def _held(recording: "Recording") -> Array:
 
 
 def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
-    """Whether two sequences of held commands are one, up to some of them at the start."""
+    """Whether two sequences of held commands agree, except for some at the start."""
     if a.shape[1] != b.shape[1]:
         return False
     near = np.append(np.full(a.shape[1] - 1, 1e-6), 0.03)
@@ -295,7 +295,7 @@ def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
 def _contacts(
     recording: "Recording", motion: Motion, found: Optional[reply.Reply]
 ) -> List[Span]:
-    """Spans of time in which the craft accelerates as no input within its bounds explains."""
+    """Spans with accelerations that no input within its bounds explains."""
     if found is None:
         return [(t, t) for t in motion.times[motion.jumps]]
     coefficients = found["coefficients"]
@@ -307,7 +307,7 @@ def _contacts(
     turn = np.abs(reachable[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
-    # Noise is no contact, however little the commands (both alike, say) tell of what they can do.
+    # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
     rest = wanted - reply.commands_at(recording, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
@@ -316,7 +316,7 @@ def _contacts(
         off = (wanted - effect) / scale
         force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
         beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
-    # A contact pushes for some frames; what only one shows is noise.
+    # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
     hit = ((beyond > 1) & reply.middle(motion.times)) | motion.jumps
     return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit)]

@@ -1,6 +1,6 @@
-"""What reads recordings: a reader for each kind of file; the first one that can read a file does.
+"""Readers of recordings, one for each kind of file; the first one that can read a file is used.
 
-Another kind of file takes a Reader in READERS, nothing else.
+To support another kind of file, add a Reader to READERS.
 """
 
 import glob
@@ -21,10 +21,10 @@ METADATA = "metadata.yaml"  # of a bag of ROS 2, in its folder
 
 
 class Reader(Protocol):
-    """Makes Recordings of one kind of file."""
+    """Reads Recordings from one kind of file."""
 
-    name: str  #: of the kind, "bag"
-    suffix: str  #: of the files in a folder that are meant when the folder is named, ".bag"
+    name: str  #: name of the kind, "bag"
+    suffix: str  #: suffix of the files that are read if a folder is given, ".bag"
 
     def can_read(self, path: str) -> bool:
         """Whether the file or folder at `path` is of this kind, by its first bytes or its name."""

@@ -1,4 +1,4 @@
-"""Recordings: poses and commands as they were measured, and how they come from a bag."""
+"""Recordings: poses and commands as they were measured, and reading them from a bag."""
 
 import functools
 import os
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from ground.recordings import quality
 
-JUMP_BACK = 0.5  # no message is late by more [s]
-FARTHEST = 1e4  # that a pose can be away [m]
-MANY_LOST = 0.1  # of the poses, from which on their axes are looked at
+JUMP_BACK = 0.5  # largest lateness of a message [s]
+FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
+MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 LIFT = "lift"  # the channel that is no thruster
 
 
@@ -36,25 +36,25 @@ class Recording:
     eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
     control_times: Array  #: (m,) [s]
     controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
-    source: str  #: which topics it came from
-    clock_offset: float = 0.0  #: what stamps of poses lack to the clock of the commands [s]
+    source: str  #: topics that it was read from
+    clock_offset: float = 0.0  #: to add to the stamps of the poses for the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
-    # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began,
-    # and until when it was said to be the newest
+    # (k, 2) [s], a row for each drive that the sender recorded (ground_msgs/Drive): when it began, and
+    # the stamp of the last message about it
     drives: Array = field(default_factory=lambda: np.empty((0, 2)))
-    settings: measured.Settings = field(default_factory=measured.default)  #: of the mocap
+    settings: measured.Settings = field(default_factory=measured.default)  #: settings of the mocap
     flown_by: Dict[str, str] = field(default_factory=dict)  #: flown.read
     files: Dict[str, flown.RunFile] = field(
         default_factory=dict
-    )  #: flown.RunFile by `model` and `room`, where kept
-    changes: List[live_changes.LiveChange] = field(default_factory=list)  #: made while it ran
-    path: str = ""  #: of the bag that it was read from
+    )  #: flown.RunFile by `model` and `room`, if recorded
+    changes: List[live_changes.LiveChange] = field(default_factory=list)  #: changes during the run
+    path: str = ""  #: path of the bag that it was read from
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands; `lift` is the lift fan
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
-        """The same with its motion repaired, and what can be used of it."""
-        from ground.recordings import quality  # which takes a while to load
+        """The recording with its motion repaired, and its usable spans."""
+        from ground.recordings import quality  # slow to load
 
         return quality.Run(self)
 
@@ -97,7 +97,7 @@ class Recording:
         return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Poses and the commands that held then: columns t [s] since the first pose, x, y [m],
+        """Poses and the commands held at their times: columns t [s] since the first pose, x, y [m],
         psi [rad], and a column for each channel (NaN before the first command)."""
         import pandas
 
@@ -173,7 +173,7 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
         names,
         {channel.name: channel.range for channel in channels},
     )
-    # In the order of their last word: what one damaged message says, the next one takes back.
+    # Sorted by the last message on each, so that the next message overrules a damaged one.
     ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
         found,
@@ -183,18 +183,18 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
         changes=changes,
         flown_by=flown_by,
         files=run_files,
-        # The recorder received both: if their delays differ by much, their stamps are of two clocks.
+        # One recorder received both: if their delays differ by much, their stamps have two clocks.
         clock_offset=0.0 if mapping.clock_offset else rows.delay("poses") - rows.delay("controls"),
     )
 
 
 @dataclass
 class _Rows:
-    """What a bag has of poses and controls."""
+    """Poses and controls in a bag."""
 
     rows: Dict[str, List[Tuple[float, ...]]]  # stamp and values
     receipts: Dict[str, List[float]]  # when each row was received [s]
-    drives: Dict[float, float]  # when each drive began, and the last stamp that says so [s]
+    drives: Dict[float, float]  # when each drive began -> stamp of the last message about it [s]
     lost: int = 0  # poses that are invalid
 
     def mend_stamps(self, warnings: List[str]) -> None:
@@ -211,7 +211,7 @@ class _Rows:
                 )
 
     def delay(self, what: str) -> float:
-        """From stamp to receipt, the median [s]."""
+        """Median time from stamp to receipt [s]."""
         return float(np.median(np.subtract(self.receipts[what], [r[0] for r in self.rows[what]])))
 
 
@@ -274,7 +274,7 @@ def read_settings(path: str) -> measured.Settings:
 
 
 def read_files(path: str) -> Dict[str, flown.RunFile]:
-    """flown.RunFile by `model` and `room` that were kept with the run in a bag. Raises GroundError."""
+    """flown.RunFile by `model` and `room` that were recorded with the run. Raises GroundError."""
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:

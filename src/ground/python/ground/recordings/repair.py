@@ -1,4 +1,4 @@
-"""Poses as they must have been: what a recording's quirks hide is put right, and counted."""
+"""Repair of a recording's poses; repairs are counted."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Dict, Optional, Tuple
@@ -14,13 +14,13 @@ from ground.recordings import bursts, frame_clock
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
-MAX_GAP = 0.1  # over a longer one nothing is interpolated, and no window reaches [s]
-CLOCK_OFFSET = 0.05  # topics whose stamps differ by more, by the recorder's clock, are shifted [s]
-FROZEN = 3  # equal poses in a row of a craft that moves: a repeated sample
-FLIP_LIKELIHOOD = (3.0, 0.5)  # minus log-likelihood of a change to mirrored headings, of each one
-TYPICAL_NOISE = (4e-4, 6e-3)  # of poses [m], [rad], where the recording does not tell
-POLLED_NOISE = (4e-3, 3e-2)  # of poses whose instants are known to some milliseconds only
-GATE = 8.0  # poses further off than so many noises are spikes
+MAX_GAP = 0.1  # longest gap that is interpolated, or that a window spans [s]
+CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
+FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
+FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
+TYPICAL_NOISE = (4e-4, 6e-3)  # noise of poses [m], [rad], if the recording does not determine it
+POLLED_NOISE = (4e-3, 3e-2)  # the same for poses whose instants are known to some milliseconds only
+GATE = 8.0  # poses further off than this many standard deviations are spikes
 
 
 @dataclass
@@ -33,10 +33,10 @@ class Motion:
     nu: Array  # (n, 3) body velocities u, v [m/s], r [rad/s]
     nu_dot: Array  # (n, 3) their derivatives [m/s^2], [rad/s^2]
     noise: Tuple[float, float]  # standard deviations of the poses [m], [rad]
-    spikes: Flags  # (n,) poses that follow from no motion; smoothed over
-    jumps: Flags  # (n,) where the motion begins anew although no pose is missing
-    clock: Optional[frame_clock.FrameClock]  # where the frames' instants were rebuilt
-    repairs: Dict[str, float] = field(default_factory=dict)  # what was done, how often
+    spikes: Flags  # (n,) outliers; smoothed over
+    jumps: Flags  # (n,) where the motion restarts although no pose is missing
+    clock: Optional[frame_clock.FrameClock]  # if the frames' instants were rebuilt
+    repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
 
 
 def wrap(angle: ArrayLike) -> Array:
@@ -45,7 +45,7 @@ def wrap(angle: ArrayLike) -> Array:
 
 
 def repair(recording: "Recording") -> Motion:
-    """The recording's motion; raises GroundError when too little of it is left."""
+    """The recording's repaired motion; raises GroundError when too little of it is left."""
     repairs = {}
     times = recording.pose_times
     if abs(recording.clock_offset) > CLOCK_OFFSET:
@@ -85,21 +85,21 @@ def repair(recording: "Recording") -> Motion:
 
 
 def smooth(times: Array, eta: Array, noise: Tuple[float, float]) -> Smoothed:
-    """_core.smooth with poses of that noise (position [m], heading [rad])."""
+    """_core.smooth for poses with this noise (position [m], heading [rad])."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise
-    # A fast spin may turn by any angle meanwhile: to bridge a gap would be to guess it.
+    # Do not bridge gaps: in a fast spin the craft may turn by any angle meanwhile.
     params.gate, params.max_gap = GATE, MAX_GAP
     return _core.smooth(times, eta, params)
 
 
 def polled(times: Array) -> bool:
-    """Whether many stamps ascend by next to nothing: several frames were fetched at once."""
+    """Whether many stamps nearly coincide, because several frames were fetched at once."""
     return bool(np.mean(np.diff(times) < frame_clock.EARLIEST) > 0.05)
 
 
 def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
-    """Which poses are not said twice: neither with the same stamp nor while the craft moves on."""
+    """Which poses are not repeated, neither with the same stamp nor while the craft moves."""
     same = np.concatenate([[False], (np.diff(eta, axis=0) == 0).all(axis=1)])
     again = same & np.concatenate([[False], np.diff(times) == 0])
     repairs["duplicates dropped"] = int(again.sum())
@@ -117,21 +117,22 @@ def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
 
 
 def _unmirror(psi: Array) -> Tuple[Array, int]:
-    """Headings with those mirrored back that the mocap gave as `centre - psi`; how many they were.
+    """Undoes mirrored headings, which the mocap gave as `centre - psi`. Returns the headings and how
+    many were mirrored.
 
-    Mocap software confuses a rigid body with its mirror image: for single frames or some in a row
-    the heading's sign is wrong. The axes' tilt moves the mirrored heading by a constant, which the
-    single ones tell. Which frames are mirrored is the most likely sequence (Viterbi 1967).
+    Mocap software may confuse a rigid body with its mirror image: for single frames or several in a
+    row the heading's sign is wrong. A tilt of the axes shifts the mirrored heading by a constant, which
+    is estimated from single frames. The most likely sequence (Viterbi 1967) says which are mirrored.
     """
     centre = _mirror_centre(psi)
     if centre is None:
         return psi, 0
-    readings = np.stack([psi, centre - psi])  # row 1: if it is mirrored
+    readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
     steps = np.diff(psi)
     padded = np.pad(wrap(steps), (7, 7), mode="edge")
     turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
     width = 0.02 + 0.3 * np.abs(turning)
-    change, mirrored = FLIP_LIKELIHOOD
+    change, mirrored = FLIP_COST
     cost = np.array([0.0, change])
     came_from = np.zeros((len(psi), 2), int)
     for k in range(1, len(psi)):
@@ -161,7 +162,7 @@ def _mirror_centre(psi: Array) -> Optional[float]:
 
 
 def _noise(times: Array, eta: Array) -> Tuple[float, float]:
-    """Standard deviations of position [m] and heading [rad]: what third differences scatter by."""
+    """Standard deviations of position [m] and heading [rad], from the scatter of third differences."""
     steps = np.diff(times)
     even = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
     even = even[:-2] & even[1:-1] & even[2:]

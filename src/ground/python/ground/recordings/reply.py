@@ -11,11 +11,11 @@ from ground.recordings.repair import MAX_GAP, Motion
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
-LAGS = np.arange(-0.3, 0.41, 0.01)  # of the motion after the commands [s]
+LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
 FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
 FAR_SHARE = 0.3  # of the accelerations that the commands have to explain at such a lag
 FAR_SAMPLES = 2000  # of motion that tell it
-LAG_SAMPLES = 20000  # of motion, spread over the recording, are enough to tell the lag
+LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 BLOCKS = 10  # of time that errors are estimated from
 USUAL_LAG = 0.1  # where the motion does not tell it [s]
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not tell channels apart
@@ -25,13 +25,13 @@ OUTLIER = 6.0  # accelerations further from their median than so many scatters a
 class Reply(TypedDict):
     """How accelerations follow from the commands."""
 
-    lag: float  # of the motion after the commands [s]
-    share: float  # of the accelerations that the commands explain
+    lag: float  # lag of the motion behind the commands [s]
+    share: float  # share of the accelerations that the commands explain
     coefficients: Array  # (n + 11, 3) of the thrusters, and _smooth_terms
 
 
 def stretches(times: Array, inside: Flags) -> List[Indices]:
-    """Indices of the samples inside, apart where there is a gap between them."""
+    """Indices of the samples inside, split at gaps."""
     index = np.flatnonzero(inside)
     if not len(index):
         return []
@@ -54,10 +54,10 @@ def accelerations(motion: Motion) -> Array:
 
 
 def find(recording: "Recording", motion: Motion) -> Optional[Reply]:
-    """How accelerations follow from the commands: linearly, at the lag that suits best.
+    """Linear regression of the accelerations on the commands, at the lag that fits best.
 
-    Whatever the body's axes and its drag: all accelerations on both commands and on products of the
-    velocities. None when the commands explain next to nothing.
+    It needs no knowledge of the body's axes and drag: it regresses all accelerations on all commands
+    and on products of the velocities. None when the commands explain less than 10%.
     """
     inside = middle(motion.times)
     times = motion.times[inside]
@@ -83,7 +83,7 @@ def find(recording: "Recording", motion: Motion) -> Optional[Reply]:
 
 
 def smooth_terms(nu: Array) -> Array:
-    """What accelerations may depend on besides the commands, (n, 11)."""
+    """Regressors of the accelerations besides the commands, (n, 11)."""
     u, v, r = nu.T
     return np.column_stack(
         [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
@@ -91,7 +91,7 @@ def smooth_terms(nu: Array) -> Array:
 
 
 def middle(times: Array, margin: float = 0.06) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are guesses."""
+    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate."""
     inside = np.zeros(len(times), bool)
     for stretch in stretches(times, np.ones(len(times), bool)):
         start, end = times[stretch[0]], times[stretch[-1]]

@@ -1,7 +1,7 @@
-"""What a run was made with: parameters by node, and the contents of the model and room files they name.
+"""Parameters of a run, by node, and the contents of the model and room files that they name.
 
-record.launch writes it beside a bag, RUN.yaml; the bag of a simulated run has the same text in a message
-(ground_msgs/RunSettings). Contents are under run_files, path: text.
+record.launch writes them beside a bag, as RUN.yaml; the bag of a simulated run has the same text in a
+message (ground_msgs/RunSettings). The files' contents are under run_files, path: text.
 """
 
 import contextlib
@@ -17,14 +17,14 @@ from ground.recordings.messages import MessageSource
 
 TYPE = "ground_msgs/RunSettings"
 FILES = "run_files"
-NAMES = ("model", "room")  # parameters whose files' contents travel with the run
-LARGEST = 10**6  # file that does [bytes]
+NAMES = ("model", "room")  # parameters whose files' contents are recorded
+LARGEST = 10**6  # size of the largest file that is recorded [bytes]
 PART = re.compile(r"(_\d+)?\.bag(\.active)?$")  # end of the name of a part of a recording
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
-    """Writes texts of several lines as they are."""
+    """Writes strings of several lines as blocks."""
 
 
 def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
@@ -70,7 +70,7 @@ def in_bag(bag: MessageSource) -> Iterator[Any]:
 
 
 def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, Any]]:
-    """Name and content of the parameter files beside a bag that can be read."""
+    """Name and content of the readable parameter files beside a bag."""
     for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
         if not os.path.isfile(name):
             continue

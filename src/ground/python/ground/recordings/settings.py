@@ -1,4 +1,4 @@
-"""How poses of the mocap were turned into world_ned: recorded with the run, or given by the user.
+"""Settings that turn poses of the mocap into world_ned: recorded with the run, or given by the user.
 
 mocap_state publishes its settings latched, so that every part of a split recording begins with them;
 the parameter file beside the bag has those with which the run began.
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
 TYPE = "ground_msgs/MocapSettings"
-AXES = "x, z, -y"  # of OptiTrack, y up: what mocap_state takes when nothing is set
+AXES = "x, z, -y"  # default of mocap_state, for OptiTrack with y up
 
 
 @dataclass(frozen=True)
 class Setting:
     """One way to turn poses of the mocap into world_ned."""
 
-    since: int  # it holds for poses stamped after this [ns]
+    since: int  # it applies to poses stamped after this [ns]
     axes: str  # world_ned x, y, z in the mocap's axes
     heading_offset: float  # measured minus true heading [rad]
 
 
 def _check(setting: Setting, source: str) -> _core.AxisMapping:
-    """The _core.AxisMapping of a setting; GroundError names where one that makes no sense is from."""
+    """The _core.AxisMapping of a setting; for an invalid one GroundError names `source`."""
     if not abs(setting.heading_offset) <= 2 * math.pi:
         raise GroundError(
-            "%s: a heading_offset of %g is no angle; write it in radians, from -6.28 to 6.28"
+            "%s: heading_offset %g is out of range; write it in radians, from -6.28 to 6.28"
             % (source, setting.heading_offset)
         )
     try:
@@ -48,11 +48,11 @@ def _check(setting: Setting, source: str) -> _core.AxisMapping:
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of a run, in order of time; the first one holds for all poses before, too."""
+    """The settings of a run, in order of time; the first one also applies to all poses before."""
 
     changes: Tuple[Setting, ...]
-    sources: Dict[str, str]  # where axes and heading_offset are from, in words
-    taken: Tuple[str, ...]  # which of them the poses of the run take
+    sources: Dict[str, str]  # sources of axes and heading_offset, in words
+    taken: Tuple[str, ...]  # which of them the poses of the run need
     _mappings: List[_core.AxisMapping] = field(init=False, repr=False, compare=False)
     _sinces: List[int] = field(init=False, repr=False, compare=False)
 
@@ -78,7 +78,7 @@ class Settings:
         return math.remainder(measured - offset, 2 * math.pi) if offset else measured
 
     def values(self, name: str) -> Optional[Tuple[Any, ...]]:
-        """Values of axes or heading_offset in order of time; None where the run takes none."""
+        """Values of axes or heading_offset in order of time; None if the poses do not need it."""
         values = [getattr(s, name) for s in self.changes]
         kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
         return tuple(kept) if name in self.taken else None
@@ -110,9 +110,9 @@ def settings_of(
 ) -> Settings:
     """The Settings of poses in the MessageSource at `path`; taken: which of them the poses take.
 
-    They are those of the mapping where it gives them, else those in the bag, else those in the
+    They are those of the mapping if it gives them, else those in the bag, else those in the
     parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
-    and what the poses do not take; raises GroundError for axes that are no frame.
+    and what the poses do not need; raises GroundError for axes that are not a frame.
     """
     warnings = [] if warnings is None else warnings
     axes, heading_offset = mapping.poses.axes, mapping.poses.heading_offset
@@ -139,14 +139,14 @@ def settings_of(
 
 
 def default() -> Settings:
-    """The default settings, for poses of no bag."""
+    """The default settings, for poses that are not from a bag."""
     sources = {"axes": "default", "heading_offset": "default"}
     return Settings((Setting(0, AXES, 0.0),), sources, ())
 
 
 def differences(recordings: Sequence["Recording"]) -> str:
-    """A line that names recordings by their settings, and by the model and the room of their controllers,
-    where these differ; empty where they do not."""
+    """A line that groups recordings by settings, and by model and room of their controllers, if these
+    differ; empty if they do not."""
     parts = flown.differences(recordings)
     for name in ("axes", "heading_offset"):
         groups: Dict[Tuple[Any, ...], List[str]] = {}
@@ -178,7 +178,7 @@ def _in_bag(bag: MessageSource, path: str, warnings: List[str]) -> List[Setting]
 
 
 def _distinct(changes: Iterable[Setting]) -> List[Setting]:
-    """Without those that change nothing: every part of a recording repeats the last one."""
+    """Removes settings that repeat the one before, as every part of a recording does."""
     kept: List[Setting] = []
     for s in changes:
         if not kept or (s.axes, s.heading_offset) != (kept[-1].axes, kept[-1].heading_offset):
@@ -187,7 +187,7 @@ def _distinct(changes: Iterable[Setting]) -> List[Setting]:
 
 
 def _beside(path: str, warnings: List[str]) -> Tuple[List[Setting], str]:
-    """Settings by the parameters beside a bag, a list of one, and where they are from."""
+    """Settings from the parameter file beside a bag, a list of one, and their source."""
     for name, parameters in run_parameters.beside(path, warnings):
         for node in run_parameters.nodes(parameters, "mocap_state"):
             axes, offset = node.get("axes", AXES), node.get("heading_offset", 0.0)

@@ -1,4 +1,4 @@
-"""Names in the bags that launch/record.launch records, and how those are written."""
+"""Topics of the bags that launch/record.launch records, and the size of their chunks."""
 
 POSE = "/vrpn_client_node/hovercraft/pose"
 SETTINGS = "/mocap_state/settings"
@@ -13,4 +13,4 @@ TRUTH = "/simulator/truth"
 REFERENCE = "/reference"
 REFERENCE_PATH = "/path/reference"
 CONTROLLER = "/controller"  # name of its node
-CHUNK = 8 * 1024  # written at once, as launch/record.launch does: what a cut takes with it [bytes]
+CHUNK = 8 * 1024  # as in launch/record.launch; a cut loses at most one chunk [bytes]

@@ -1,4 +1,4 @@
-"""How well a craft followed its reference, at what cost."""
+"""Error and effort with which a craft followed its reference."""
 
 from typing import Dict, Optional
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ground.annotations import Array, Flags
 
-AT_BOUND = 1e-6  # an input so near to 0 or 1 is saturated
+AT_BOUND = 1e-6  # an input this near to 0 or 1 is saturated
 
 
 def saturated(inputs: Array) -> Flags:
@@ -15,8 +15,8 @@ def saturated(inputs: Array) -> Flags:
 
 
 def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
-    """What position errors (n,) [m] and inputs (k, 2), 0..1, come to: rms, max and final error [m], share of
-    the time in which an input is at a bound, mean square of the inputs. None for what has no
+    """Numbers of position errors (n,) [m] and inputs (k, 2), 0..1: rms, max and final error [m], share of
+    the time in which an input is at a bound, mean square of the inputs. None where there are no
     rows."""
     numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
     if len(errors):
@@ -30,8 +30,8 @@ def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
 
 
 def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
-    """Share outside 0..1 and largest of rows left, right before the inputs were limited; None
-    without rows."""
+    """Share of rows left, right outside 0..1 before the inputs were limited, and the largest value;
+    None without rows."""
     outside = ((wanted < -AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
     return {
         "wanted_outside": float(outside.mean()) if len(wanted) else None,

@@ -11,9 +11,9 @@ from ground.recordings import tracking_error
 from ground.recordings.bag_reader import BagReader
 from ground.recordings.recording import Recording
 
-PAUSE = 0.5  # without a reference, after which another drive begins [s]
-LONGEST = 0.1  # between poses that a position is interpolated in [s]
-SHORTEST = 1.0  # drive that is looked at [s]
+PAUSE = 0.5  # time without a reference after which another drive begins [s]
+LONGEST = 0.1  # longest time for which a reference is extrapolated [s]
+SHORTEST = 1.0  # shortest drive that counts [s]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Track:
 
 
 def read(path: str, recording: Recording) -> List[Track]:
-    """The Tracks of a Recording and the bag that it is of; GroundError where nothing followed a
+    """The Tracks of a Recording, read from the bag at `path`; GroundError if nothing followed a
     reference."""
     followed: List[Tuple[float, ...]] = []
     limited: List[Tuple[float, ...]] = []
@@ -116,9 +116,9 @@ def _during(rows: Array, began: float, ended: float) -> Array:
 
 
 def numbers(track: Track, settled: float = 0.0) -> Document:
-    """What a Track comes to, from `settled` [s] on: rms, max and final error [m], share of the time
-    in which an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms of
-    tracking_error (the latter of the whole drive), None where that was not recorded."""
+    """Numbers of a Track from `settled` [s] on: rms, max and final error [m], share of the time in which
+    an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms of
+    tracking_error (the latter of the whole drive), None for what was not recorded."""
     counts = track.times >= settled
     if not counts.any():
         raise GroundError("the drive ended before %g s" % settled)

@@ -1,4 +1,4 @@
-"""Stretches of runs that are simulated, each from an initial state of its own, and the error there."""
+"""Windows: stretches of runs that are simulated, each from its own initial state, and their error."""
 
 from typing import Dict, List, Optional, Sequence
 
@@ -6,7 +6,7 @@ from ground import _core
 from ground.errors import GroundError
 from ground.recordings.repair import MAX_GAP
 
-WINDOW = 1.5  # of the error [s]
+WINDOW = 1.5  # length of the windows of the error [s]
 
 
 def cut(runs: Sequence[_core.RunData], length: float = WINDOW) -> List[_core.Window]:
@@ -25,7 +25,7 @@ def cut(runs: Sequence[_core.RunData], length: float = WINDOW) -> List[_core.Win
 def cut_part(
     run: _core.RunData, index: int, start: float, end: float, length: float = WINDOW
 ) -> List[_core.Window]:
-    """Windows of the part of a run, number `index` of its problem, from `start` to `end` [s]."""
+    """Windows of a run from `start` to `end` [s]; index: the run's number in the problem."""
     return _core.cut_windows(run, index, start, end, length, MAX_GAP)
 
 
@@ -46,7 +46,7 @@ def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
 def cut_again(
     runs: Sequence[_core.RunData], window: _core.Window, length: float
 ) -> List[_core.Window]:
-    """Windows of `length` seconds in a window; the window itself where none fits in."""
+    """Windows of `length` seconds in a window; the window itself if none fits."""
     times = runs[window.run].times
     found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], length)
     return found or [window]
@@ -71,7 +71,7 @@ def error(
 ) -> float:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 
-    Initial velocities are those that suit the model best. Raises GroundError when the
+    Initial velocities are the best for the model. Raises GroundError when the
     model cannot be simulated.
     """
     try:

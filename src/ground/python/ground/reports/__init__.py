@@ -1,1 +1,1 @@
-"""What was found, in words, pictures and pages."""
+"""Reports in words, pictures and pages."""

@@ -1,6 +1,8 @@
-"""What pictures and pages have in common: colours, and what channels and variables are called."""
+"""Shared by pictures and pages: colours, and names of channels and variables."""
 
 from typing import List, Tuple
+
+from plotly import colors
 
 from ground.analysis import comparison, failure
 from ground.annotations import Document
@@ -8,9 +10,12 @@ from ground.reports import words
 
 MEASURED = "#222222"
 MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
-FLOOR = MODELS[2]  # of the noise
+FLOOR = MODELS[2]  # colour of the noise floor
 LEFT, RIGHT = "#0b9aa8", "#e08e0b"
 WARNING = "#c00000"
+VIRIDIS, ORANGES = (
+    colors.make_colorscale(scale) for scale in (colors.sequential.Viridis, colors.sequential.Oranges)
+)
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
 ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "speed", "r", "heading", "x", "y"]
@@ -20,12 +25,12 @@ NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
 
 def model_color(index: int) -> str:
-    """Colour of a model by its place."""
+    """Colour of a model by its number."""
     return MODELS[index % len(MODELS)]
 
 
 def transparent(color: str, opacity: float) -> str:
-    """A color "#rrggbb" of some opacity (0..1)."""
+    """A color "#rrggbb" with an opacity (0..1)."""
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return "rgba(%d,%d,%d,%g)" % (red, green, blue, opacity)
 
@@ -36,7 +41,7 @@ def scaled(entry: Document) -> Tuple[float, str]:
 
 
 def short_label(entry: Document) -> str:
-    """What a variable is called where there is little room."""
+    """Short name of a variable."""
     label = str(entry["label"]).split("thrust ")[-1].split("difference ")[-1]
     return label.split(" since ")[0]
 

@@ -14,14 +14,14 @@ from ground.reports import report
 if TYPE_CHECKING:
     from ground.api.comparing import Comparison, RunComparison
 
-KINDS = ("comparison", "where", "residuals")  # of pictures that a run has one of
+KINDS = ("comparison", "where", "residuals")  # kinds of pictures, one of each for a run
 HEADER = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 
 
 class Folder:
     """Where the results of one comparison go; `prepare` comes before the runs, `write` after them.
 
-    labels: of the models; form: of pictures, "png" or "svg"; force: overwrite.
+    labels: the models'; form: format of pictures, "png" or "svg"; force: overwrites files.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Folder:
         self.force = force
         self.numbers = os.path.join(path, "compare.json")
         self.page = os.path.join(path, "report.html")
-        self._names: Dict[str, Document] = {}  # of the files of each run
+        self._names: Dict[str, Document] = {}  # names of the files of each run
 
     @property
     def to_look_at(self) -> str:
@@ -42,8 +42,8 @@ class Folder:
         return self.page if self.pictures else self.numbers
 
     def prepare(self, runs: Sequence[str]) -> None:
-        """Makes the folder. GroundError when it cannot, or when a file exists and is not to be
-        overwritten."""
+        """Makes the folder. GroundError when it cannot, or when a file exists and `force` is not
+        set."""
         try:
             os.makedirs(self.path, exist_ok=True)
         except OSError as error:
@@ -87,20 +87,20 @@ class Folder:
             _draw(run.studies, named, self.force)
 
     def write(self, found: "Comparison") -> Document:
-        """Writes compare.json and the page; gives what is in the first."""
+        """Writes compare.json and the page; returns the contents of the former."""
         result = self.write_numbers(found)
         if self.pictures:
             self.write_page(found, result)
         return result
 
     def write_numbers(self, found: "Comparison") -> Document:
-        """Writes compare.json; gives what is in it."""
+        """Writes compare.json; returns its contents."""
         result: Document = found.to_dict([self._names[run.name] for run in found.runs])
         files.write_json(self.numbers, result, self.force)
         return result
 
     def write_page(self, found: "Comparison", result: Document) -> None:
-        """Writes the page; result: what is in compare.json."""
+        """Writes the page; result: contents of compare.json."""
         inputs = [run.recording.path for run in found.runs]
         inputs += [model.path for model in found.models.values()]
         report.comparison(

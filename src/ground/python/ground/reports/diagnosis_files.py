@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Folder:
-    """Where the results of one diagnosis go; `prepare` comes before it. force: overwrite."""
+    """Where the results of one diagnosis go; `prepare` comes before it. force: overwrites files."""
 
     def __init__(self, path: str, force: bool) -> None:
         def inside(name: str) -> str:
@@ -26,7 +26,7 @@ class Folder:
         self.improved = inside("improved.yaml")
         self.proposal = inside("proposal.yaml")
         self.next_experiment = inside("next_experiment.csv")
-        # what a user is told of, in this order; without what there is none of
+        # files that exist, in the order in which a user is told of them
         self.written = [
             self.numbers,
             self.page,
@@ -36,8 +36,8 @@ class Folder:
         ]
 
     def prepare(self) -> None:
-        """Makes the folder. GroundError when it cannot, or when a file exists and is not to be
-        overwritten."""
+        """Makes the folder. GroundError when it cannot, or when a file exists and `force` is not
+        set."""
         try:
             os.makedirs(self.path, exist_ok=True)
         except OSError as error:
@@ -46,7 +46,7 @@ class Folder:
             files.refuse_existing(path, self.force)
 
     def write_numbers(self, found: "Diagnosis") -> None:
-        """Writes all but the page."""
+        """Writes all files except the page."""
         found.improved.save(self.improved, self.force)
         if found.next_inputs is not None:
             rows = found.next_inputs

@@ -1,68 +1,85 @@
-"""Parts that the package's figures are made of: curves, arrows, notes, small multiples (plotly)."""
+"""Parts of the package's figures: curves, arrows, notes, small multiples (plotly)."""
 
+import functools
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
+from plotly import io
 
 from ground.analysis import failure
 from ground.annotations import Array, Document
 from ground.recordings import repair
+from ground.reports import panels
 from ground.reports.appearance import LEFT, RIGHT, short_label, transparent
 
-MOST = 1000  # points of a curve; what is left out is said
-ARROW_HEAD = 0.3  # of the length of an arrow
+MAX_POINTS = 1000  # points of a curve; captions say what is left out
+ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
-Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # of what is seen from above
-ZERO_LINE = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
+Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
+ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
 def finish(
-    figure: go.Figure,
+    figure: panels.Figure,
     height: int,
     caption: str,
     margin: Mapping[str, int] = {},
     legend_y: float = 1.02,
 ) -> Document:
     """The figure as a document, with its height [pixels], caption, margins and legend."""
-    figure.update_xaxes(title_font_size=11)
-    figure.update_yaxes(title_font_size=11)
-    figure.update_layout(
-        template="plotly_white",
+    figure.update_xaxes(title={"font": {"size": 11}})
+    figure.update_yaxes(title={"font": {"size": 11}})
+    figure.layout.update(
+        template=_template(),
         height=height,
         meta=caption,
         font={"family": "system-ui, sans-serif", "size": 12},
         margin=dict({"t": 50, "b": 50, "l": 70, "r": 10}, **margin),
         legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
     )
-    finished: Document = figure.to_plotly_json()
-    return finished
+    return figure.document()
+
+
+@functools.lru_cache(maxsize=None)
+def _template() -> Document:
+    template: Document = io.templates["plotly_white"].to_plotly_json()
+    return template
 
 
 def curve(
     x: Any, y: Any, name: str, line: Document, legend: bool, opacity: float = 1.0
-) -> go.Scatter:
+) -> Document:
     """A line through points; nothing is drawn at and beside NaN."""
-    return go.Scatter(
-        x=short(x),
-        y=short(y),
-        name=name,
-        legendgroup=name,
-        mode="lines",
-        line=line,
-        opacity=opacity,
-        showlegend=legend,
-        hovertemplate="%{y:.4g}",
-    )
+    return {
+        "type": "scatter",
+        "x": short(x),
+        "y": short(y),
+        "name": name,
+        "legendgroup": name,
+        "mode": "lines",
+        "line": line,
+        "opacity": opacity,
+        "showlegend": legend,
+        "hovertemplate": "%{y:.4g}",
+    }
 
 
-def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> go.Scatter:
-    """What is between two curves."""
-    edge = outline(x, low, high)
-    trace = curve(edge[0], edge[1], "", {"width": 0, "color": shade}, False)
-    trace.update(fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
-    return trace.update(hovertemplate=None)
+def shaded(x: Array, low: Array, high: Array, shade: str, opacity: float) -> Document:
+    """The area between two curves."""
+    return area(*outline(x, low, high), "", shade, opacity, False)
+
+
+def area(x: Any, y: Any, name: str, shade: str, opacity: float, legend: bool) -> Document:
+    """The area inside outlines, NaN between them."""
+    trace = curve(x, y, name, {"width": 0, "color": shade}, legend)
+    del trace["hovertemplate"]
+    return dict(trace, fill="toself", fillcolor=transparent(shade, opacity), hoverinfo="skip")
+
+
+def points(x: Any, y: Any, marker: Document, **style: Any) -> Document:
+    """Marks at points."""
+    place = {"type": "scatter", "mode": "markers", "x": short(x), "y": short(y)}
+    return {**place, "marker": marker, **style}
 
 
 def arrows(
@@ -75,7 +92,7 @@ def arrows(
     head: float = ARROW_HEAD,
     legend: bool = False,
     opacity: float = 1.0,
-) -> go.Scatter:
+) -> Document:
     """Arrows from (x, y) that are (dx, dy) long. head: length of its two lines, as a share."""
     tail, along = np.array([x, y], float), np.array([dx, dy], float)
     across = np.array([-along[1], along[0]])
@@ -92,29 +109,29 @@ def bins(
     shade: str,
     legend: bool,
     errors: Optional[Array] = None,
-) -> go.Scatter:
+) -> Document:
     """Means in the bins of a variable, with bars of `errors` to both sides."""
-    return go.Scatter(
-        x=short(entry["centres"]),
-        y=short(values),
-        name=name,
-        legendgroup=name,
-        showlegend=legend,
-        mode="lines+markers",
-        marker={"size": 4, "color": shade},
-        line={"width": 1.4, "color": shade},
-        error_y=(
-            None
-            if errors is None
-            else {"array": short(errors), "width": 0, "thickness": 1.2, "color": shade}
-        ),
-        hovertemplate="%{x:.3g}: %{y:.3g}",
-    )
+    trace = {
+        "type": "scatter",
+        "x": short(entry["centres"]),
+        "y": short(values),
+        "name": name,
+        "legendgroup": name,
+        "showlegend": legend,
+        "mode": "lines+markers",
+        "marker": {"size": 4, "color": shade},
+        "line": {"width": 1.4, "color": shade},
+        "hovertemplate": "%{x:.3g}: %{y:.3g}",
+    }
+    if errors is not None:
+        bars = {"array": short(errors), "width": 0, "thickness": 1.2, "color": shade}
+        trace["error_y"] = bars
+    return trace
 
 
-def small_multiples(rows: int, columns: int) -> go.Figure:
+def small_multiples(rows: int, columns: int) -> panels.Figure:
     """Many small panels, close together."""
-    figure = make_subplots(
+    figure = panels.Figure(
         rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
     )
     figure.update_xaxes(tickfont={"size": 9}, nticks=4)
@@ -123,12 +140,12 @@ def small_multiples(rows: int, columns: int) -> go.Figure:
 
 
 def label_axes(
-    figure: go.Figure, row: int, column: int, entry: Document, limits: Optional[Sequence[float]]
+    figure: panels.Figure, row: int, column: int, entry: Document, limits: Optional[Sequence[float]]
 ) -> None:
     """Name and unit of a variable under the last row; labels of y beside the first column."""
     last = row == 2
     figure.update_xaxes(
-        title_text="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
+        title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
         showticklabels=last,
         row=row + 1,
         col=column + 1,
@@ -137,16 +154,16 @@ def label_axes(
 
 
 def note_share(
-    figure: go.Figure, row: int, column: int, share: Mapping[str, float], shade: str, count: int
+    figure: panels.Figure, row: int, column: int, share: Mapping[str, float], shade: str, count: int
 ) -> None:
-    """A share of the count-th model, bold when it is worth naming. row, column: from 0."""
+    """A share of the count-th model, bold if failure.is_named. row, column: from 0."""
     named = failure.is_named(share)
     text = "%s%.0f%%%s" % ("<b>" * named, 100 * share["share"], "</b>" * named)
     note(figure, row + 1, column + 1, text, shade, 0.98, 12 * count)
 
 
 def note(
-    figure: go.Figure,
+    figure: panels.Figure,
     row: int,
     column: int,
     text: str,
@@ -156,34 +173,32 @@ def note(
     y: float = 0.99,
     **style: Any,
 ) -> None:
-    """A text inside a panel at (x, y), as shares of it, and so many pixels further down."""
-    figure.add_annotation(
+    """A text inside a panel at (x, y), as shares of it, and `down` pixels lower."""
+    figure.annotate(
+        row,
+        col=column,
+        inside=True,
         text=text,
-        xref="x domain",
-        yref="y domain",
         x=x,
         y=y,
         xanchor="center" if x == 0.5 else "left" if x < 0.5 else "right",
         yanchor="top" if y > 0.5 else "bottom",
         yshift=-down,
-        showarrow=False,
         font={"size": 10, "color": shade},
-        row=row,
-        col=column,
         **style,
     )
 
 
-def add_commands(figure: go.Figure, study: Document, row: int) -> None:
+def add_commands(figure: panels.Figure, study: Document, row: int) -> None:
     """Commands over time in a row, and the time under the rows above it."""
     for column, label, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
         at, values = _commands(study["run"], column, study["model"].input_max)
         line = {"color": shade, "width": 1.2, "shape": "hv"}
-        figure.add_trace(curve(at, values, "command " + label, line, True), row, 1)
-    figure.update_yaxes(title_text="input [-]", row=row, col=1)
+        figure.add(curve(at, values, "command " + label, line, True), row, 1)
+    figure.update_yaxes(title="input [-]", row=row, col=1)
     for above in range(1, row):
         figure.update_xaxes(showticklabels=False, row=above, col=1)
-    figure.update_xaxes(title_text=TIME, row=row, col=1)
+    figure.update_xaxes(title=TIME, row=row, col=1)
 
 
 def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
@@ -199,8 +214,8 @@ def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
 
 
 def every_so_many(times: Array) -> slice:
-    """What is drawn of so many samples: at most MOST."""
-    return slice(None, None, max(1, int(np.ceil(len(times) / MOST))))
+    """Slice that leaves at most MAX_POINTS samples to draw."""
+    return slice(None, None, max(1, int(np.ceil(len(times) / MAX_POINTS))))
 
 
 def fewer(series: Sequence[Array], step: int) -> List[Array]:
@@ -211,14 +226,14 @@ def fewer(series: Sequence[Array], step: int) -> List[Array]:
 
 
 def with_gaps(times: Array, *series: Array) -> List[Array]:
-    """The same with NaN inside gaps, where no line shall be."""
+    """The arrays with NaN inserted into gaps, where no line is drawn."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
     at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
 
 
 def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
-    """Outline of what is between two curves, NaN between stretches."""
+    """Outline of the area between two curves, with NaN between stretches."""
     x: List[Array] = []
     y: List[Array] = []
     gap = np.array([np.nan])
@@ -230,5 +245,5 @@ def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
 
 
 def short(values: Any) -> List[Optional[float]]:
-    """Numbers of five digits, None where there is none: pages stay small."""
+    """Numbers with five digits, so that pages stay small; None for NaN."""
     return [float("%.5g" % v) if np.isfinite(v) else None for v in np.asarray(values, float)]

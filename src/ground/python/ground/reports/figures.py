@@ -1,20 +1,19 @@
-"""Figures of measurement and model: each plot is described here once, as a plotly figure.
+"""Figures of measurement and model: each plot is defined here once, as a plotly figure.
 
-The page (ground.reports.page) shows them, ground.reports.picture draws them into files. Each takes
-what ground.reports.inspection found out about one run by one or more models, and
-gives what plotly's `to_plotly_json` gives, with the caption in layout.meta.
+The page (ground.reports.page) shows them; ground.reports.picture draws them into files. Each function
+takes the results of ground.reports.inspection for one run and one or more models. It returns the
+result of plotly's `to_plotly_json`, with the caption in layout.meta.
 """
 
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from ground.analysis import bands as bands_of
 from ground.analysis import failure, residuals
 from ground.annotations import Array, Document
 from ground.recordings import windows
+from ground.reports import panels
 from ground.reports.appearance import (
     CHANNELS,
     ERROR_AGAINST,
@@ -22,17 +21,19 @@ from ground.reports.appearance import (
     MEASURED,
     MODELS,
     NUMBERS,
+    ORANGES,
+    VIRIDIS,
     WARNING,
     WRENCH,
     model_color,
     numbers_row,
-    transparent,
 )
 from ground.reports.figure_parts import (
     X_AXIS,
     Y_AXIS,
     ZERO_LINE,
     add_commands,
+    area,
     bins,
     curve,
     every_so_many,
@@ -42,6 +43,7 @@ from ground.reports.figure_parts import (
     note,
     note_share,
     outline,
+    points,
     shaded,
     short,
     small_multiples,
@@ -51,7 +53,7 @@ from ground.reports.words import number
 
 ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
-    "initial velocities of its own; σ are the run's standard deviations."
+    "its own initial velocities; σ are the run's standard deviations."
 )
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
@@ -59,46 +61,42 @@ TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on: str) -> Document:
     """Bars of the error (pairs of label and error, from top), and the noise floor or None."""
     labels, errors = [s[0] for s in steps], [s[1] for s in steps]
-    figure = go.Figure(
-        go.Bar(
-            x=short(errors),
-            y=labels,
-            orientation="h",
-            text=[number(e) for e in errors],
-            textposition="outside",
-            cliponaxis=False,
-            marker_color=[MEASURED] + [MODELS[1]] * (len(steps) - 1),
-            hovertemplate="%{y}: %{x:.3f}<extra></extra>",
-        )
+    figure = panels.Figure()
+    figure.add(
+        {
+            "type": "bar",
+            "x": short(errors),
+            "y": labels,
+            "orientation": "h",
+            "text": [number(e) for e in errors],
+            "textposition": "outside",
+            "cliponaxis": False,
+            "marker": {"color": [MEASURED] + [MODELS[1]] * (len(steps) - 1)},
+            "hovertemplate": "%{y}: %{x:.3f}<extra></extra>",
+        }
     )
     if floor is not None:
-        figure.add_vline(
-            x=floor,
-            line={"color": FLOOR, "dash": "dash", "width": 2},
-            annotation_text="noise of the poses alone %s" % number(floor),
-            annotation_position="top",
-            annotation_font_color=FLOOR,
-        )
-    figure.update_xaxes(title_text="error on %s [-]" % measured_on, range=[0, 1.15 * max(errors)])
+        figure.add_line(floor, FLOOR, "noise of the poses alone %s" % number(floor))
+    figure.update_xaxes(title="error on %s [-]" % measured_on, range=[0, 1.15 * max(errors)])
     figure.update_yaxes(autorange="reversed", automargin=True)
     margin = {"t": 40, "b": 50, "l": 20, "r": 20}
     return finish(figure, 130 + 34 * len(steps), ERROR, margin=margin)
 
 
 def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
-    """Velocities and commands over time, the path from above and the numbers of every model.
+    """Velocities and commands over time, the path from above and the errors of every model.
 
-    bands: of the last model, drawn behind the velocities.
+    bands: the last model's, drawn behind the velocities.
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
     heights = [155, 155, 155, 88, 30, TABLE_HEAD + TABLE_ROW * len(studies) + 2]
-    figure = make_subplots(
+    beside: panels.Specs = [[{}, {"rowspan": 4}], [{}, None], [{}, None], [{}, None]]
+    below: panels.Specs = [[None, None], [{"type": "table", "colspan": 2}, None]]
+    figure = panels.Figure(
         rows=6,
         cols=2,
-        specs=[[{}, {"rowspan": 4}]]
-        + [[{}, None]] * 3
-        + [[None, None], [{"type": "table", "colspan": 2}, None]],
+        specs=[*beside, *below],
         column_widths=[0.64, 0.36],
         row_heights=heights,
         horizontal_spacing=0.08,
@@ -116,25 +114,17 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
         together = [np.concatenate(parts) for parts in zip(*ended)]
         _add_motion(figure, together, study["label"], line)
     start = {"size": 7, "color": MEASURED}
-    figure.add_scatter(
-        x=short(eta[:1, 1]),
-        y=short(eta[:1, 0]),
-        name="start",
-        mode="markers",
-        marker=start,
-        row=1,
-        col=2,
-    )
+    figure.add(points(eta[:1, 1], eta[:1, 0], start, name="start"), 1, 2)
     add_commands(figure, studies[0], 4)
     _add_numbers(figure, studies)
     figure.update_xaxes(matches="x4", range=[float(times[0]), float(times[-1])], col=1)
-    figure.update_xaxes(title_text=Y_AXIS, row=1, col=2)
-    figure.update_yaxes(title_text=X_AXIS, scaleanchor="x2", row=1, col=2)
+    figure.update_xaxes(title=Y_AXIS, row=1, col=2)
+    figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
     for count, study in enumerate(s for s in studies if _axes_differ(s)):
         text = "<b>BODY AXES DIFFER: thrust acts at %.0f deg<br>from the body x axis of %s</b>"
         angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
         note(figure, 1, 2, text % (angle, study["label"]), WARNING, 0.5, 34 * count)
-    figure.update_layout(hovermode="x")
+    figure.layout["hovermode"] = "x"
     top = 50 if bands is None else 85
     height = sum(heights) + 100 + top
     return finish(
@@ -143,45 +133,43 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
 
 
 def _add_motion(
-    figure: go.Figure, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
+    figure: panels.Figure, series: Sequence[Array], name: str, line: Document, opacity: float = 1.0
 ) -> None:
-    """Velocities over time and the path of times, velocities and poses."""
+    """Adds velocities over time and the path; series: times, velocities and poses."""
     times, nu, eta = series
     for row, (_, label, unit) in enumerate(CHANNELS):
         trace = curve(times, nu[:, row], name, line, row == 0, opacity)
-        figure.add_trace(trace, row + 1, 1)
-        figure.update_yaxes(title_text="%s [%s]" % (label, unit), row=row + 1, col=1)
-    figure.add_trace(_timed(curve(eta[:, 1], eta[:, 0], name, line, False, opacity), times), 1, 2)
+        figure.add(trace, row + 1, 1)
+        figure.update_yaxes(title="%s [%s]" % (label, unit), row=row + 1, col=1)
+    figure.add(_timed(curve(eta[:, 1], eta[:, 0], name, line, False, opacity), times), 1, 2)
 
 
-def _add_numbers(figure: go.Figure, studies: Sequence[Document]) -> None:
+def _add_numbers(figure: panels.Figure, studies: Sequence[Document]) -> None:
     rows = [numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
     plain = [["#222222"] * len(rows)] * (len(NUMBERS) - 1)
     labels = [[model_color(count) for count in range(len(rows))]]
     line, fill = {"color": "#dddddd"}, {"color": "#ffffff"}
-    figure.add_table(
-        header={
-            "values": NUMBERS,
-            "height": TABLE_HEAD,
-            "font": {"size": 11, "color": "#222222"},
-            "fill": {"color": "#f2f2f0"},
-            "line": line,
-        },
-        cells={
-            "values": list(zip(*rows)),
-            "height": TABLE_ROW,
-            "font": {"size": 11, "color": labels + plain},
-            "fill": fill,
-            "line": line,
-        },
-        columnwidth=[2.2, 1, 0.9, 1.3, 1, 0.8, 0.8, 0.8, 1.3],
-        row=6,
-        col=1,
-    )
+    header = {
+        "values": NUMBERS,
+        "height": TABLE_HEAD,
+        "font": {"size": 11, "color": "#222222"},
+        "fill": {"color": "#f2f2f0"},
+        "line": line,
+    }
+    cells = {
+        "values": list(zip(*rows)),
+        "height": TABLE_ROW,
+        "font": {"size": 11, "color": labels + plain},
+        "fill": fill,
+        "line": line,
+    }
+    widths = [2.2, 1, 0.9, 1.3, 1, 0.8, 0.8, 0.8, 1.3]
+    table = {"type": "table", "header": header, "cells": cells, "columnwidth": widths}
+    figure.add(table, 6, 1)
 
 
-def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) -> None:
-    """Bands in the rows of u, v, r. The horizon of a window is shown first; buttons choose another.
+def _add_bands(figure: panels.Figure, bands: bands_of.Bands, step: int, shade: str) -> None:
+    """Adds bands to the rows of u, v, r, first with the horizon of a window; buttons choose another.
     The bands have to be the figure's first traces."""
     traces = []  # horizon of each
     for horizon in bands_of.HORIZONS:
@@ -191,10 +179,8 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
             outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
             x, y = (np.concatenate(parts) for parts in zip(*outlines))
             name = "%.0f%% band" % (100 * bands_of.PART)
-            trace = curve(x, y, name, {"width": 0, "color": shade}, row == 0)
-            trace.update(fill="toself", fillcolor=transparent(shade, 0.2), hoverinfo="skip")
-            trace.update(hovertemplate=None, visible=horizon == windows.WINDOW)
-            figure.add_trace(trace, row + 1, 1)
+            trace = area(x, y, name, shade, 0.2, row == 0)
+            figure.add(dict(trace, visible=horizon == windows.WINDOW), row + 1, 1)
             traces.append(horizon)
     buttons = [
         {
@@ -208,28 +194,28 @@ def _add_bands(figure: go.Figure, bands: bands_of.Bands, step: int, shade: str) 
     menu.update(font={"size": 11}, active=bands_of.HORIZONS.index(windows.WINDOW))
     menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
-        figure.update_layout(updatemenus=[menu])
+        figure.layout["updatemenus"] = [menu]
 
 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
     caption = (
-        "Run %s: velocities in the body frame, path in world_ned seen from above; models start "
-        "anew every 1.5 s." % run.name
+        "Run %s: velocities in the body frame, path in world_ned seen from above; models restart "
+        "every 1.5 s." % run.name
     )
     if step > 1:
         caption += " One sample in %d is drawn." % step
     if bands is not None:
         caption += (
-            " Shaded: %.0f%% prediction band of a fit without this run. It starts anew every %g s "
-            "(or as the buttons say) from the poses up to there; random wrench and noise are in it."
+            " Shaded: %.0f%% prediction band of a fit without this run. It restarts every %g s "
+            "(or as the buttons say) from the poses so far; it includes random wrench and noise."
             % (100 * bands_of.PART, windows.WINDOW)
         )
     return caption
 
 
 def where(studies: Sequence[Document]) -> Document:
-    """Normalised error of each channel against what was measured, of every model, and a map of the
-    last one's."""
+    """Normalised error of each channel against each measured variable, of every model, and a map of
+    the last one's."""
     against = ERROR_AGAINST
     figure = small_multiples(3, len(against) + 1)
     for row, (channel, label, _) in enumerate(CHANNELS):
@@ -241,47 +227,40 @@ def where(studies: Sequence[Document]) -> Document:
                 trace = bins(
                     entry, entry["error"][channel], study["label"], model_color(count), legend
                 )
-                figure.add_trace(trace, row + 1, column + 1)
+                figure.add(trace, row + 1, column + 1)
                 note_share(figure, row, column, entry["share"][channel], model_color(count), count)
             label_axes(figure, row, column, studies[0]["where"][name], [0, 1.15 * top])
-        figure.update_yaxes(title_text="%s<br>mean |error|/σ [-]" % label, row=row + 1, col=1)
+        figure.update_yaxes(title="%s<br>mean |error|/σ [-]" % label, row=row + 1, col=1)
         _add_map(figure, row, len(against), studies[-1]["where"]["position"], channel)
     caption = (
         "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-        "beyond chance, bold where that is worth naming. Right: mean |error|/σ of %s, place by place."
+        "beyond chance, bold if significant. Right: mean |error|/σ of %s, place by place."
         % (studies[0]["run"].name, studies[-1]["label"])
     )
     return finish(figure, 540, caption, margin={"r": 115})
 
 
-def _add_map(figure: go.Figure, row: int, column: int, entry: Document, channel: str) -> None:
+def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, channel: str) -> None:
     """Mean error place by place, seen from above."""
     x, y = np.array(entry["centres"]).T
     at = {"row": row + 1, "col": column + 1}
-    bottom, top = figure.get_subplot(**at).yaxis.domain
+    bottom, top = figure.domain(**at)
     title = {"text": "mean |error|/σ [-]", "side": "right", "font": {"size": 10}}
     bar = {"x": 1.045, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
     marker = {
         "symbol": "square",
         "size": 12,
         "color": short(entry["error"][channel]),
-        "colorscale": "Viridis",
+        "colorscale": VIRIDIS,
         "cmin": 0,
         "colorbar": dict(bar, title=title, tickfont={"size": 9}),
     }
-    figure.add_scatter(
-        x=short(y),
-        y=short(x),
-        mode="markers",
-        marker=marker,
-        showlegend=False,
-        hovertemplate="x %{y:.2f} m, y %{x:.2f} m: %{marker.color:.3g}<extra></extra>",
-        **at,
-    )
+    hover = "x %{y:.2f} m, y %{x:.2f} m: %{marker.color:.3g}<extra></extra>"
+    figure.add(points(y, x, marker, showlegend=False, hovertemplate=hover), **at)
     figure.update_xaxes(range=_around(y), showticklabels=row == 2, **at)
-    figure.update_yaxes(range=_around(x), title_text="x [m]", side="right", nticks=5, **at)
+    figure.update_yaxes(range=_around(x), title="x [m]", side="right", nticks=5, **at)
     if row == 2:
-        figure.update_xaxes(title_text="y [m]<br>(world_ned)", **at)
+        figure.update_xaxes(title="y [m]<br>(world_ned)", **at)
 
 
 def _around(values: Array) -> List[float]:
@@ -297,21 +276,20 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
         ("input_sum", "with the command u_L+u_R, this much earlier"),
         ("input_difference", "with the command u_L-u_R, this much earlier"),
     ]
-    figure = make_subplots(
+    figure = panels.Figure(
         rows=3,
         cols=len(columns),
         horizontal_spacing=0.045,
         vertical_spacing=0.05,
-        subplot_titles=[title for _, title in columns],
+        titles=[title for _, title in columns],
     )
-    figure.update_annotations(font_size=12)
     for row, channel in enumerate(residuals.CHANNELS):
         for column, (kind, _) in enumerate(columns):
             for count, study in enumerate(studies):
                 entry = study["residuals"]["channels"][channel][kind]
                 _add_correlation(figure, row, column, entry, study["label"], count)
             figure.update_xaxes(
-                title_text="lag [ms]" if row == 2 else None,
+                title="lag [ms]" if row == 2 else None,
                 showticklabels=row == 2,
                 row=row + 1,
                 col=column + 1,
@@ -321,7 +299,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
             reach = 1.15 * max(values + [0.15])
             figure.update_yaxes(range=[-reach, 1.2 * reach], row=row + 1, col=column + 1)
         figure.update_yaxes(
-            title_text="residual %s<br>correlation [-]" % channel, row=row + 1, col=1
+            title="residual %s<br>correlation [-]" % channel, row=row + 1, col=1
         )
     figure.update_yaxes(**ZERO_LINE)
     figure.update_xaxes(**ZERO_LINE)
@@ -334,32 +312,33 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
 
 
 def _add_correlation(
-    figure: go.Figure, row: int, column: int, entry: Optional[Document], label: str, count: int
+    figure: panels.Figure, row: int, column: int, entry: Optional[Document], label: str, count: int
 ) -> None:
-    """Correlation at each lag, its band, and how many lags are outside; None: it has no such one."""
+    """Correlation at each lag, its band, and how many lags are outside; entry: None without one."""
     shade = model_color(count)
     if entry is None:
         text = "the command never changes"
     else:
         lags, band = 1e3 * np.array(entry["lag_seconds"]), np.array(entry["band99"])
-        figure.add_trace(shaded(lags, -band, band, shade, 0.13), row + 1, column + 1)
+        figure.add(shaded(lags, -band, band, shade, 0.13), row + 1, column + 1)
         trace = bins(dict(entry, centres=lags), entry["value"], label, shade, row == column == 0)
-        figure.add_trace(trace, row + 1, column + 1)
+        figure.add(trace, row + 1, column + 1)
         text = "%d of %d outside" % (entry["outside"], entry["lags"])
     note(figure, row + 1, column + 1, text, shade, 0.98, 14 * count)
 
 
 def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
-    """What the failure depends on: share of the variance of error and missing wrench that each variable
-    explains beyond chance, mean over runs. by_model: label and its studies, of all runs."""
+    """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
+    over runs. by_model: a model's label and its studies of all runs."""
     rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
-    figure = make_subplots(
+    figure = panels.Figure(
         rows=1,
         cols=len(by_model),
-        subplot_titles=[label for label, _ in by_model],
-        shared_yaxes=True,
+        titles=[label for label, _ in by_model],
         horizontal_spacing=0.03,
     )
+    for column in range(2, len(by_model) + 1):
+        figure.update_yaxes(matches="y", showticklabels=False, col=column)
     for column, (_, studies) in enumerate(by_model, 1):
         names = [n for n in studies[0]["where"] if n != "position"]
         table = [
@@ -370,31 +349,31 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
             entries = [s["missing"].numbers["channels"][channel] for s in studies]
             table.append([np.mean([_share_of_missing(e, n) for e in entries]) for n in names])
         percent = 100 * np.array(table)
-        figure.add_trace(
-            go.Heatmap(
-                z=np.round(percent, 1).tolist(),
-                x=names,
-                y=rows,
-                zmin=0,
-                zmax=100,
-                colorscale="Oranges",
-                showscale=False,
-                hovertemplate="%{y} by %{x}: %{z:.0f}%<extra></extra>",
-            ),
+        figure.add(
+            {
+                "type": "heatmap",
+                "z": np.round(percent, 1).tolist(),
+                "x": names,
+                "y": rows,
+                "zmin": 0,
+                "zmax": 100,
+                "colorscale": ORANGES,
+                "showscale": False,
+                "hovertemplate": "%{y} by %{x}: %{z:.0f}%<extra></extra>",
+            },
             1,
             column,
         )
         for i, row in enumerate(rows):
             for j, name in enumerate(names):
                 if percent[i, j] >= 10:
-                    figure.add_annotation(
+                    figure.annotate(
+                        1,
+                        column,
                         x=name,
                         y=row,
                         text="%.0f" % percent[i, j],
-                        showarrow=False,
                         font={"size": 11, "color": "#fff" if percent[i, j] > 60 else "#222"},
-                        row=1,
-                        col=column,
                     )
     figure.update_yaxes(autorange="reversed", automargin=True)
     figure.update_xaxes(tickangle=-45)
@@ -408,8 +387,8 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
 
 
 def _share_of_missing(entry: Document, name: str) -> float:
-    """Of a wrench that is there; none of one that is within its uncertainty."""
-    return 0.0 if failure.is_nothing(entry) else float(entry["against"][name]["share"]["share"])
+    """Share that a variable explains; 0 for a wrench within its uncertainty."""
+    return 0.0 if failure.is_negligible(entry) else float(entry["against"][name]["share"]["share"])
 
 
 def _axes_differ(study: Document) -> bool:
@@ -417,13 +396,13 @@ def _axes_differ(study: Document) -> bool:
     return thrust is not None and bool(thrust["body_axes_differ"])
 
 
-def _timed(trace: go.Scatter, times: Any) -> go.Scatter:
-    """A path that knows when it was where: the page shows the part that is zoomed into."""
+def _timed(trace: Document, times: Any) -> Document:
+    """A path with times, so that the page can show the part that is zoomed into."""
     trace.update(customdata=short(times), meta="path")
     trace.update(hovertemplate="%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m")
     return trace
 
 
 def _thinned(piece: Document, step: int) -> List[Array]:
-    """Times, velocities and poses of a window; its last sample always."""
+    """Thinned times, velocities and poses of a window, with its last sample."""
     return fewer((piece["times"], piece["nu"], piece["eta"]), step)

@@ -1,4 +1,4 @@
-"""All that is found out about one model on one run."""
+"""Inspection of one model on one run."""
 
 from typing import Optional
 
@@ -16,11 +16,11 @@ def inspect(
     role: str = "fit",
     wrench_of: Optional[_core.Model] = None,
 ) -> Document:
-    """Errors of a model on a _core.RunData, where they are, what stays in the residuals and which
-    wrench is missing, as a dictionary.
+    """Errors of a model on a _core.RunData, what they depend on, correlations of the residuals and the
+    missing wrench, as a dictionary.
 
-    role: "fit" or "held_out", of the run to the model. wrench_of: another model; then also how much of
-    the wrench that is missing it accounts for. Raises GroundError when the model cannot be simulated
+    role: the run's role for the model, "fit" or "held_out". wrench_of: another model, to compute how
+    much of the missing wrench it accounts for. Raises GroundError when the model cannot be simulated
     along the run.
     """
     try:

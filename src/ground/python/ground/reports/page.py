@@ -1,4 +1,4 @@
-"""Pages of text, tables and interactive figures: one file that opens anywhere, nothing fetched."""
+"""Pages of text, tables and interactive figures: one file that needs no network."""
 
 import base64
 import gzip
@@ -46,7 +46,7 @@ $body
 let figures = {};
 const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 
-/* A zoom in time leaves of a path only what was covered then. */
+/* A zoom in time shows only that part of a path. */
 function linkPathToTime(plot) {
   const paths = plot.data.map((trace, i) => trace.meta === "path" ? i : -1).filter(i => i >= 0);
   if (!paths.length) return;
@@ -115,7 +115,7 @@ class Page:
         self._figures: Dict[str, Document] = {}
 
     def add(self, markup: str) -> None:
-        """Adds HTML as it is."""
+        """Adds HTML without escaping it."""
         self._body.append(markup)
 
     def heading(self, text: str) -> None:
@@ -135,7 +135,7 @@ class Page:
         self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
 
     def figure(self, figure: Document, hint: str = "") -> None:
-        """A plotly figure; below it its caption, which layout.meta holds, and a hint."""
+        """Adds a plotly figure, and below it its caption (from layout.meta) and a hint."""
         name = "figure%d" % len(self._figures)
         self._figures[name] = figure
         height = figure["layout"]["height"]
@@ -145,8 +145,8 @@ class Page:
     def table(
         self, head: Sequence[str], rows: Iterable[Sequence[object]], chosen: Sequence[int] = ()
     ) -> None:
-        """Texts. A heading that begins with # is that of numbers, with = of texts that no line may break.
-        `chosen`: rows that stand out."""
+        """Adds a table. A heading that begins with # marks a column of numbers, with = one whose text
+        is not wrapped. `chosen`: highlighted rows."""
         kinds = [{"#": ' class="n"', "=": ' class="whole"'}.get(h[0], "") for h in head]
 
         def line(cells: Sequence[object], tag: str) -> str:
@@ -164,7 +164,7 @@ class Page:
         self.add("</table></div>")
 
     def fold(self, summary: str, beside: str, is_open: bool) -> None:
-        """Begins a part that can be folded away; what is drawn in it is drawn when it is opened."""
+        """Begins a part that can be folded; its figures are drawn when it is opened."""
         self.add(
             "<details%s><summary>%s <span>%s</span></summary>"
             % (" open" * is_open, html.escape(summary), html.escape(beside))
@@ -175,7 +175,7 @@ class Page:
         self.add("</details>")
 
     def write(self, path: str, color: str, force: bool = False) -> None:
-        """Raises GroundError when the file exists."""
+        """Writes the page; raises GroundError when the file exists and `force` is not set."""
         from plotly.offline import get_plotlyjs
 
         text = PAGE.substitute(
@@ -191,6 +191,6 @@ class Page:
 
 
 def _packed(contents: str) -> str:
-    """Text as the page unpacks it: a quarter of the size. Level 9 takes twice as long for 0.4% less."""
+    """Compressed text, a quarter of the size. Level 9 takes twice as long for 0.4% less."""
     packed = gzip.compress(contents.encode("utf-8"), compresslevel=7, mtime=0)
     return base64.b64encode(packed).decode("ascii")

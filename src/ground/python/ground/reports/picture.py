@@ -1,8 +1,8 @@
-"""Pictures of plotly figures (PNG, SVG), drawn by matplotlib: no browser is needed.
+"""Pictures of plotly figures (PNG, SVG), drawn by matplotlib without a browser.
 
-A figure is described once, with plotly; the page shows it, and this module draws it into a file. It
-draws the parts of plotly that ground.reports uses (KNOWN). Any other part is an error, so a picture
-never shows less than its figure. A pixel of a figure is a point (1/72 inch) of its picture.
+A figure is defined once, with plotly; the page shows it, and this module draws it into a file. It
+draws the parts of plotly that ground.reports uses (KNOWN). Any other part is an error, so that a
+picture never shows less than its figure. A pixel of a figure is a point (1/72 inch) of its picture.
 """
 
 import re
@@ -21,14 +21,14 @@ from ground import files
 from ground.annotations import Array, Document
 from ground.errors import GroundError
 
-WIDTH = 1040  # of a figure, as on the page [points]
-RESOLUTION = 100  # of a PNG [dots per inch]
+WIDTH = 1040  # width of a figure, as on the page [points]
+RESOLUTION = 100  # resolution of a PNG [dots per inch]
 CAPTION, LINE_HEIGHT = 165, 17  # characters in a line of a caption, and its height [points]
-PADDING = 2  # between a text and what it is anchored at [points]
+PADDING = 2  # distance of a text from its anchor [points]
 MARKERS = {"circle": "o", "square": "s"}
 DASHES = {"solid": "-", "dash": "--", "dot": ":"}
 
-# What is drawn of each part of a figure, and what a picture that does not move needs none of.
+# Attributes of each part of a figure that are drawn, or that a static picture does not need.
 _TRACE = "type x y name legendgroup showlegend visible xaxis yaxis"
 _TRACE += " hovertemplate hoverinfo customdata meta cliponaxis"
 _CELLS = "values height font fill line"
@@ -59,7 +59,7 @@ KNOWN = {
     "shape": "type x0 x1 y0 y1 xref yref line fillcolor opacity layer",
     "annotation": "text x y xref yref xanchor yanchor yshift showarrow font bgcolor",
 }
-# Of these parts the only values that are drawn.
+# The only values of these attributes that can be drawn.
 VALUES = {
     "scatter.mode": ("lines", "markers", "lines+markers"),
     "scatter.fill": ("toself",),
@@ -88,7 +88,7 @@ def write(path: str, figures: Sequence[Document], force: bool = False) -> None:
 
 
 def draw(figures: Sequence[Document]) -> Figure:
-    """The same as a figure of matplotlib. What is drawn of a trace has the gid "FIGURE.TRACE"."""
+    """The figures as one figure of matplotlib. Artists of a trace have the gid "FIGURE.TRACE"."""
     captions = [textwrap.wrap(figure["layout"].get("meta", ""), CAPTION) for figure in figures]
     heights = [figure["layout"]["height"] for figure in figures]
     total = sum(heights) + LINE_HEIGHT * sum(map(len, captions))
@@ -114,10 +114,10 @@ class _Drawing:
         _check("layout", {key: part for key, part in self.layout.items() if key not in axes})
         self.margin = dict(_part("margin", self.layout))
         self.size = _part("font", self.layout)["size"]
-        self.axes: Dict[str, Any] = {}  # by the name of the x axis, and by that of the y axis
+        self.axes: Dict[str, Any] = {}  # by the names of the x axis and of the y axis
         self.boxes: List[Tuple[Any, Sequence[float], Sequence[float]]] = []  # axes, domains
         self.bars: List[Tuple[Any, Document]] = []  # axes and description of colour bars
-        self.categories: Dict[str, List[str]] = {}  # of an axis
+        self.categories: Dict[str, List[str]] = {}  # by axis
         self.legend: Dict[str, Tuple[Any, str]] = {}
         for key in axes:
             _check("axis", self.layout[key])
@@ -139,10 +139,10 @@ class _Drawing:
             self._draw_annotation(note)
         self._draw_legend()
 
-    # Places.
+    # Positions
 
     def _described(self, name: str) -> Document:
-        """An axis by the name that traces use, as x2."""
+        """Description of an axis, by the name that traces use, such as x2."""
         axis: Document = self.layout.get(name[0] + "axis" + name[1:], {})
         return axis
 
@@ -165,7 +165,7 @@ class _Drawing:
         self.axes[x] = self.axes[y] = axes
 
     def _new_axes(self, x: Sequence[float], y: Sequence[float], **share: Any) -> Any:
-        """Axes of matplotlib; x, y: where they begin and end, as shares of the plotting area."""
+        """Axes of matplotlib; x, y: their start and end, as shares of the plotting area."""
         axes = self.whole.add_axes((0, 0, 1, 1), label=str(len(self.whole.axes)), **share)
         self.boxes.append((axes, x, y))
         return axes
@@ -201,14 +201,14 @@ class _Drawing:
         self._place()
 
     def _widen_range(self, axes: Any) -> None:
-        """Makes a metre as long along one axis as along the other."""
+        """Gives both axes the same scale."""
         wide, tall = axes.get_window_extent().size
         x, y = axes.get_xlim(), axes.get_ylim()
         scale = max((x[1] - x[0]) / wide, (y[1] - y[0]) / tall)
         axes.set_xlim(np.mean(x) + scale * wide * np.array([-0.5, 0.5]))
         axes.set_ylim(np.mean(y) + scale * tall * np.array([-0.5, 0.5]))
 
-    # Traces.
+    # Traces
 
     def _draw_trace(self, trace: Document, gid: str) -> None:
         drawing = getattr(self, "_draw_" + trace["type"], None)
@@ -255,7 +255,7 @@ class _Drawing:
 
     def _draw_fill(self, axes: Any, x: Array, y: Array, trace: Document) -> Any:
         if trace["line"]["width"] > 0:
-            raise _refusal("a line around what is filled")
+            raise _refusal("a line around a filled area")
         whole = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         parts = np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1)
         outlines = [np.column_stack([x[part], y[part]]) for part in parts]
@@ -333,7 +333,7 @@ class _Drawing:
             cell.set_edgecolor(_color(_part("line", part)["color"]))
         return table
 
-    # What is around the traces and over them.
+    # Axes, shapes, annotations and the legend
 
     def _dress(self, name: str) -> None:
         """Ticks, title, range and grid of an axis."""
@@ -427,13 +427,13 @@ class _Drawing:
         )
 
     def _value(self, value: Any, ref: str) -> Any:
-        """A coordinate in matplotlib's terms."""
+        """A coordinate for matplotlib."""
         if self._described(ref).get("type") == "log":
             raise _refusal("an annotation at a value of a logarithmic axis")
         return self.categories[ref].index(value) if isinstance(value, str) else value
 
     def _transform(self, xref: str, yref: str) -> Any:
-        """From coordinates along an axis, its domain or the plotting area (paper)."""
+        """Transformation from coordinates along an axis, its domain or the plotting area (paper)."""
         left, bottom, width, height = self._box((0, 1), (0, 1))
         area = transforms.Affine2D().scale(width, height).translate(left, bottom)
         area = area + self.whole.transFigure
@@ -447,7 +447,7 @@ class _Drawing:
         return transforms.blended_transform_factory(along(xref), along(yref))
 
     def _draw_legend(self) -> None:
-        """In rows above the plotting area, as many entries in each as fit."""
+        """Draws the legend in rows above the plotting area, each with as many entries as fit."""
         if not self.legend:
             return
         described = _part("legend", self.layout)
@@ -464,7 +464,7 @@ class _Drawing:
 
 
 def _check(kind: str, given: Document) -> None:
-    """GroundError when a part has an attribute or a value that no picture shows."""
+    """Raises GroundError when a part has an attribute or a value that cannot be drawn."""
     for key, value in given.items():
         name = "%s.%s" % (kind, key)
         if key not in KNOWN[kind].split():
@@ -474,7 +474,7 @@ def _check(kind: str, given: Document) -> None:
 
 
 def _part(kind: str, given: Document) -> Document:
-    """A part of a part, checked; an empty one where there is none."""
+    """A part of a part, checked; empty if it is missing."""
     part: Document = given.get(kind, {})
     _check(kind, part)
     return part
@@ -503,13 +503,13 @@ def _scale(scale: Sequence[Tuple[float, str]]) -> Any:
 
 
 def _plain(text: str) -> Tuple[str, str]:
-    """A text without plotly's marks, and its weight."""
+    """A text without plotly's markup, and its font weight."""
     plain = re.sub("</?b>", "", text.replace("<br>", "\n"))
     if re.search("<[a-z/]", plain):
-        raise _refusal("the marks in " + text)
+        raise _refusal("the markup in " + text)
     return _escaped(plain), "bold" if text.startswith("<b>") else "normal"
 
 
 def _escaped(text: str) -> str:
-    """A dollar would begin a formula."""
+    """Escapes dollars, which would begin a formula."""
     return text.replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""report.html of compare and diagnose: the verdict first, then what it rests on."""
+"""report.html of compare and diagnose: the verdict first, then the evidence."""
 
 import os
 from typing import List, Mapping, Optional, Sequence, Tuple
@@ -20,7 +20,7 @@ COLORS = {
     "unexplained": "#e08e0b",
 }
 ZOOM = "Zoom in time, and the path shows that stretch only; a double click goes back."
-DRAWN = 8  # runs at most: to infer the missing wrench along each takes seconds
+MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
 
@@ -38,19 +38,19 @@ def diagnosis(
     """Writes the page of a diagnosis.
 
     report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
-    described: of all runs (quality.describe); held: _core.RunData of runs that were held out; inputs:
-    files read. Of more than DRAWN runs so many are drawn, unless thorough.
+    described: quality.describe of all runs; held: _core.RunData of runs that were held out; inputs:
+    files read. At most MAX_DRAWN runs are drawn, unless thorough.
     """
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
-    most = len(runs) if thorough else min(DRAWN, len(runs))
+    most = len(runs) if thorough else min(MAX_DRAWN, len(runs))
     drawn = [i * len(runs) // most for i in range(most)]
     inspected = _inspected(found, conclusion, [runs[i] for i in drawn])
     sheet = page.Page("Diagnosis of %s" % os.path.basename(report["model"]))
     _verdict(sheet, report)
     if most < len(runs):
         sheet.paragraph(
-            "Of %d runs %d, spread evenly, are drawn; identify diagnose --thorough draws all."
-            % (len(runs), most)
+            "%d of %d runs, spread evenly, are drawn; identify diagnose --thorough draws all."
+            % (most, len(runs))
         )
     winner = " + ".join(report["improved"]["effects"])
     banded = {id(band.run): band for band in conclusion.bands}
@@ -81,7 +81,7 @@ def _inspected(
 
 
 def _verdict(sheet: page.Page, report: Document) -> None:
-    """The verdict in a sentence, what the error is made of, and how it falls."""
+    """The verdict in a sentence, the parts of the error, and how it falls."""
     sheet.add("<h1>What is missing in %s?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
     sheet.paragraph(words.budget(report))
@@ -125,8 +125,8 @@ def comparison(
 ) -> None:
     """Writes the page of a comparison.
 
-    result: what compare.json holds; inspected: of every run, what ground.reports.inspection found of
-    each model; described: of all runs (quality.describe); inputs: files read.
+    result: contents of compare.json; inspected: for every run, the results of ground.reports.inspection
+    for each model; described: quality.describe of all runs; inputs: files read.
     """
     sheet = page.Page("Comparison of " + ", ".join(result["models"]))
     sheet.add(
@@ -181,7 +181,7 @@ def _measured_against(
     sheet.figure(figures.shares(by_model))
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
-        sheet.paragraph("Open a run to see it; what is open is printed.", "caption screen")
+        sheet.paragraph("Open a run to see it; open runs are printed.", "caption screen")
     for count, (studies, about) in enumerate(zip(inspected, described)):
         run = studies[0]["run"]
         errors = ", ".join(
@@ -212,8 +212,8 @@ def _run(
 def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.heading("Evidence")
     sheet.paragraph(
-        "Each effect beside the refitted nominal model. p: chance of so much evidence without the "
-        "effect, corrected for the number of effects tried. ΔBIC: below 0 speaks for it. Inclusion: its "
+        "Each effect added to the refitted nominal model. p: probability of as much evidence without the "
+        "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. Inclusion: its "
         "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Green: "
         "chosen.",
         "caption",
@@ -233,7 +233,7 @@ def _evidence(sheet: page.Page, report: Document) -> None:
         for c in report["candidates"]
     ]
     chosen = [i for i, c in enumerate(report["candidates"]) if c["selected"]]
-    sheet.table(head + ["=parameters", "cannot be told from"], rows, chosen)
+    sheet.table(head + ["=parameters", "not distinguished from"], rows, chosen)
     sheet.subheading("Improved model")
     nominal, improved = report["nominal"]["parameters"], report["improved"]["parameters"]
     rows = [
@@ -279,7 +279,7 @@ def _quality(sheet: page.Page, described: Sequence[Document]) -> None:
             "poses",
             "commands",
             "reply",
-            "what is odd, and was repaired",
+            "oddities and repairs",
         ],
         rows,
     )

@@ -4,17 +4,16 @@ ground.reports.figures)."""
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from ground.annotations import Document
-from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, transparent
-from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, short
+from ground.reports import panels
+from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, VIRIDIS, transparent
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, points, short
 from ground.simulation import tuning
 
-LEAST_ERROR = 1e-7  # that is drawn [m]
-HEADINGS = 24  # arrows along a path
-COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: what was tuned
+MIN_ERROR = 1e-7  # smallest error that is drawn [m]
+HEADINGS = 24  # number of arrows along a path
+COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
 def driven(
@@ -25,7 +24,7 @@ def driven(
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan
     whose walls are drawn.
     """
-    figure = make_subplots(
+    figure = panels.Figure(
         rows=3,
         cols=2,
         specs=[[{"rowspan": 3}, {}], [None, {}], [None, {}]],
@@ -36,95 +35,92 @@ def driven(
     )
     _add_path(figure, run, room)
     line = {"color": MEASURED, "width": 1}
-    errors = np.maximum(run.errors, LEAST_ERROR)
-    figure.add_trace(curve(run.times, errors, "craft", line, False), 1, 2)
-    figure.add_vrect(
-        *counts, fillcolor=transparent(MODELS[2], 0.12), line_width=0, layer="below", row=1, col=2
-    )
+    errors = np.maximum(run.errors, MIN_ERROR)
+    figure.add(curve(run.times, errors, "craft", line, False), 1, 2)
+    figure.add_span(*counts, 2, 1, fillcolor=transparent(MODELS[2], 0.12), layer="below")
     note(figure, 1, 2, "shaded: errors count", MODELS[2], 0.98)
-    figure.update_yaxes(title_text="error [m]", type="log", row=1, col=2)
+    figure.update_yaxes(title="error [m]", type="log", row=1, col=2)
     _add_inputs(figure, run)
     if len(run.computing):
         times, spent = run.computing[:, 0], 1e3 * run.computing[:, 1]
         point = {"size": 2, "color": MEASURED}
-        trace = go.Scatter(x=times, y=spent, mode="markers", marker=point, showlegend=False)
-        figure.add_trace(trace, 3, 2)
+        figure.add(points(times, spent, point, showlegend=False), 3, 2)
     else:
         note(figure, 3, 2, "not recorded", MEASURED, 0.5)
-    figure.update_yaxes(title_text="computing [ms]", rangemode="tozero", row=3, col=2)
+    figure.update_yaxes(title="computing [ms]", rangemode="tozero", row=3, col=2)
     figure.update_xaxes(matches="x4", col=2)
     figure.update_xaxes(showticklabels=False, row=1, col=2)
     figure.update_xaxes(showticklabels=False, row=2, col=2)
-    figure.update_xaxes(title_text="time since the reference began [s]", row=3, col=2)
+    figure.update_xaxes(title="time since the reference began [s]", row=3, col=2)
     return finish(figure, 600, text)
 
 
 def caption(name: str, numbers: Mapping[str, Any]) -> str:
-    """What the numbers of a run say in a line."""
+    """The numbers of a run in a line."""
     saturated = 100 * (numbers["saturated_fraction"] or 0)
     error = 1e3 * numbers["rms"]
     return "%s: error %.3g mm rms, saturated %.0f%% of the time" % (name, error, saturated)
 
 
-def _add_path(figure: go.Figure, run: Any, room: Optional[Any]) -> None:
+def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
     if room is not None:
         walls = np.array(list(room.corners) + [room.corners[0]])
         line = {"color": "#555555", "width": 2}
-        figure.add_trace(curve(walls[:, 1], walls[:, 0], "walls", line, True), 1, 1)
+        figure.add(curve(walls[:, 1], walls[:, 0], "walls", line, True), 1, 1)
     for path, name, shade, width, opacity in (
         (run.reference, "reference", MODELS[2], 4, 0.4),
         (run.eta, "craft", MEASURED, 1, 1.0),
     ):
         line = {"color": shade, "width": width}
-        figure.add_trace(curve(path[:, 1], path[:, 0], name, line, True, opacity), 1, 1)
+        figure.add(curve(path[:, 1], path[:, 0], name, line, True, opacity), 1, 1)
     x, y, heading = run.eta[:: max(1, len(run.eta) // HEADINGS)].T
     length = 0.05 * max(np.ptp(run.eta[:, 0]), np.ptp(run.eta[:, 1]), 0.1)
     along = length * np.sin(heading), length * np.cos(heading)
     line = {"color": MODELS[0], "width": 1.5}
-    figure.add_trace(arrows(y, x, *along, "heading", line, legend=True), 1, 1)
-    figure.update_xaxes(title_text=Y_AXIS, row=1, col=1)
-    figure.update_yaxes(title_text=X_AXIS, scaleanchor="x", row=1, col=1)
+    figure.add(arrows(y, x, *along, "heading", line, legend=True), 1, 1)
+    figure.update_xaxes(title=Y_AXIS, row=1, col=1)
+    figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
 
 
-def _add_inputs(figure: go.Figure, run: Any) -> None:
-    """The inputs, and behind them what was wanted before they were limited."""
+def _add_inputs(figure: panels.Figure, run: Any) -> None:
+    """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
         for column, name, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
             line = {"color": shade, "width": 1, "shape": "hv"}
             trace = curve(rows[:, 0], rows[:, column], prefix + name, line, True, opacity)
             if len(rows):
-                figure.add_trace(trace, 2, 2)
+                figure.add(trace, 2, 2)
     if len(run.wanted):
         least, most = run.wanted[:, 1:].min(), run.wanted[:, 1:].max()
         limits = [np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05]
         figure.update_yaxes(range=limits, row=2, col=2)
-    figure.update_yaxes(title_text="input [-]", row=2, col=2)
+    figure.update_yaxes(title="input [-]", row=2, col=2)
 
 
 def tuned(
     compared: Mapping[str, tuning.Candidate], tried: Sequence[tuning.Candidate], result: Document
 ) -> Document:
-    """What tune tried: error against saturation and effort; and errors before and after.
+    """Candidates of tune: error against saturation and effort; and errors before and after.
 
-    compared: by name, what was tuned last; result: as the verb prints it.
+    compared: Candidates by name, the tuned one last; result: as the verb prints it.
     """
-    figure = make_subplots(rows=1, cols=2, column_widths=[0.38, 0.62], horizontal_spacing=0.4)
+    figure = panels.Figure(rows=1, cols=2, column_widths=[0.38, 0.62], horizontal_spacing=0.4)
     _add_candidates(figure, tried, result["trade_off"])
     _add_errors(figure, list(compared), result["table"])
     text = (
-        "Left: every candidate, and what was traded for what. Right: errors from fresh starts, median "
-        "and 5 to 95%; *: not seen by the search."
+        "Left: every candidate, and the trade-off between them. Right: errors from fresh starts, median "
+        "and 5 to 95%; *: not used by the search."
     )
     return finish(figure, 130 + 26 * max(12, len(result["table"])), text)
 
 
 def _add_candidates(
-    figure: go.Figure, tried: Sequence[tuning.Candidate], best: Sequence[Document]
+    figure: panels.Figure, tried: Sequence[tuning.Candidate], best: Sequence[Document]
 ) -> None:
     marker = {
         "size": 4,
         "color": [c.effort for c in tried],
-        "colorscale": "Viridis",
+        "colorscale": VIRIDIS,
         "colorbar": {
             "x": 0.235,
             "y": 0.5,
@@ -133,48 +129,40 @@ def _add_candidates(
             "title": {"text": "effort (mean square of the inputs) [-]", "side": "right"},
         },
     }
-    errors = short([10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried])
+    errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
     saturated = [100 * c.saturated for c in tried]
-    points = {"mode": "markers", "row": 1, "col": 1}
-    figure.add_scatter(
-        x=errors, y=saturated, marker=marker, opacity=0.6, showlegend=False, **points
+    figure.add(points(errors, saturated, marker, opacity=0.6, showlegend=False))
+    figure.add(
+        points(
+            [one["error"] for one in best],
+            [100 * one["saturated"] for one in best],
+            {"size": 4, "color": MODELS[0]},
+            name="none better in error, saturation and effort",
+        )
     )
-    figure.add_scatter(
-        x=short([one["error"] for one in best]),
-        y=[100 * one["saturated"] for one in best],
-        name="none better in error, saturation and effort",
-        marker={"size": 4, "color": MODELS[0]},
-        **points,
-    )
-    figure.update_xaxes(title_text="error [m], mean of all", type="log", row=1, col=1)
-    figure.update_yaxes(title_text="saturated [% of the time]", row=1, col=1)
+    figure.update_xaxes(title="error [m], mean of all", type="log", row=1, col=1)
+    figure.update_yaxes(title="saturated [% of the time]", row=1, col=1)
 
 
-def _add_errors(figure: go.Figure, names: Sequence[str], rows: Sequence[Document]) -> None:
+def _add_errors(figure: panels.Figure, names: Sequence[str], rows: Sequence[Document]) -> None:
     places = np.arange(len(rows))[::-1]
     for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
         low, middle, high = (
             np.array([row["rms"][name][quantile] for row in rows])
             for quantile in ("p05", "median", "p95")
         )
-        figure.add_scatter(
-            x=short(middle),
-            y=short(places + 0.18 * ((len(names) - 1) / 2 - count)),
-            name=name,
-            mode="markers",
-            marker={"size": 6, "color": shade},
-            error_x={
-                "array": short(high - middle),
-                "arrayminus": short(middle - low),
-                "color": shade,
-                "thickness": 1.5,
-                "width": 0,
-            },
-            row=1,
-            col=2,
-        )
+        spread = {
+            "array": short(high - middle),
+            "arrayminus": short(middle - low),
+            "color": shade,
+            "thickness": 1.5,
+            "width": 0,
+        }
+        marker = {"size": 6, "color": shade}
+        height = places + 0.18 * ((len(names) - 1) / 2 - count)
+        figure.add(points(middle, height, marker, name=name, error_x=spread), 1, 2)
     labels = ["%s%s, %s" % (r["reference"], " *" * r["held_out"], r["condition"]) for r in rows]
     figure.update_yaxes(
-        tickvals=places, ticktext=labels, range=[-0.6, len(rows) - 0.4], row=1, col=2
+        tickvals=places.tolist(), ticktext=labels, range=[-0.6, len(rows) - 0.4], row=1, col=2
     )
-    figure.update_xaxes(title_text="error rms [m]", type="log", row=1, col=2)
+    figure.update_xaxes(title="error rms [m]", type="log", row=1, col=2)

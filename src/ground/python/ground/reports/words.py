@@ -1,4 +1,4 @@
-"""What a comparison or a diagnosis found, in sentences."""
+"""Results of a comparison or a diagnosis, in sentences."""
 
 import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -8,12 +8,12 @@ from ground.annotations import Document
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
-LEAST_SHARE = 0.05  # of the squared error: a random wrench that is worth a sentence
+MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
 def number(value: Optional[float]) -> str:
-    """Three digits after the point; "-" where there is no number."""
+    """Three digits after the point; "-" for None."""
     return "-" if value is None else "%.3f" % value
 
 
@@ -36,7 +36,7 @@ def summary(
 
 
 def body_axes(thrust: Document) -> str:
-    """By how much the axes of model and measurement differ, and what would make them agree."""
+    """Difference between the axes of model and measurement, and the offset that removes it."""
     measured, own = thrust["measured"], thrust["model"]
     turn = -math.radians(thrust["off_deg"])
     return (
@@ -55,19 +55,19 @@ def body_axes(thrust: Document) -> str:
 
 
 def disturbances(events: Sequence[Document]) -> str:
-    """Which spans of time were left out."""
+    """The spans of time that were left out."""
     spans = ", ".join("%.1f to %.1f" % (e["start"], e["end"]) for e in events)
     return (
-        "left out of what follows, for no input explains the motion (contact, hand, wrong poses): "
+        "left out of what follows, because no input explains the motion (contact, hand, wrong poses): "
         "%s s" % spans
     )
 
 
 def missing_wrench(channels: Document) -> str:
-    """The channel that misses most of what the thrusters can give, and what it follows."""
+    """The channel with the largest missing wrench, relative to full thrust, and what it depends on."""
     name = max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
     channel = channels[name]
-    if failure.is_nothing(channel):
+    if failure.is_negligible(channel):
         return "no wrench is missing beyond its uncertainty"
     ratio = channel["rms"] / channel["full_scale"]
     text = "missing most is %s, rms %.3g %s (%s full thrust), mean %.3g %s" % (
@@ -88,7 +88,7 @@ def missing_wrench(channels: Document) -> str:
 
 
 def followed_input(channels: Document) -> Optional[str]:
-    """The command that the residuals follow most, and how much later; None when none."""
+    """The command that the residuals follow most, and with which delay; None without one."""
     strongest, text = 0.0, None
     for channel, entry in channels.items():
         for kind, name in (("input_sum", "u_L+u_R"), ("input_difference", "u_L-u_R")):
@@ -117,15 +117,15 @@ def error(by_channel: Dict[str, float], where: Document) -> str:
     )
     best, share = failure.best_variable(where, "share_of_sum")
     if not failure.is_named(share):
-        return text + "; no single variable tells where the error is large"
-    return text + "; %s tells best where it is large (%.0f%%)" % (
+        return text + "; no single variable predicts where the error is large"
+    return text + "; %s predicts best where it is large (%.0f%%)" % (
         where[best]["label"],
         100 * share["share"],
     )
 
 
 def off_after_a_second(numbers: Document) -> str:
-    """How far a prediction is off a second later, in the middle; "-" where no run is that long."""
+    """Median error of a prediction after a second; "-" where no run is that long."""
     after = next(h for h in numbers["horizons"] if h["seconds"] == 1.0)
     if not after["starts"]:
         return "-"
@@ -154,7 +154,7 @@ def _listed(names: List[str]) -> str:
 
 
 def steps(report: Document) -> List[Tuple[str, float]]:
-    """What was added to the model, and the error on held-out runs after it: a list of pairs."""
+    """The steps of a diagnosis and the error on held-out runs after each: a list of pairs."""
     found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
     found += [("+ " + step["added"], step["error"]["heldout"]) for step in report["steps"]]
     kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
@@ -164,7 +164,7 @@ def steps(report: Document) -> List[Tuple[str, float]]:
 
 
 def verdict(report: Document) -> str:
-    """One sentence that says what a diagnosis came to."""
+    """The verdict of a diagnosis in one sentence."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
     effects = report["improved"]["effects"]
@@ -202,7 +202,7 @@ def verdict(report: Document) -> str:
 
 
 def _varying(found: Document) -> str:
-    """What differs between runs: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
+    """A difference: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
     size = quantity(found["deviation"], found["unit"])
     return "the %s differs between runs (sd %s)" % (found["parameter"], size)
 
@@ -216,7 +216,7 @@ def _sized(effect: Document) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value with its unit, a small one in thousandths where the unit is a single one."""
+    """A value with its unit; a small value has the prefix milli if the unit allows it."""
     if unit in ("s", "m", "rad", "N") and 0 < abs(value) < 0.1:
         return "%.2g m%s" % (1e3 * value, unit)
     return ("%.2g %s" % (value, unit)).rstrip(" -")
@@ -226,7 +226,7 @@ def parameters(values: Mapping[str, Document]) -> Iterator[str]:
     """A line for each parameter of an effect."""
     for name, p in values.items():
         if p["identified"]:
-            low, high = p["ci95"]  # None in JSON: none at all
+            low, high = p["ci95"]  # None in JSON: infinite
             low, high = -math.inf if low is None else low, math.inf if high is None else high
             yield "%s %.4g %s [%.4g, %.4g]" % (name, p["value"], p["unit"], low, high)
         else:
@@ -241,9 +241,9 @@ def apart(report: Document) -> Iterator[str]:
             yield "These runs cannot show %s: %s." % (
                 c["effect"],
                 (
-                    "with other values of %s the model does the same without" % _listed(others)
+                    "other values of %s have the same effect" % _listed(others)
                     if others
-                    else "on them it changes nothing"
+                    else "it changes nothing on them"
                 ),
             )
     for step in report["steps"]:
@@ -254,7 +254,7 @@ def apart(report: Document) -> Iterator[str]:
     if proposed:
         yield (
             "To %s, record%s: %s. In %s one such run sets the models %.1f standard "
-            "deviations apart: %s (first simulated: identify simulate %s)"
+            "deviations apart: %s (to simulate it first: identify simulate %s)"
             % (
                 (
                     "distinguish %s" % _listed(proposed["separates"])
@@ -289,30 +289,30 @@ def slight(report: Document) -> Iterator[str]:
 
 
 def budget(report: Document) -> str:
-    """What the error of the improved model is made of."""
+    """Parts of the improved model's error."""
     error, share = report["budget"]["error"], report["budget"]["share"]
     parts = ["noise of the poses %.0f%%" % (100 * share["noise"])]
     parts.append("a random wrench %.0f%%" % (100 * share["disturbance"]))
     if abs(share["trim"]) >= 0.005:
         parts.append("differences between runs %.0f%%" % (100 * share["trim"]))
     rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than measured"
-    told = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
+    parts_of_it = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
         error["measured"],
         _listed(parts),
         rest % (100 * abs(share["rest"])),
     )
     again = report["repeats"]
     if again:
-        told += (
+        parts_of_it += (
             " Where commands repeat (%d windows), %.0f%% of it repeats (standard error %.0f%%): no "
             "effect of the commands alone explains more."
             % (again["windows"], 100 * max(0.0, again["share"]), 100 * again["deviation"])
         )
-    return told
+    return parts_of_it
 
 
 def bands(report: Document) -> Optional[str]:
-    """How well the improved model can predict, and what its bands hold; None without bands."""
+    """Accuracy of the improved model's predictions and coverage of its bands; None without bands."""
     poses = _held_poses(report)
     if not poses:
         return None
@@ -341,14 +341,14 @@ def _held_poses(report: Document) -> Dict[float, float]:
 
 
 def left(report: Document) -> Iterator[str]:
-    """What the grown model leaves: what differs between runs, what was not added, the disturbance."""
+    """What the grown model leaves: differences between runs, dropped effects, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
         sentence = _varying(found)
         yield sentence[0].upper() + sentence[1:] + "."
     for found in report["dropped"]:
         yield "%s (p %.1g) was not added: %s." % (found["effect"], found["p_value"], found["why"])
-    if report["budget"]["share"]["disturbance"] < LEAST_SHARE:
-        return  # levels this low say what was assumed before any data
+    if report["budget"]["share"]["disturbance"] < MIN_SHARE:
+        return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
     yield (
         "Beside the model a random wrench acts: X %s over %.2g s, Y %s over %.2g s, N %s over %.2g s "
@@ -362,7 +362,7 @@ def left(report: Document) -> Iterator[str]:
 
 
 def unexplained(report: Document) -> Iterator[str]:
-    """Where the rest is, and what would lower it."""
+    """What the unexplained error depends on, and a term that would lower it."""
     rest = report["unexplained"]
     if rest["where"]:
         named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
@@ -389,17 +389,17 @@ def unexplained(report: Document) -> Iterator[str]:
 
 
 def extent(report: Document) -> Iterator[str]:
-    """How much of the data was looked at, where that is not all."""
+    """How much of the data was used, if not all."""
     count = report["windows"]
     if count["used"] < count["available"]:
         yield (
-            "looked at %d of %d windows, spread evenly over the runs; --thorough looks at all"
+            "used %d of %d windows, spread evenly over the runs; --thorough uses all"
             % (count["used"], count["available"])
         )
 
 
 def diagnosis(report: Document) -> Iterator[str]:
-    """What the terminal says of a diagnosis."""
+    """Lines that the terminal prints for a diagnosis."""
     yield verdict(report)
     yield budget(report)
     poses = _held_poses(report)

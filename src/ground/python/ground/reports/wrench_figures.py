@@ -1,14 +1,13 @@
-"""Figures of the missing wrench: against what was measured, over time and by place (plotly figures,
+"""Figures of the missing wrench: against measured variables, over time and by place (plotly figures,
 as in ground.reports.figures)."""
 
 from typing import Any, Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from ground.analysis import failure
 from ground.annotations import Array, Document
+from ground.reports import panels
 from ground.reports.appearance import (
     MEASURED,
     WARNING,
@@ -36,12 +35,12 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 
-SHADE = "#f5822a"  # behind what a variable explains
+SHADE = "#f5822a"  # background of panels with a significant share
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
-    """The wrench that is missing in every model, against what was measured, with two standard errors,
-    and what the winner accounts for of the first. first: place of the first among the models."""
+    """The missing wrench of every model against measured variables, with two standard errors, and the
+    part of the first one's that the winner accounts for. first: number of the first model."""
     against = WRENCH_AGAINST
     figure = small_multiples(3, len(against))
     for row, (channel, label) in enumerate(WRENCH):
@@ -55,19 +54,19 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
                 one, shade = entry["against"][name], model_color(count)
                 values, errors = (factor * np.array(one[n]) for n in ("mean", "standard_error"))
                 trace = bins(one, values, study["label"], shade, legend, 2 * errors)
-                figure.add_trace(trace, row + 1, column + 1)
+                figure.add(trace, row + 1, column + 1)
                 note_share(figure, row, column, one["share"], shade, count - first)
             accounted = entries[0].get("accounted")
             if accounted is not None:
                 line = {"color": MEASURED, "width": 2, "dash": "dot"}
                 at = entries[0]["against"][name]["centres"]
-                told = factor * np.array(accounted["mean"][name])
+                predicted = factor * np.array(accounted["mean"][name])
                 text = "what %s adds to %s" % (winner, studies[0]["label"])
-                figure.add_trace(curve(at, told, text, line, legend), row + 1, column + 1)
+                figure.add(curve(at, predicted, text, line, legend), row + 1, column + 1)
             _shade(figure, row, column, [entry["against"][name]["share"] for entry in entries])
             limits = [-reach, reach] if reach > 0 else None
             label_axes(figure, row, column, entries[0]["against"][name], limits)
-        figure.update_yaxes(title_text="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
+        figure.update_yaxes(title="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
     figure.update_yaxes(**ZERO_LINE)
     return finish(figure, 540, _wrench_caption(studies, winner))
 
@@ -76,7 +75,7 @@ def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
     caption = (
         "Run %s: missing wrench in the body frame, by a Kalman smoother, against what was measured; "
         "bars: two standard errors; percentage and shade: share of its variance that the variable "
-        "explains beyond chance, bold where that is worth naming." % studies[0]["run"].name
+        "explains beyond chance, bold if significant." % studies[0]["run"].name
     )
     channels = studies[0]["missing"].numbers["channels"]
     if "accounted" not in channels["X"]:
@@ -93,36 +92,25 @@ def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
     )
 
 
-def _shade(figure: go.Figure, row: int, column: int, named: Iterable[Mapping[str, float]]) -> None:
-    """A background that says how large the largest share is that is worth naming."""
+def _shade(figure: panels.Figure, row: int, column: int, named: Iterable[Mapping[str, float]]) -> None:
+    """A background as strong as the largest share that is named."""
     largest = max((share["share"] for share in named if failure.is_named(share)), default=0.0)
     if largest > 0:
-        figure.add_shape(
-            type="rect",
-            xref="x domain",
-            yref="y domain",
-            x0=0,
-            x1=1,
-            y0=0,
-            y1=1,
-            fillcolor=transparent(SHADE, 0.5 * largest),
-            line_width=0,
-            layer="below",
-            row=row + 1,
-            col=column + 1,
-        )
+        figure.fill(row + 1, column + 1, transparent(SHADE, 0.5 * largest))
 
 
 def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
-    """The wrench that is missing in every model over time, with two standard deviations of the first,
-    the commands, the force that they bring about, and the mean missing force place by place.
+    """The missing wrench of every model over time, with two standard deviations of the first one's, the
+    commands, the force that they produce, and the mean missing force by place.
 
-    first: place of the first among the models.
+    first: number of the first model.
     """
-    figure = make_subplots(
+    top: panels.Specs = [[{}, {"rowspan": 4}, {"rowspan": 4}]]
+    below: panels.Specs = [[{}, None, None]] * 3
+    figure = panels.Figure(
         rows=4,
         cols=3,
-        specs=[[{}, {"rowspan": 4}, {"rowspan": 4}]] + [[{}, None, None]] * 3,
+        specs=[*top, *below],
         column_widths=[0.58, 0.2, 0.22],
         row_heights=[0.28, 0.28, 0.28, 0.16],
         horizontal_spacing=0.055,
@@ -144,11 +132,11 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
             reach = max(reach, 1.15 * np.nanquantile(np.abs(values) + 2 * sigma, 0.995))
             if count == 0:
                 deviations = shaded(at, values - 2 * sigma, values + 2 * sigma, shade, 0.22)
-                figure.add_trace(deviations, row + 1, 1)
+                figure.add(deviations, row + 1, 1)
             line = {"color": shade, "width": 1.4}
-            figure.add_trace(curve(at, values, study["label"], line, row == 0), row + 1, 1)
+            figure.add(curve(at, values, study["label"], line, row == 0), row + 1, 1)
         figure.update_yaxes(
-            title_text="%s<br>[%s]" % (label, unit), **ZERO_LINE, row=row + 1, col=1
+            title="%s<br>[%s]" % (label, unit), **ZERO_LINE, row=row + 1, col=1
         )
         text = "rms %s %s; full thrust gives %.3g" % (
             ", ".join("%.3g" % (factor * entry["rms"]) for entry in numbers),
@@ -161,26 +149,19 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
     add_commands(figure, studies[0], 4)
     figure.update_xaxes(matches="x6", range=[float(run.times[0]), float(run.times[-1])], col=1)
     for event in studies[0]["missing"].numbers["disturbances"]:
-        figure.add_vrect(
-            x0=event["start"],
-            x1=event["end"],
-            fillcolor="#888888",
-            opacity=0.35,
-            line_width=0,
-            col=1,
-        )
+        figure.add_span(event["start"], event["end"], 1, fillcolor="#888888", opacity=0.35)
     _add_thrust(figure, studies, first)
     _add_force_map(figure, studies, first)
     caption = (
         "Run %s: missing wrench in the body frame; shaded: two standard deviations of the "
-        "estimate. Grey: left out, for no input explains the motion (contact, hand, wrong poses). "
-        "Middle: force that a lasting thrust command brings about, seen from above. Right: mean "
+        "estimate. Grey: left out, because no input explains the motion (contact, hand, wrong poses). "
+        "Middle: force that a constant thrust command produces, seen from above. Right: mean "
         "missing force in the axes of world_ned, place by place." % run.name
     )
     return finish(figure, 480, caption)
 
 
-def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> None:
+def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
     """Body axes from above, with the force per unit of command by each model and as measured."""
     figure.update_xaxes(visible=False, range=[-1.35, 1.35], row=1, col=2)
     figure.update_yaxes(visible=False, range=[-2.3, 1.5], scaleanchor="x2", row=1, col=2)
@@ -191,19 +172,18 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
     round_it = np.linspace(0, 2 * np.pi, 61)
     grey = {"color": "#999999", "width": 1}
     circle = curve(0.32 * np.sin(round_it), 0.32 * np.cos(round_it), "", grey, False)
-    figure.add_trace(circle, 1, 2)
-    figure.add_trace(arrows([0, 0], [0, 0], [0, 1.15], [1.25, 0], "body axes", grey, 0.1), 1, 2)
+    figure.add(circle, 1, 2)
+    figure.add(arrows([0, 0], [0, 0], [0, 1.15], [1.25, 0], "body axes", grey, 0.1), 1, 2)
     for x, y, text in ((0, 1.25, "x ahead"), (1.15, 0, "y starboard")):
-        figure.add_annotation(
+        figure.annotate(
+            1,
+            2,
             x=x,
             y=y,
             text=text,
-            showarrow=False,
             yanchor="bottom",
             xanchor="center" if x == 0 else "right",
             font={"size": 10, "color": "#777777"},
-            row=1,
-            col=2,
         )
     forces = [
         (label, thrust["model"], model_color(count), 6)
@@ -216,7 +196,7 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
         along = size / largest
         tip = [along * np.sin(angle)], [along * np.cos(angle)]
         line = {"color": shade, "width": width}
-        figure.add_trace(arrows([0], [0], *tip, label, line, opacity=0.8), 1, 2)
+        figure.add(arrows([0], [0], *tip, label, line, opacity=0.8), 1, 2)
         lines.append(
             (
                 "%s:<br>%.3g N per unit at %.0f deg"
@@ -233,7 +213,7 @@ def _add_thrust(figure: go.Figure, studies: Sequence[Document], first: int) -> N
         note(figure, 1, 2, text, shade, 0.5, -32 * count, y=0)
 
 
-def _add_force_map(figure: go.Figure, studies: Sequence[Document], first: int) -> None:
+def _add_force_map(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
     """Mean missing force in the world's axes, cell by cell, and the size of the longest arrow."""
     forces = [_mean_force(study["missing"]) for study in studies]
     largest = max(np.hypot(*force.T).max() for _, force in forces)
@@ -241,14 +221,14 @@ def _add_force_map(figure: go.Figure, studies: Sequence[Document], first: int) -
     path = curve(
         position[:, 1], position[:, 0], "path", {"color": MEASURED, "width": 0.8}, False, 0.3
     )
-    figure.add_trace(path, 1, 3)
+    figure.add(path, 1, 3)
     side = max(np.ptp(position, axis=0).max(), 1e-3) / failure.MAP_CELLS
     for count, (study, (places, force)) in enumerate(zip(studies, forces), first):
         scaled_force = force * side / (largest or 1.0)
         line = {"color": model_color(count), "width": 1.5}
         at = places[:, 1], places[:, 0], scaled_force[:, 1], scaled_force[:, 0]
-        figure.add_trace(arrows(*at, study["label"], line), 1, 3)
-    figure.update_xaxes(title_text=Y_AXIS, row=1, col=3)
+        figure.add(arrows(*at, study["label"], line), 1, 3)
+    figure.update_xaxes(title=Y_AXIS, row=1, col=3)
     figure.update_yaxes(title={"text": X_AXIS, "standoff": 0}, scaleanchor="x3", row=1, col=3)
     note(figure, 1, 3, "longest arrow: %.2g N" % largest, MEASURED, 0.98)
 

@@ -27,11 +27,11 @@ from ground.recordings.topics import (
 if TYPE_CHECKING:
     from ground.simulation.experiments import SimulatedRun
 
-DRIVE_PERIOD = 0.5  # between records of when the drive began [s]
-STATUS_PERIOD = 0.5  # a status that does not change is repeated so often [s]
-STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # while it gives the commands
+DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
+STATUS_PERIOD = 0.5  # period at which an unchanged status is repeated [s]
+STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
 PATH_STEP = 5  # references between points of the path
-MARKER_HEIGHT = 0.04  # of the markers above the floor [m]
+MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
 
 
@@ -42,12 +42,13 @@ def write(
     heading_offset: float = 0.0,
     force: bool = False,
 ) -> Dict[str, int]:
-    """Writes a SimulatedRun to a bag; the same run gives the same bytes, but for the computing times
+    """Writes a SimulatedRun to a bag. The same run gives the same bytes, except for the computing times
     of a controller.
 
     Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
-    the craft; the bag says so. Header stamps are times of measurement, record times those of
-    delivery. Gives the number of messages by topic; raises GroundError when the file exists.
+    the craft; the bag contains both settings. Header stamps are times of measurement, record times
+    those of delivery. Returns the number of messages by topic; raises GroundError when the file
+    exists.
     """
     counts: Dict[str, int] = {}
     with files.new_file(path, force) as temporary:
@@ -71,7 +72,7 @@ def _new(kind: str, **fields: Any) -> Message:
 def _in_order(
     run: "SimulatedRun", axes: str, heading_offset: float
 ) -> Iterator[Tuple[float, str, float, Message]]:
-    """Record time, topic, stamp and message of all that is in a run, in the order of recording."""
+    """Record time, topic, stamp and message of everything in a run, in the order of recording."""
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
@@ -172,7 +173,7 @@ def _bursts(run: "SimulatedRun") -> Iterator[Message]:
 
 
 def _drives(run: "SimulatedRun") -> Array:
-    """Rows of when the newest drive began, and when the sender says so [s]."""
+    """Rows of when the newest drive began, and when the sender reports it [s]."""
     starts = _core.drive_starts(run.control_times, run.controls[:, 2])
     ends = starts[1:] + [run.control_times[-1]]
     rows = [(a, t) for a, b in zip(starts, ends) for t in np.arange(a, b, DRIVE_PERIOD)]
@@ -192,7 +193,7 @@ def _truths(run: "SimulatedRun") -> Iterator[Message]:
 
 
 def _reference_times(run: "SimulatedRun") -> Array:
-    """When references are published: with the command that a state causes, on its delivery."""
+    """When references are published: on delivery of the state, with the command that it causes."""
     delivered = dict(zip(run.pose_times, run.delivered))
     return np.array([delivered[stamp] for stamp in run.references[:, 0]], float)
 
@@ -207,7 +208,7 @@ def _references(run: "SimulatedRun") -> Iterator[Message]:
 
 
 def _reference_path(run: "SimulatedRun") -> Iterator[Message]:
-    """All of the reference as a path, as controllers publish it when they start."""
+    """The whole reference as a path, as controllers publish it when they start."""
     if not len(run.references):
         return
     message = _new("nav_msgs/Path")

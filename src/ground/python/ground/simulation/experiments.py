@@ -1,7 +1,7 @@
-"""Simulated experiments: what drives the craft, and the recording that comes of it.
+"""Simulated experiments: the inputs or controller that drive the craft, and the recording.
 
 An input schedule is an array of rows time [s], left, right, lift (0..1), each held until the next.
-Everything runs in process, without ROS, and depends on nothing but its arguments.
+Everything runs in process, without ROS, and depends only on its arguments.
 """
 
 import os
@@ -17,9 +17,9 @@ from ground.recordings.recording import Recording
 from ground.recordings.settings import AXES
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
-LEAD = 0.5  # recorded at rest, before the lift is on [s]
-TAIL = 0.5  # recorded after the thrusters are off [s]
-LONGEST = 3600.0  # that an input may last [s]
+LEAD = 0.5  # time recorded at rest, before the lift is on [s]
+TAIL = 0.5  # time recorded after the thrusters are off [s]
+LONGEST = 3600.0  # longest input [s]
 
 
 def _none() -> Array:
@@ -32,10 +32,10 @@ def _no_rows() -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
-    """A recording and what only a simulator knows of it; all times on the recording's clock."""
+    """A recording and the simulator's truth about it; all times on the recording's clock."""
 
-    delivered: Array = field(default_factory=_none)  # (n,) when the poses came in [s]
-    truth_times: Array = field(default_factory=_none)  # (k,) [s]: every frame, also those lost
+    delivered: Array = field(default_factory=_none)  # (n,) when the poses were delivered [s]
+    truth_times: Array = field(default_factory=_none)  # (k,) [s] of every frame, including lost ones
     truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
     truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
     truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
@@ -45,16 +45,16 @@ class SimulatedRun(Recording):
     references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     # (i, 5) time, stamp of the state [s], wanted left and right (of full scale), processor time [s]
     decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
-    # time [s], number, burst or return, why: of excitations
+    # of excitations: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
-    # time [s], state, reason: of the controller's life
+    # states of the controller: time [s], state, reason
     stages: List[Tuple[float, str, str]] = field(default_factory=list)
     stopped: str = ""  # why the controller stopped before its end
-    made_with: str = ""  # what its bag says of that: recordings.run_parameters.document
+    made_with: str = ""  # parameters of the run, as recordings.run_parameters.document writes them
     axes: str = AXES  # world_ned x, y, z in the axes of the mocap
-    heading_offset: float = 0.0  # of the rigid body against the craft [rad]
+    heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
     sequence: str = ""  # how a file of bits was played
-    disturbance: Optional[_core.Disturbance] = None  # that acted
+    disturbance: Optional[_core.Disturbance] = None  # the one that acted
 
     @property
     def frames_not_delivered(self) -> int:
@@ -68,7 +68,7 @@ class SimulatedRun(Recording):
 
     @property
     def length(self) -> float:
-        """From the first frame to the last one, delivered or not [s]."""
+        """Time from the first frame to the last one, delivered or not [s]."""
         return float(self.truth_times[-1] - self.truth_times[0])
 
     @property
@@ -81,7 +81,7 @@ class SimulatedRun(Recording):
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
     def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
-        """Writes a bag like those that launch/record.launch records. Gives the number of messages by
+        """Writes a bag like those that launch/record.launch records. Returns the number of messages by
         topic. GroundError when it cannot be written, or exists and `force` is not set."""
         from ground.simulation import bag_writer
 
@@ -90,7 +90,7 @@ class SimulatedRun(Recording):
 
 @dataclass
 class Schedule:
-    """What an open-loop controller plays: rows of time, left, right, lift, until `end` [s]."""
+    """Inputs of an open-loop controller: rows of time, left, right, lift, until `end` [s]."""
 
     rows: Array
     end: float
@@ -145,7 +145,7 @@ def as_given(rows: Array, duration: float) -> Schedule:
 def disturbance_in_shares(
     model: _core.Model, share: float = 0.0, time: float = 0.0, trim: float = 0.0
 ) -> _core.Disturbance:
-    """A _core.Disturbance in shares of what the craft's thrusters can do.
+    """A _core.Disturbance in shares of the craft's full thrust.
 
     The unit of X and Y is full thrust, 2 k input_max; that of N is the moment of one thruster alone,
     k l input_max. share: standard deviation of a wrench whose correlation time is `time` [s]; trim:
@@ -170,14 +170,14 @@ def simulate(
     believed: Optional[_core.Model] = None,
     disturbance: Optional[_core.Disturbance] = None,
 ) -> SimulatedRun:
-    """Runs an experiment and gives its SimulatedRun.
+    """Runs an experiment and returns its SimulatedRun.
 
     drive: a Schedule; or _core.TrackingParams for a tracking controller in the loop, or
-    _core.ExcitationParams for bursts between returns home: these believe in the model `believed` (by
+    _core.ExcitationParams for bursts between returns home: these use the model `believed` (by
     default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
-    of the model does not act by itself. Raises ValueError on bad parameters, GroundError when
+    of the model acts only if it is given here. Raises ValueError on bad parameters, GroundError when
     nothing can be recorded or the motion is not finite.
     """
     try:
@@ -205,7 +205,7 @@ def simulate(
 def _log(
     model: _core.Model, drive: Drive, believed: _core.Model, *where: Any
 ) -> core_types.ExperimentLog:
-    """What the core gives; where: pose, velocity, mocap, seed, disturbance."""
+    """The core's log; where: pose, velocity, mocap, seed, disturbance."""
     if isinstance(drive, Schedule):
         return _core.play_schedule(model, drive.rows, drive.end, *where)
     if isinstance(drive, _core.ExcitationParams):

@@ -1,5 +1,5 @@
-"""Gains of a controller in a YAML file: names and numbers as dynamic_reconfigure has them, so that
-rosparam load and dynparam load read them, too."""
+"""Gains of a controller in a YAML file: names and numbers of dynamic_reconfigure, so that rosparam
+load and dynparam load can read them, too."""
 
 import math
 import os
@@ -28,7 +28,7 @@ def put(choice: _core.ControllerChoice, values: Mapping[str, Setting]) -> None:
 
 
 def choice(kind: str, path: Optional[str] = None) -> _core.ControllerChoice:
-    """The _core.ControllerChoice of a kind with the gains in a file, or its own."""
+    """The _core.ControllerChoice of a kind with the gains in a file, or the default ones."""
     made = _core.ControllerChoice()
     made.kind = kind
     if path:
@@ -44,7 +44,7 @@ def read(path: str) -> Dict[str, float]:
     except OSError as error:
         raise GroundError("%s: cannot be read (%s)" % (path, error))
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise GroundError("%s: is no YAML (%s)" % (path, error))
+        raise GroundError("%s: not YAML (%s)" % (path, error))
     if not isinstance(values, dict):
         raise GroundError("%s: it has to be lines of NAME: NUMBER" % path)
     for name, value in values.items():
@@ -57,7 +57,7 @@ def read(path: str) -> Dict[str, float]:
 def write(
     path: str, choice: _core.ControllerChoice, comments: Iterable[str], force: bool = False
 ) -> str:
-    """Writes the gains of a _core.ControllerChoice; comments: lines that say where they come from."""
+    """Writes the gains of a _core.ControllerChoice; comments: lines on their origin."""
     with files.new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             file.write("# Gains of %s.\n" % choice.kind)
@@ -69,6 +69,6 @@ def write(
 
 
 def _plain(value: Setting) -> str:
-    """A number as YAML 1.1 reads it back: with a point."""
+    """A number with a point, which YAML 1.1 needs to read it as one."""
     text = "%.6g" % float(value)
     return text if "." in text or "e" not in text else text.replace("e", ".0e")

@@ -1,4 +1,4 @@
-"""A controller in closed loop with a simulated craft: how well it tracks, at what cost."""
+"""A controller in closed loop with a simulated craft: its tracking error and effort."""
 
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence, Tuple
@@ -13,15 +13,15 @@ from ground.recordings import tracking_error
 from ground.simulation import gains
 from ground.workers import Workers
 
-# What follows a reference; the open-loop PRBS, to compare with, does not look at it.
+# Controllers that follow a reference; the open-loop PRBS does not.
 CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
 KINDS = {info.name: info for info in _core.reference_table()}
-PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # what sets parameters of references
+PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
-AFTER_STOP = 3.0  # after the end of a reference until the craft has to be there [s]
-# Numbers of a run that ended before its errors count
+AFTER_STOP = 3.0  # time after the end of a reference until the craft has to be there [s]
+# Numbers of a run that ended before its errors counted
 NEVER_SETTLED = dict(rms=np.inf, max=np.inf, final=np.inf, saturated_fraction=1.0, effort=0.0)
-# What the references of the thesis look like; window: from settled until the end [s].
+# The thesis's references: parameters, and the window in which errors count [s].
 REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
     "line": (dict(speed=0.707, end_x=2.5, end_y=2.5, smooth=False), (0.0, 20.0)),
@@ -49,10 +49,10 @@ class Task:
 
 @dataclass
 class Conditions:
-    """What the loop has to cope with."""
+    """Conditions of the loop."""
 
-    noise: bool = False  # mocap as the simulator's, through the estimator; else the true state
-    delay: float = 0.0  # from measurement to command [s]
+    noise: bool = False  # whether the state is estimated from a noisy mocap; else it is the true one
+    delay: float = 0.0  # time from measurement to command [s]
     loss: float = 0.0  # share of mocap frames lost
 
 
@@ -111,8 +111,8 @@ def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
 def task(
     kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any
 ) -> Task:
-    """The Task of a reference by its kind, or of a CSV file, with the thesis's numbers unless others
-    are given. GroundError as from `reference`."""
+    """The Task of a reference by its kind, or of a CSV file; the thesis's parameters are the defaults.
+    GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
         kind, settings = "file", dict(settings, file=kind)
     defaults, window = REFERENCES.get(kind, ({}, None))
@@ -140,8 +140,8 @@ def anywhere(count: int, seed: int, reach: float) -> List[Start]:
 
 
 def effect_use(kind: str, model: _core.Model) -> EffectUse:
-    """What a kind of controller does with the effects of the model that it believes in: `used` and
-    `unused` ones, a `remark` for people. GroundError when it must not drive by the model."""
+    """How a kind of controller uses the effects of its model: `used` and `unused` ones, and a `remark`
+    for users. GroundError when it must not use the model."""
     use = _core.effect_use(kind, model)
     if use["refusal"]:
         raise GroundError(use["refusal"])
@@ -159,15 +159,15 @@ def run(
     rate: float = 50.0,
     max_error: float = 0.0,
 ) -> Tracked:
-    """Tracks a Task once with a _core.ControllerChoice that believes in a model; gives a Tracked.
+    """Tracks a Task once with a _core.ControllerChoice that uses the model `believed`.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
-    error beyond which the controller stops itself [m], 0: as the reference's size asks, inf: never.
+    error beyond which the controller stops itself [m], 0: by the reference's size, inf: never.
     Raises GroundError when the motion is not finite, ValueError on bad parameters. A controller
-    that stopped itself has endless errors.
+    that stopped itself has infinite errors.
     """
     conditions = conditions or Conditions()
-    if not gains.CONTROLLERS[controller.kind].follows:  # it plays for as long as it drives
+    if not gains.CONTROLLERS[controller.kind].follows:  # it plays for the whole task
         controller.values = {"duration": task.until}
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
@@ -241,7 +241,7 @@ def many(
     rate: float = 50.0,
     max_error: float = 0.0,
 ) -> List[Tracked]:
-    """The Tracked of every start, each with a seed of its own."""
+    """The Tracked of every start, each with its own seed."""
 
     def one(i: int) -> Tracked:
         loop = (truth, believed, controller, task, starts[i], conditions)
@@ -293,5 +293,5 @@ def pooled(runs: Sequence[Tracked]) -> Document:
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """A value that was measured, which an endless one does not spoil."""
+    """A quantile that is one of the values, so that infinite ones do not matter."""
     return float(np.sort(values)[int(share * (len(values) - 1) + 0.5)])

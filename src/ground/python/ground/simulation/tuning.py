@@ -1,16 +1,16 @@
 """Search for the gains of a controller in closed loop, over references, starts and conditions.
 
-What is searched are the logarithms of the gains: a quarter of the candidates all over the range,
-the rest by CMA-ES (Hansen, Ostermeier 2001) from the best of them that are far apart. A candidate
-is as good as its errors, its saturation and its effort together:
+The search is over the logarithms of the gains. A quarter of the candidates is spread over the whole
+range; the rest is found by CMA-ES (Hansen, Ostermeier 2001), started from the best of these that are
+far apart. The score of a candidate combines its errors, its saturation and its effort:
 
     score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
             + saturation_weight * saturated share + effort_weight * effort
-            + worse_weight * mean over cells of by how many powers of ten the worst start is worse
-              than with the gains to start from
+            + worse_weight * mean over cells of the powers of ten by which the worst start is worse
+              than with the initial gains
 
-A cell is a reference in one of the conditions. The errors that decide are those of starts that the
-search has not seen.
+A cell is a reference in one of the conditions. The final choice uses starts that the search has not
+used.
 """
 
 import itertools
@@ -26,20 +26,20 @@ from ground.errors import GroundError
 from ground.simulation import gains, tracking
 from ground.workers import Workers
 
-# kind of controller -> name -> sign and powers of ten of what is searched; others stay as they are
+# kind of controller -> gain -> sign, and range in powers of ten; other gains are not searched
 SPACE = {
     name: {p.name: p.search for p in info.parameters if p.search}
     for name, info in gains.CONTROLLERS.items()
     if any(p.search for p in info.parameters)
 }
-# The model is never right: by how much parameters are off.
+# Factors on parameters for the condition "model error"
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
-SMALLEST = 1e-3  # error [m] below which nothing is gained
-SIGMA = 0.5  # of the first steps, in powers of ten
+SMALLEST = 1e-3  # error below which a smaller one does not count [m]
+SIGMA = 0.5  # standard deviation of the first steps, in powers of ten
 RESTARTS = 4
 FINALISTS = 24
-TOGETHER = 4  # runs of some 10 ms that make a piece of work
-MARGIN = 0.1  # by which to stay below the limits, in powers of ten
+BATCH = 4  # runs of about 10 ms in a piece of work
+MARGIN = 0.1  # margin below the limits, in powers of ten
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Cell:
 
 @dataclass
 class Candidate:
-    """Gains and what came of them; errors are by cell, [m] rms of every start."""
+    """Gains and their results; errors: rms of every start [m], by cell."""
 
     gains: Dict[str, Setting]
     errors: Dict[str, List[float]] = field(default_factory=dict)
@@ -75,20 +75,20 @@ class Candidate:
 
 @dataclass
 class Weights:
-    """What a share of saturation, a unit of effort and being worse somewhere than the gains to start
-    from are worth, in powers of ten of error."""
+    """Costs of a share of saturation, of a unit of effort and of being worse somewhere than the initial
+    gains, in powers of ten of error."""
 
     saturation: float = 0.3
     effort: float = 0.3
     worse: float = 5.0
-    # cell to the worst start of the best gains to start from
+    # cell -> worst start with the best initial gains
     limits: Dict[str, float] = field(default_factory=dict)
 
 
 def cells(
     tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02
 ) -> List[Cell]:
-    """Cells of {name: Task}: as the model says, with mocap noise and delay, and a wrong model."""
+    """Cells of {name: Task}: with the model, with mocap noise and delay, and with a wrong model."""
     wrong = tracking.perturbed(truth, MODEL_ERROR)
     conditions = [
         ("nominal", truth, tracking.Conditions()),
@@ -129,11 +129,11 @@ def evaluate(
             cell.conditions,
             seed + start,
             rate,
-            np.inf,  # one that loses the reference is as bad as its error
+            np.inf,  # never stop: one that loses the reference has a large error
         )
         for count, cell, start in plan
     ]
-    parts = [runs[i : i + TOGETHER] for i in range(0, len(runs), TOGETHER)]
+    parts = [runs[i : i + BATCH] for i in range(0, len(runs), BATCH)]
     numbers = list(itertools.chain.from_iterable(workers.map(_numbers, parts)))
     found = [Candidate(gains.get(choice)) for choice in choices]
     for (count, cell, _), result in zip(plan, numbers):
@@ -147,7 +147,7 @@ def evaluate(
 
 
 def score(candidate: Candidate, weights: Weights) -> float:
-    """The lower the better; see the module."""
+    """Score of a candidate, the lower the better; see the module."""
     logs = [
         (_log(float(np.median(errors))) + 2 * _log(max(errors))) / 3
         for errors in candidate.errors.values()
@@ -228,7 +228,7 @@ def search(
 def _apart(
     places: Sequence[Array], tried: Sequence[Candidate], most: int, distance: float
 ) -> List[int]:
-    """Which of the Candidates are the best, none as near as that to another in all gains."""
+    """Indices of the best Candidates that differ from each other by `distance` in some gain."""
     chosen: List[int] = []
     for count in np.argsort([c.score for c in tried]):
         if all(np.max(np.abs(places[count] - places[other])) > distance for other in chosen):
@@ -249,7 +249,7 @@ def choose(
     seed: int,
     rate: float = 50.0,
 ) -> List[Candidate]:
-    """The best of the finalists on other starts than the search had; gives Candidates, best first."""
+    """The finalists as Candidates on other starts than the search's, best first."""
     kind = first[0].kind
     bounds = _bounds(kind)
     places = [_coordinates(kind, c.gains, bounds) for c in tried]

@@ -1,4 +1,4 @@
-"""identify add: a physical effect into a model, refitted, with the error before and after."""
+"""identify add: adds a physical effect to a model and refits it, with the error before and after."""
 
 import argparse
 from typing import Iterator
@@ -22,14 +22,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_bag_arguments(parser)
     common.add_span_arguments(parser)
     common.add_progress_argument(parser)
-    parser.add_argument("--model", metavar="M.yaml", required=True, help="what it is added to")
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="model that it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
     common.add_holdout_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = adding.add(
         arguments.model,

@@ -1,4 +1,4 @@
-"""What the verbs of the command line share."""
+"""Shared by the verbs of the command line."""
 
 import argparse
 import contextlib
@@ -16,7 +16,7 @@ from ground.recordings.recording import Recording
 
 
 class Bags(argparse.Action):
-    """Bags on the command line, where a folder stands for the bags inside it."""
+    """Bags on the command line; a folder stands for the bags in it."""
 
     def __call__(
         self,
@@ -33,7 +33,7 @@ class Bags(argparse.Action):
 
 
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the bags, and the settings in place of recorded ones."""
+    """Adds the bags, and settings that replace the recorded ones."""
     parser.add_argument(
         "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
     )
@@ -45,7 +45,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
         "--heading-offset",
         type=angle,
         metavar="RAD",
-        help="measured minus true heading, taken off the measured one [rad] (as recorded, else 0)",
+        help="measured minus true heading, subtracted from the measured one [rad] (as recorded, else 0)",
     )
     parser.add_argument(
         "--mapping",
@@ -60,7 +60,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_span_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the part of every run that is looked at."""
+    """Adds the part of every run that is used."""
     parser.add_argument(
         "--from", dest="start", type=seconds, default=0.0, help="start, on the run's clock [s]"
     )
@@ -68,7 +68,7 @@ def add_span_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all",
         action="store_true",
-        help="take all that was recorded, not only what info calls usable",
+        help="use the whole recording, not only what info calls usable",
     )
 
 
@@ -89,12 +89,12 @@ def add_progress_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--progress",
         action="store_true",
-        help="say on standard error what is being done (always so on a terminal)",
+        help="print each step on standard error (default on a terminal)",
     )
 
 
 def progress(arguments: argparse.Namespace, text: str) -> None:
-    """Prints what is being done to standard error, where that is wanted."""
+    """Prints a step of the work to standard error, if wanted."""
     if arguments.progress or (not arguments.json and sys.stderr.isatty()):
         print("... " + text, file=sys.stderr, flush=True)
 
@@ -146,7 +146,7 @@ def say(arguments: argparse.Namespace, text: str = "") -> None:
 
 
 def teller(arguments: argparse.Namespace) -> Say:
-    """What tells the progress of an API's function."""
+    """The progress function for the API."""
     return lambda text: progress(arguments, text)
 
 
@@ -169,7 +169,7 @@ def mapped(arguments: argparse.Namespace) -> mapping.FieldMapping:
 
 def read(arguments: argparse.Namespace) -> List[Recording]:
     """The recordings in the arguments' bags; GroundError when one cannot be read or is given twice.
-    Notes different settings."""
+    Warns of different settings."""
     found = list(reading(arguments, arguments.bags))
     api.note_differences(found)
     return found
@@ -177,12 +177,12 @@ def read(arguments: argparse.Namespace) -> List[Recording]:
 
 @contextlib.contextmanager
 def page(path: str, numbers: str) -> Iterator[None]:
-    """For a block that writes the page `path`: where it cannot, GroundError says that the file
-    `numbers` is kept, and how to make the page."""
+    """Wraps a block that writes the page `path`. If it fails, GroundError says that the file `numbers`
+    is kept, and how to make the page."""
     try:
         yield
     except (GroundError, OSError) as error:
         raise GroundError(
-            "the page could not be written (%s); the numbers are kept in %s: make room, then give the "
-            "same command with --force for the page %s" % (errors.sentence(error), numbers, path)
+            "the page could not be written (%s); the numbers are kept in %s: make room, then repeat the "
+            "command with --force to write the page %s" % (errors.sentence(error), numbers, path)
         )

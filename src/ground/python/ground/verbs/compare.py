@@ -1,6 +1,6 @@
 """identify compare: models against recordings, and where they fail.
 
-compare.json, schema ground/compare/1 (SI units; null for what is not a number or does not exist):
+compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
 runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
@@ -13,7 +13,7 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
                     [sigma], position [mm] and heading [deg], each started at the measured state
   where             per variable: centres of its bins, samples, mean |e|/s per channel, and share of
                     its variance explained (raw; share: beyond chance; p: of so much by chance)
-  residuals         of what; noise levels; per channel autocorrelation, input_sum, input_difference:
+  residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
                     lags, value, band99, how many are outside, accepted; white
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
                     sigma (median standard deviation of the estimate), full_scale (what full thrust
@@ -24,7 +24,7 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
                     the command, by model and as measured; body_axes_differ. Over time in the CSV.
   files, summary    picture and series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit and held_out runs
-noise_floor  error that the noise of the poses alone would leave, were the best model the truth
+noise_floor  error that the noise of the poses alone would leave, if the best model were true
 """
 
 import argparse
@@ -49,11 +49,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_progress_argument(parser)
     workers.add_scheduler_argument(parser)
     parser.add_argument(
-        "--model", metavar="M.yaml", action="append", required=True, help="once for each model"
+        "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
     parser.add_argument(
-        "--format", choices=["png", "svg"], default="png", help="of pictures (%(default)s)"
+        "--format", choices=["png", "svg"], default="png", help="format of pictures (%(default)s)"
     )
     parser.add_argument(
         "--numbers", action="store_true", help="compare.json and CSV only: no pictures, no report"
@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     models = comparing.labelled(arguments.model)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(

@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from ground.analysis import candidates
+from ground.analysis import candidates, search
 from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
@@ -36,31 +36,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         help="effects to try as well: your own, one in each FILE.yaml, as model files list them, or "
-        "by name those of the library that it does not try by default (%s)" % on_request,
+        "by name those of the library that are not tried by default (%s)" % on_request,
     )
     parser.add_argument(
         "--budget",
         type=common.count,
         metavar="N",
-        help="refit only the N effects that a score test finds most promising, in each step (all)",
+        help="number of effects to refit in each step, the most promising by a score test (%d)"
+        % search.Criteria.refitted,
     )
     parser.add_argument(
         "--thorough",
         action="store_true",
-        help="however much data there is, look at all of it, show errors on held-out runs of all effects, "
-        "plan the next experiment beside all runs and draw all of them",
+        help="use all data, however long it takes: all windows, held-out errors of all effects, all runs for "
+        "the next experiment and in the pictures",
     )
     parser.add_argument(
         "--room",
         metavar="ROOM.yaml",
-        help="for the next experiment (that of the runs, of the first that has one; else 4 x 4 m)",
+        help="room of the next experiment (that of the first run that has one, else 4 x 4 m)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
-    # slow to load, for the other verbs as well
+    """Runs the verb; returns what --json prints."""
+    # imported here because they are slow to load
     from ground.api import diagnosing
     from ground.reports import diagnosis_files
 

@@ -15,7 +15,7 @@ from ground.verbs import common
 
 NAME = "fit"
 SUMMARY = "fits a model's parameters to recordings by simulation error"
-FREE = list(study.FIVE)
+FREE = list(study.NOMINAL)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,8 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--target",
         choices=fitting.TARGETS,
         default="velocities",
-        help="what is simulated and measured: smoothed velocities (default), or raw poses, which is "
-        "sharper where the model is right",
+        help="what is simulated and measured: smoothed velocities (default), or raw poses, which are "
+        "more precise if the model is right",
     )
     parser.add_argument(
         "--window",
@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=common.count,
         default=1,
         metavar="N",
-        help="descend from the model's values and N - 1 others, keep the best (%(default)s)",
+        help="fit from the model's values and N - 1 others, and keep the best (%(default)s)",
     )
     parser.add_argument(
         "--block",
@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     found = fitting.fit(
         arguments.model,
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> Document:
 
 
 def _lines(arguments: argparse.Namespace, found: fitting.Fit) -> Iterator[str]:
-    """What is printed: parameters, errors, runs one by one, and what is not identifiable."""
+    """Lines to print: parameters, errors, each run, and what is not identifiable."""
     yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
     for p in found.parameters.values():
         unit = p.unit if p.identified else ""
@@ -117,14 +117,14 @@ def _lines(arguments: argparse.Namespace, found: fitting.Fit) -> Iterator[str]:
         yield "the same inputs drove %s: validating one on the other is optimistic" % ", ".join(same)
     yield from found.remarks
     if arguments.starts > 1:
-        yield "%d of %d starts came to this end" % (found.starts["at_best"], arguments.starts)
+        yield "%d of %d starts reached this optimum" % (found.starts["at_best"], arguments.starts)
     yield "written to %s" % arguments.output
 
 
 def _errors(
     arguments: argparse.Namespace, found: fitting.Fit
 ) -> Iterator[Tuple[str, Tuple[Optional[float], ...]]]:
-    """What the error is of, and the error of the start values, of the fit, and held out."""
+    """Data, and the error there of the start values, of the fit, and held out."""
     errors, thesis = found.error, found.thesis_objective
     several = "all runs; held out: each by a fit to the others"
     if len(found.runs) > validation.RUN_FOLDS:
@@ -146,7 +146,7 @@ def _errors(
 
 
 def _table(names: Sequence[str], rows: Sequence[fitting.RunFit]) -> Iterator[str]:
-    """One row a run, then mean and spread, as in the thesis's table 3.2."""
+    """One row per run, then mean and spread, as in the thesis's table 3.2."""
     width = max(map(len, [row.run for row in rows] + ["spread"]))
     head = "".join("%11s" % n.split(".")[-1] for n in names)
     yield "%-*s %s%9s%10s" % (width, "run", head, "error", "held out")
@@ -159,7 +159,7 @@ def _table(names: Sequence[str], rows: Sequence[fitting.RunFit]) -> Iterator[str
         yield "%s %s" % (name.ljust(width), "".join("%11.4g" % v for v in values))
     for row in rows:
         if row.disagrees_in:
-            yield "%s disagrees with the others in %s: look at it before pooling them" % (
+            yield "%s disagrees with the others in %s: inspect it before pooling the runs" % (
                 row.run,
                 ", ".join(row.disagrees_in),
             )

@@ -8,7 +8,7 @@ from ground.recordings import csv_exports
 from ground.verbs import common
 
 NAME = "import"
-SUMMARY = "CSV written by rostopic echo -p, to a bag that the other verbs read"
+SUMMARY = "converts CSV written by rostopic echo -p to a bag that the other verbs read"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     counts = csv_exports.write_bag(
         arguments.controls, arguments.pose, arguments.output, arguments.force

@@ -1,4 +1,4 @@
-"""identify info: what is in recordings, what is odd about it, what was repaired."""
+"""identify info: contents, oddities and repairs of recordings."""
 
 import argparse
 from typing import List
@@ -10,7 +10,7 @@ from ground.recordings import findings, mapping, quality, readers
 from ground.verbs import common
 
 NAME = "info"
-SUMMARY = "what is in recordings, what is odd about it, which parts can be used"
+SUMMARY = "contents and oddities of recordings, and their usable parts"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> List[Document]:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
     described = quality.describe([r.repaired for r in common.read(arguments)])

@@ -8,7 +8,7 @@ from ground.simulation import gains, tracking
 
 
 def controllers(names: Iterable[str]) -> str:
-    """What controllers are, and their parameters; lines end with a line feed."""
+    """Controllers and their parameters; lines end with a line feed."""
     lines = ["controllers and their parameters [unit], range (default); * searched by tune:"]
     for info in (gains.CONTROLLERS[name] for name in names):
         lines.append("  %-18s %s" % (info.name, info.text))
@@ -17,8 +17,8 @@ def controllers(names: Iterable[str]) -> str:
 
 
 def references() -> str:
-    """What references are, what they take, and their parameters; lines end with a line feed."""
-    lines = ["references, what each takes, and its defaults, the thesis's where it has them:"]
+    """References and their parameters; lines end with a line feed."""
+    lines = ["references and their parameters, with defaults (the thesis's, where it has them):"]
     parameters = {p.name: p for p in _core.reference_parameters()}
     for info in tracking.KINDS.values():
         values = {name: parameters[name].default for name in info.takes if name != "file"}
@@ -32,7 +32,7 @@ def references() -> str:
 
 
 def option(parameter: _core.TunableInfo, default: Optional[Setting]) -> Dict[str, Any]:
-    """Metavar and help of an option that sets a parameter; a default of None is not told."""
+    """Metavar and help of an option that sets a parameter; a default of None is not shown."""
     text = parameter.text[0].lower() + parameter.text[1:]
     if default is not None:
         text += " (%g)" % float(default)

@@ -23,7 +23,7 @@ SUMMARY = "records a simulated experiment to a bag, without ROS running and fast
 DETAILS = (
     "\ninputs:\n"
     + "".join("  %-18s %s\n" % (name, info.text) for name, info in DESIGNS.items() if name in KINDS)
-    + """  tracking           a controller follows a reference, on what the mocap delivers
+    + """  tracking           a controller follows a reference, by the poses that the mocap delivers
   FILE.csv           bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
                      rows under time,left,right or time,left,right,lift, each held until the next;
                      a bit that was recorded as several equal lines is one bit (--rows-per-bit)
@@ -33,7 +33,7 @@ that it stays inside; a tracking controller stops before it would leave.
 
 Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
 with everything off. A file with a column lift is played as it is. The same command line gives the
-same bag, bit by bit, but for the computing times of a controller (topic decision). The topics are
+same bag, bit by bit, except for the computing times of a controller (topic decision). The topics are
 those of record.launch; simulator/truth has the true motion.
 
 A disturbance in the model file acts only with --disturbance; without it, a line says so.
@@ -45,14 +45,14 @@ MOCAP = [
     ("rate", "HZ", "frames per second"),
     ("position_noise", "M", "noise of x and y, 1 sigma"),
     ("heading_noise", "RAD", "noise of the heading, 1 sigma"),
-    ("latency", "S", "from capture to delivery"),
+    ("latency", "S", "time from capture to delivery"),
     ("loss", "SHARE", "share of single frames lost, 0..1"),
     ("gap_rate", "1/S", "losses of tracking per second"),
     ("gap_length", "S", "mean duration of a loss of tracking"),
 ]
 OPTIONS = (
     simulating.PATTERN + simulating.BURSTS + simulating.TRACKING + simulating.LIFT
-)  # that go with some inputs only
+)  # options for some inputs only
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--model", metavar="M.yaml", required=True, help="moves the craft")
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="true model of the craft")
     parser.add_argument(
         "--input",
         type=_kind,
@@ -81,14 +81,14 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed",
         type=common.seed,
         default=1,
-        help="of the mocap's noise and losses, of the disturbance, and of where the PRBS starts "
+        help="for the mocap's noise and losses, the disturbance, and the start of the PRBS "
         "(%(default)s)",
     )
     parser.add_argument(
         "--duration",
         type=_between("duration"),
         metavar="S",
-        help="of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
+        help="duration of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
     )
     parser.add_argument(
         "--lift", type=_between("lift"), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
@@ -105,7 +105,7 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         metavar=("X", "Y", "PSI"),
         default=[0.0, 0.0, 0.0],
-        help="world_ned [m, m, rad] (0 0 0)",
+        help="pose at the start, world_ned [m, m, rad] (0 0 0)",
     )
     parser.add_argument(
         "--start-velocity",
@@ -113,7 +113,7 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         metavar=("U", "V", "R"),
         default=[0.0, 0.0, 0.0],
-        help="body, as the recording starts [m/s, m/s, rad/s] (0 0 0)",
+        help="velocity at the start, body [m/s, m/s, rad/s] (0 0 0)",
     )
 
 
@@ -124,13 +124,13 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
         type=int,
         choices=range(2, 21),
         metavar="2..20",
-        help="of a sequence of 2^N - 1 bits (9)",
+        help="order N of a sequence of 2^N - 1 bits (9)",
     )
     group.add_argument(
         "--rows-per-bit",
         type=common.count,
         metavar="N",
-        help="bits: lines that make one bit (found in the file)",
+        help="FILE.csv of bits: lines per bit (found from the file)",
     )
     group.add_argument(
         "--levels",
@@ -144,12 +144,12 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
         "--hold",
         type=_between("hold"),
         metavar="S",
-        help="how long a level is held [s] (1)",
+        help="time for which a level is held [s] (1)",
     )
     group.add_argument(
         "--room",
         metavar="ROOM.yaml",
-        help="bursts of the input between returns home, inside a room",
+        help="play bursts of the input between returns home, inside this room",
     )
     group.add_argument(
         "--burst",
@@ -165,15 +165,15 @@ def _add_disturbance_arguments(group: argparse._ArgumentGroup) -> None:
         type=_number,
         nargs="*",
         metavar=("SHARE", "TIME"),
-        help="a random wrench pushes the craft: its standard deviation as a share of full thrust (X, "
-        "Y) and of the moment of one thruster (N), its correlation time [s]; without numbers the "
-        "disturbance of the model file",
+        help="apply a random wrench: its standard deviation as a share of full thrust (X, Y) and of the "
+        "moment of one thruster (N), and its correlation time [s]; without numbers, the disturbance "
+        "of the model file",
     )
     group.add_argument(
         "--trim",
         type=_between("trim"),
         metavar="SHARE",
-        help="what differs from run to run, 1 sigma: a constant wrench, in the same shares, and the "
+        help="differences from run to run, 1 sigma: a constant wrench, in the same shares, and a "
         "factor on the thrust",
     )
 
@@ -190,7 +190,7 @@ def _add_mocap_arguments(group: argparse._ArgumentGroup) -> None:
         type=_number,
         default=0.0,
         metavar="RAD",
-        help="of the rigid body against the craft; recorded with the run, like the axes (0)",
+        help="heading of the rigid body minus the craft's; recorded with the run, like the axes (0)",
     )
 
 
@@ -202,7 +202,7 @@ def _add_tracking_arguments(group: argparse._ArgumentGroup) -> None:
         "--origin", type=_number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
     )
     group.add_argument(
-        "--end", type=_number, nargs=2, metavar=("X", "Y"), help="of a line [m] (2.5 2.5)"
+        "--end", type=_number, nargs=2, metavar=("X", "Y"), help="end of a line [m] (2.5 2.5)"
     )
     group.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
     for parameter in REFERENCE + GAINS:
@@ -218,12 +218,12 @@ def _add_tracking_arguments(group: argparse._ArgumentGroup) -> None:
         "reference's half-width [m] (never)",
     )
     group.add_argument(
-        "--controller-model", metavar="C.yaml", help="what the controller believes (--model)"
+        "--controller-model", metavar="C.yaml", help="the controller's model (--model)"
     )
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
     run = simulating.simulate(
@@ -268,7 +268,7 @@ def _given(arguments: argparse.Namespace, names: Iterable[str]) -> Document:
 
 
 def _disturbance(given: Optional[List[float]]) -> Union[bool, List[float]]:
-    """What the API takes: whether that of the model acts, or a share and a time."""
+    """Argument of the API: whether the model's disturbance acts, or a share and a time."""
     return given is not None if not given else given
 
 
@@ -291,7 +291,7 @@ def _lines(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> It
 
 
 def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
-    """What --json says of a disturbance, SI units."""
+    """A disturbance for --json, SI units."""
     if disturbance is None:
         return None
     found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}

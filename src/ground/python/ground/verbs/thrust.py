@@ -21,7 +21,7 @@ MEANS = {
     "a": "left stronger than right",
     "p": "exponent of the input",
 }
-REACH = 0.8  # input up to which forces must have been measured for k to be more than a guess
+REACH = 0.8  # least largest input measured; otherwise k is an extrapolation
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="BENCH.csv",
         help="columns input, then left, right or both thrusters, repeated ones as left_1, left_2",
     )
-    parser.add_argument("--model", metavar="M.yaml", required=True, help="whose thrust is replaced")
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="model whose thrust is replaced")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
     parser.add_argument(
         "--inputs",
@@ -41,12 +41,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar=("OFF", "FULL"),
         help="values of the column input that mean 0 and 1, such as microseconds of PWM (0 1)",
     )
-    parser.add_argument("--unit", choices=sorted(NEWTONS), default="N", help="of the forces (N)")
+    parser.add_argument("--unit", choices=sorted(NEWTONS), default="N", help="unit of the forces (N)")
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     off, full = arguments.inputs
     if not (np.isfinite([off, full]).all() and full != off):
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> Document:
     bench = thrust_bench.read(arguments.table, off, full, NEWTONS[arguments.unit])
     found = thrust_bench.fit(bench)
     fitted, names = _put_into(model, found)
-    # a model's k is of an input of 1, that of a bench of the largest input
+    # a model's k is for an input of 1, a bench's for the largest input
     units = {n: 1 / model.input_max if n == "k" else 1.0 for n in found.values}
     intervals = {
         names[n]: (units[n] * low, units[n] * high) for n, (low, high) in found.intervals.items()
@@ -124,7 +124,7 @@ def _lines(
         "" if np.isnan(found.scatter) else ", repetitions %.2g N from each other" % found.scatter,
     )
     if found.scatter and found.residual > 2 * found.scatter:
-        yield "the fit misses more than repetitions scatter: thrust is no power of the input here"
+        yield "the fit misses more than repetitions scatter: thrust is not a power of the input here"
     if reach < REACH:
         yield (
             "no input above %.2g was measured: k at full input is an extrapolation, and may be far off"
@@ -134,9 +134,9 @@ def _lines(
     ratio = found.values["k"] / before
     if abs(ratio - 1) > 0.05:
         yield (
-            "%s has %.3g N at full input: the bench says %.2f times that. Thrust that is fitted to "
+            "%s has %.3g N at full input: the bench gives %.2f times that. Thrust that is fitted to "
             "motion is relative to the mass: losses at speed, a low battery, a wrong mass or a wrong "
-            "lever make the two differ. Fit runs with k free before you drive by this model."
+            "lever make the two differ. Fit runs with k free before a controller uses this model."
             % (arguments.model, before, ratio)
         )
     yield "written to %s" % arguments.output

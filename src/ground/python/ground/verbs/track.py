@@ -20,14 +20,14 @@ SUMMARY = (
 
 DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
---noise the controller knows the true state at its rate; with it, what mocap_state makes of a
-mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
-The craft starts at rest at the origin; with --seed a little elsewhere, and with --starts N so N
-times, and medians are given. As on the floor, a controller stops when the error has been larger than
---max-error for a second, or when the craft never arrives; its errors then count as endless.
+--noise the controller knows the true state at its rate; with it, mocap_state estimates the state from
+a mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
+The craft starts at rest at the origin; with --seed near it, and with --starts N from N places, and
+medians are printed. As on the floor, a controller stops when the error has been larger than
+--max-error for a second, or when the craft never arrives; its errors then count as infinite.
 """
 
-MOST_STOPS = 5  # that are printed
+MAX_STOPS = 5  # stops that are printed
 
 # options that set a parameter of the reference
 NUMBERS: Dict[str, Callable[[str], float]] = {
@@ -42,8 +42,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
-    _takes_loop(parser)
-    parser.add_argument("--reference", default="circle", metavar="KIND", help="below (%(default)s)")
+    _add_loop_arguments(parser)
+    parser.add_argument("--reference", default="circle", metavar="KIND", help="see below (%(default)s)")
     for parameter in _core.reference_parameters():
         if parameter.name in NUMBERS:
             option = "--" + parameter.name.replace("_", "-")
@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
             parser.add_argument(option, type=kind, **listing.option(parameter, None))
     for name in PLACES:
         parser.add_argument("--" + name, type=float, nargs=2, metavar=("X", "Y"))
-    parser.add_argument("--smooth", action="store_true", help="line, waypoints: start, stop gently")
+    parser.add_argument("--smooth", action="store_true", help="line, waypoints: start and stop gently")
     parser.add_argument("--settled", type=common.seconds, metavar="S")
     parser.add_argument("--end-time", type=common.positive, metavar="S")
     parser.add_argument(
@@ -67,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--spread",
         type=common.positive,
         default=tracking.SPREAD,
-        help="of N starts about rest at the origin, all states, 1 sigma (%(default)s)",
+        help="1 sigma of all states of N starts about rest at the origin (%(default)s)",
     )
     parser.add_argument(
         "--anywhere",
@@ -79,12 +79,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
-def _takes_loop(parser: argparse.ArgumentParser) -> None:
-    """Controller, craft, and what the loop has to cope with."""
+def _add_loop_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds controller, craft, and conditions of the loop."""
     parser.add_argument("--controller", choices=tracking.CONTROLLERS, default="TrajectoryTracking")
-    parser.add_argument("--model", required=True, metavar="M.yaml", help="what it believes in")
-    parser.add_argument("--truth", metavar="T.yaml", help="what the craft moves by (--model)")
-    parser.add_argument("--gains", metavar="G.yaml", help="of the controller, as tune writes them")
+    parser.add_argument("--model", required=True, metavar="M.yaml", help="the controller's model")
+    parser.add_argument("--truth", metavar="T.yaml", help="true model of the craft (--model)")
+    parser.add_argument("--gains", metavar="G.yaml", help="gains of the controller, as tune writes them")
     parser.add_argument(
         "--perturb",
         type=_factor,
@@ -95,15 +95,15 @@ def _takes_loop(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--noise", action="store_true", help="mocap noise, and the estimator")
     parser.add_argument(
-        "--delay", type=common.seconds, default=0.0, metavar="S", help="measurement to command"
+        "--delay", type=common.seconds, default=0.0, metavar="S", help="time from measurement to command [s]"
     )
     parser.add_argument("--loss", type=_share, default=0.0, help="share of frames lost, 0..1")
     parser.add_argument("--rate", type=common.positive, default=50.0, metavar="HZ", help="(50)")
-    parser.add_argument("--seed", type=common.seed, help="of noise and start (start: the origin)")
+    parser.add_argument("--seed", type=common.seed, help="for noise and start (start: the origin)")
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints. GroundError when the controller stopped."""
+    """Runs the verb; returns what --json prints. GroundError when the controller stopped."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     loop = api.prepare(
@@ -191,15 +191,15 @@ def _say(arguments: argparse.Namespace, result: Document) -> None:
         say(line)
     if result["stopped"]:
         say("stopped    %d of %d runs ended early" % (result["stopped"], result["starts"]))
-    for stop in result["stops"][:MOST_STOPS]:
+    for stop in result["stops"][:MAX_STOPS]:
         say("           run %d %s" % (stop["run"], _stop(stop)))
-    if len(result["stops"]) > MOST_STOPS:
-        say("           and %d more" % (len(result["stops"]) - MOST_STOPS))
+    if len(result["stops"]) > MAX_STOPS:
+        say("           and %d more" % (len(result["stops"]) - MAX_STOPS))
 
 
 def effort_lines(numbers: Document) -> Iterator[str]:
-    """Lines on what the inputs of a drive came to, simulated or recorded; numbers that are None were
-    not recorded."""
+    """Lines on the inputs of a drive, simulated or recorded; numbers that are None were not
+    recorded."""
     if numbers["saturated_fraction"] is not None:
         yield "saturated  %.1f%% of the time" % (100 * numbers["saturated_fraction"])
         yield "effort     %.3f (mean square of the inputs)" % numbers["effort"]
@@ -209,8 +209,9 @@ def effort_lines(numbers: Document) -> Iterator[str]:
             numbers["wanted_largest"],
         )
     if numbers["compute_ms"] is not None:
-        yield "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, a decision" % (
-            numbers["compute_ms"]
+        yield (
+            "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, "
+            "per decision" % numbers["compute_ms"]
         )
 
 

@@ -23,10 +23,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=common.seconds,
         default=0.0,
         metavar="S",
-        help="errors count from so long after the reference began (%(default)g)",
+        help="time after the start of the reference from which errors count [s] (%(default)g)",
     )
     parser.add_argument(
-        "--room", metavar="ROOM.yaml", help="whose walls are drawn (that of the run)"
+        "--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)"
     )
     parser.add_argument(
         "--picture",
@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     if arguments.picture:
         files.refuse_existing(arguments.picture, arguments.force)
     room = Room.load(arguments.room) if arguments.room else None
@@ -83,4 +83,4 @@ def _lines(name: str, drives: Sequence[Document], changes: int) -> Iterator[str]
         )
         yield from effort_lines(drive)
     if changes:
-        yield "parameters changed %d times while it ran: identify info says which" % changes
+        yield "parameters changed %d times while it ran: identify info lists them" % changes

@@ -16,14 +16,14 @@ NAME = "tune"
 SUMMARY = "searches for the gains of a controller in closed loop, on all cores"
 
 DETAILS = """
-Every candidate follows the references from several starts: as the model says, with mocap noise and
-20 ms of delay, and with a craft whose thrust is 15% weaker, whose damping is 30% and whose inertia
-15% higher than the model says. What decides is the error (median and worst start), and beside it
-saturation and effort with their weights. The gains of the thesis are among those to start from.
-The table is of starts and references that the search has not seen (--holdout).
+Every candidate follows the references from several starts: with the model as it is, with mocap noise
+and 20 ms of delay, and with a craft whose thrust is 15% lower, whose damping is 30% higher and whose
+inertia is 15% higher than in the model. The score is the error (median and worst start) plus weighted
+saturation and effort. The search starts from the gains of the thesis, among others.
+The table shows starts and references that the search has not used (--holdout).
 
-A reference is one of those below, or other than that, as in circle:size=1.5,rate_of_turn=0.8 or
-line:speed=0.5.
+A reference is one of those below, if wanted with other parameters, as in
+circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5.
 
 """ + listing.references() + "\n" + listing.controllers(tuning.SPACE)
 REFERENCES = [
@@ -47,33 +47,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     parser.add_argument("--controller", choices=list(tuning.SPACE), default="TrajectoryTracking")
-    parser.add_argument("--model", required=True, metavar="M.yaml", help="of the craft")
-    parser.add_argument("--gains", metavar="G.yaml", help="to start from, and to compare with")
+    parser.add_argument("--model", required=True, metavar="M.yaml", help="model of the craft")
+    parser.add_argument("--gains", metavar="G.yaml", help="gains to start from and to compare with")
     parser.add_argument("-o", "--output", required=True, metavar="GAINS.yaml")
-    parser.add_argument("--picture", metavar="FILE.png", help="what was tried, before and after")
-    parser.add_argument("--force", action="store_true", help="overwrite them")
+    parser.add_argument("--picture", metavar="FILE.png", help="candidates, and errors before and after")
+    parser.add_argument("--force", action="store_true", help="overwrite these files")
     parser.add_argument(
         "--references",
         nargs="+",
         metavar="KIND",
         default=REFERENCES,
-        help="to search on, below (%s)" % " ".join(REFERENCES),
+        help="references to search on, see below (%s)" % " ".join(REFERENCES),
     )
     parser.add_argument(
         "--holdout",
         nargs="*",
         metavar="KIND",
         default=HELD_OUT,
-        help="to test on, as well (%s)" % " ".join(HELD_OUT),
+        help="further references to test on (%s)" % " ".join(HELD_OUT),
     )
     parser.add_argument(
         "--evaluations", type=common.count, default=1200, metavar="N", help="(1200)"
     )
     parser.add_argument(
-        "--starts", type=common.count, default=4, metavar="N", help="of a candidate (%(default)s)"
+        "--starts", type=common.count, default=4, metavar="N", help="starts of a candidate (%(default)s)"
     )
     parser.add_argument(
-        "--test-starts", type=common.count, default=100, metavar="N", help="fresh ones (100)"
+        "--test-starts", type=common.count, default=100, metavar="N", help="fresh starts of the test (100)"
     )
     parser.add_argument("--saturation-weight", type=float, default=0.3, help="(%(default)s)")
     parser.add_argument("--effort-weight", type=float, default=0.3, help="(%(default)s)")
@@ -83,7 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Document:
-    """Does what the verb says; gives what --json prints."""
+    """Runs the verb; returns what --json prints."""
     for path in (arguments.output, arguments.picture):
         if path:
             files.refuse_existing(path, arguments.force)
@@ -134,12 +134,12 @@ def _search(
     unseen: List[tuning.Cell],
     weights: tuning.Weights,
 ) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
-    """The choice that was found, Candidates that were tried, and Candidates compared by name."""
+    """The ControllerChoice found, the Candidates tried, and the Candidates to compare, by name."""
     seeds = [1000 * arguments.seed + offset for offset in (0, 300, 600)]
     counts = (arguments.starts, 5 * arguments.starts, arguments.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
     first, rate = list(before.values()), arguments.rate
-    told = None if arguments.json else _progress
+    report = None if arguments.json else _progress
     try:
         tried = tuning.search(
             team,
@@ -151,7 +151,7 @@ def _search(
             arguments.evaluations,
             seeds[0],
             rate,
-            told,
+            report,
         )
         print(file=sys.stderr)
         chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate)
@@ -265,7 +265,7 @@ def _say(arguments: argparse.Namespace, result: Document) -> None:
         scale = 100 if what == "saturated" else 1
         cells = [digits % (scale * result[what][n]) for n in names]
         common.say(arguments, form % what + "".join("%24s" % cell for cell in cells))
-    common.say(arguments, "* not seen by the search")
+    common.say(arguments, "* not used by the search")
     common.say(
         arguments,
         "%s: %s"

@@ -5,7 +5,7 @@
 namespace ground {
 
 /// Dry friction of a skirt that touches the floor: a force against the velocity over the floor and
-/// a moment against the yaw rate, constant but for the smooth passage through zero.
+/// a moment against the yaw rate. Both are constant except for a smooth transition through zero.
 struct CoulombFriction {
   static constexpr bool kUsesPose = false;
 

@@ -4,9 +4,9 @@
 
 namespace ground {
 
-/// Yaw damping that differs by the direction of spin: N = -n_a |r|, |r| with a smooth passage
-/// through zero. Where n_a is positive, a craft that turns clockwise seen from above (r > 0) is
-/// damped by N_r + n_a, one that turns the other way by N_r - n_a.
+/// Yaw damping that differs by the direction of spin: N = -n_a |r|, with |r| smoothed at zero. The
+/// damping is N_r + n_a for clockwise spin seen from above (r > 0) and N_r - n_a for the opposite
+/// direction.
 struct DirectionalYawDamping {
   static constexpr bool kUsesPose = false;
 

@@ -1,4 +1,4 @@
-// What the effects of dry friction share.
+// Shared by the effects of dry friction.
 #pragma once
 
 #include <cmath>
@@ -8,17 +8,17 @@
 namespace ground {
 
 constexpr double kSlow = 0.01;    ///< speed below which friction is proportional to it [m/s]
-constexpr double kSlowYaw = 0.1;  ///< the same of the yaw rate [rad/s]
+constexpr double kSlowYaw = 0.1;  ///< yaw rate below which the moment is proportional to it [rad/s]
 
-/// The sign of x, with a smooth passage through zero: x / sqrt(x^2 + slow^2).
+/// Sign of x, smooth at zero: x / sqrt(x^2 + slow^2).
 template <typename T>
 T smoothSign(const T& x, double slow) {
   using std::sqrt;
   return x / sqrt(x * x + slow * slow);
 }
 
-/// Adds a force [N] against the velocity over the floor and a moment [N m] against the yaw rate,
-/// constant but for the smooth passage through zero.
+/// Adds a force [N] against the velocity over the floor and a moment [N m] against the yaw rate.
+/// Both are constant except for a smooth transition through zero.
 template <typename T>
 void addDryFriction(const Point<T>& point, const T& force, const T& moment, Vector3<T>& wrench) {
   using std::sqrt;

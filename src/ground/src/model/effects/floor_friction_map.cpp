@@ -7,12 +7,12 @@
 
 namespace ground {
 
-/// A floor that drags more in some places than in others: -c(x, y) (u, v), c interpolated between
-/// the nodes of a grid, bilinearly, and constant beyond its edge. c is negative where the floor
-/// drags less than the body's own damping says.
+/// Damping that depends on the position on the floor: force -c(x, y) (u, v). c is interpolated
+/// bilinearly between the nodes of a grid and constant beyond its edge. c is negative where the
+/// damping is smaller than X_u and Y_v.
 ///
-/// The prior makes neighbours alike: differences between them, and more weakly the values, are
-/// normal with the standard deviations below. Nodes that no run comes near follow their neighbours.
+/// Prior: differences between neighbours are normal with standard deviation scale(), and values are
+/// normal with kOwnDeviation times as much. Nodes far from all runs follow their neighbours.
 struct FloorFrictionMap {
   static constexpr int kNodes = 5;         ///< along x and along y
   static constexpr double kFirst = -2.0;   ///< x and y of the first node, world_ned [m]
@@ -43,7 +43,8 @@ struct FloorFrictionMap {
   }
 
  private:
-  static constexpr double kOwnDeviation = 3.0;  ///< of a value, in that of a difference
+  /// Prior standard deviation of a value, relative to that of a difference.
+  static constexpr double kOwnDeviation = 3.0;
 
   static double scale(const Body<double>& b) { return 0.1 * typical::force(b) / typical::speed(b); }
   static std::string metres(int node) {
@@ -71,8 +72,8 @@ struct FloorFrictionMap {
 
   static std::size_t at(int node) { return static_cast<std::size_t>(node); }
 
-  /// The weights of the nodes along an axis at a place [m]: hats, which add up to 1. On a node the
-  /// derivatives are those to its right.
+  /// Weights of the nodes along an axis at a position [m]: hat functions, whose sum is 1. At a node
+  /// the derivatives are the right-hand ones.
   template <typename T>
   static std::array<T, kNodes> weights(const T& place) {
     constexpr double kEnd = kNodes - 1;

@@ -2,8 +2,8 @@
 
 namespace ground {
 
-/// A floor that is not level: gravity pulls the centre of mass down the slope, m g (sx, sy) in
-/// world_ned; a positive slope falls along the positive axis.
+/// A floor that is not level: gravity acts on the centre of mass with the force m g (sx, sy) in
+/// world_ned. A floor with positive slope descends along the positive axis.
 struct FloorTilt {
   static EffectInfo info() {
     const auto scale = [](const Body<double>&) { return 0.005; };
@@ -18,7 +18,7 @@ struct FloorTilt {
     const T &m = point.body.m, weight = m * kGravity;
     const Vector2<T> force = point.heading.toBody({weight * p[0], weight * p[1]});
     wrench.template head<2>() += force;
-    // The mass matrix knows where the centre of mass is: M_13 = -m y_g, M_23 = m x_g.
+    // The centre of mass (x_g, y_g) follows from the mass matrix: M_13 = -m y_g, M_23 = m x_g.
     const Matrix3<T>& mass = point.mass;
     wrench(2) += (mass(1, 2) * force.y() + mass(0, 2) * force.x()) / m;
   }

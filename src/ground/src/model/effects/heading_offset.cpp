@@ -2,7 +2,7 @@
 
 namespace ground {
 
-/// The mocap's rigid body is turned against the craft: measured psi = psi + psi0.
+/// The mocap's rigid body is rotated relative to the craft: measured psi = psi + psi0.
 struct HeadingOffset {
   static EffectInfo info() {
     return {"heading_offset",

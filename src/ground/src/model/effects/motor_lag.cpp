@@ -6,9 +6,10 @@ namespace ground {
 
 /// First-order lag of each thruster, dw/dt = (u - w)/tau, thrust from w.
 ///
-/// The command is held over a step, so w is known in closed form. Its samples at start, middle and
-/// end of the step are those of the parabola with the same mean, first and second moment: RK4 then
-/// gets the impulse of the thrust exactly however short tau is, and the limit tau -> 0 is smooth.
+/// The command is held over a step, so w is known in closed form. The thruster inputs at the start,
+/// middle and end of the step are samples of the parabola with the same mean, first and second
+/// moment as w. RK4 then integrates the thrust exactly for every tau, and the limit tau -> 0 is
+/// smooth.
 struct MotorLag {
   static EffectInfo info() {
     return {"motor_lag",
@@ -30,8 +31,8 @@ struct MotorLag {
   }
 
  private:
-  /// What is left of the initial difference: at the three nodes of the parabola, and after the
-  /// step.
+  /// Fraction of the initial difference w - u that remains: at the three nodes of the parabola, and
+  /// after the step.
   template <typename T>
   struct Remains {
     T start{0.0}, middle{0.0}, end{0.0}, after{0.0};
@@ -45,7 +46,8 @@ struct MotorLag {
 
   template <typename T>
   static Remains<T> decay(const T& tau, const T& h) {
-    constexpr double kLong = 50, kShort = 0.02;  // of tau/h; beyond, the general case loses digits
+    // Range of tau/h in which the general case is accurate.
+    constexpr double kMaxRatio = 50, kMinRatio = 0.02;
     using std::exp;
     const auto slow = [&] {
       const T end = exp(-h / tau);
@@ -54,14 +56,14 @@ struct MotorLag {
     const auto general = [&] {
       const T e = tau / h;
       const T end =
-          choose(valueOf(e) < kShort, [] { return T(0.0); }, [&] { return T(exp(-1.0 / e)); });
+          choose(valueOf(e) < kMinRatio, [] { return T(0.0); }, [&] { return T(exp(-1.0 / e)); });
       const T m0 = e * (1.0 - end), m1 = e * (m0 - end), m2 = e * (2.0 * m1 - end);
       const T c0 = m0, c1 = 3.0 * (2.0 * m1 - m0), c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0);
       return Remains<T>{c0 - c1 + c2, c0 - 0.5 * c2, c0 + c1 + c2, end};
     };
     return choose(
         valueOf(tau) == 0.0 && valueOf(h) == 0.0, [] { return Remains<T>(); },
-        [&] { return choose(valueOf(tau) > kLong * valueOf(h), slow, general); });
+        [&] { return choose(valueOf(tau) > kMaxRatio * valueOf(h), slow, general); });
   }
 };
 GROUND_REGISTER_EFFECT(MotorLag)

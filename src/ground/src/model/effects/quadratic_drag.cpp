@@ -5,8 +5,8 @@
 
 namespace ground {
 
-/// Drag that grows with the square of speed: -c_x V u, -c_y V v, -c_r |r| r, V the speed through
-/// the air.
+/// Drag that grows with the square of speed: -c_x V u, -c_y V v, -c_r |r| r, where V is the speed
+/// through the air.
 struct QuadraticDrag {
   static constexpr bool kUsesPose = false;
 

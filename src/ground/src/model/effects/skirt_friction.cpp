@@ -5,8 +5,8 @@
 namespace ground {
 
 /// Dry friction of the skirt on the floor that vanishes as the lift rises: (1 - lift) times a force
-/// against the velocity over the floor and a moment against the yaw rate. Runs at full lift cannot
-/// show it; it takes runs at two lifts to distinguish it from coulomb_friction.
+/// against the velocity over the floor and a moment against the yaw rate. Runs at full lift do not
+/// identify it; runs at two lifts distinguish it from coulomb_friction.
 struct SkirtFriction {
   static constexpr bool kUsesPose = false;
 

@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// Curved thrust characteristic, thrust ~ w^p; thrust at the largest input stays as it is.
+/// Nonlinear thrust characteristic, thrust ~ w^p. The thrust at the largest input is unchanged.
 struct ThrustCurve {
   static constexpr bool kUsesPose = false;
 
@@ -19,14 +19,14 @@ struct ThrustCurve {
     for (int side = 0; side < 2; ++side) {
       const T w = point.input(side) / point.body.input_max;
       force(side) = choose(
-          valueOf(w) > kOff, [&] { return T(force(side) * pow(w, T(p[0] - 1.0))); },
+          valueOf(w) > kMinInput, [&] { return T(force(side) * pow(w, T(p[0] - 1.0))); },
           [&] { return force(side); });
     }
   }
 
  private:
-  static constexpr double kOff =
-      1e-9;  // below, the thruster is off and the power has no derivative
+  /// Relative input below which the thruster is off; the power has no derivative at 0.
+  static constexpr double kMinInput = 1e-9;
 };
 GROUND_REGISTER_EFFECT(ThrustCurve)
 

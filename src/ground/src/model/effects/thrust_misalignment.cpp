@@ -10,7 +10,7 @@ struct ThrustMisalignment {
 
   static EffectInfo info() {
     return {"thrust_misalignment",
-            "thrust turned against the body's x axis",
+            "thrust at an angle to the body's x axis",
             {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI,
               [](const Body<double>&) { return 0.1; }}}};
   }

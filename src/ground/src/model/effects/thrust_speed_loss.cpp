@@ -3,7 +3,7 @@
 
 namespace ground {
 
-/// Propellers that lose thrust in their own inflow: k (1 - c u), never below zero.
+/// Propellers that lose thrust with the air speed at their inlet: k (1 - c u), never below zero.
 struct ThrustSpeedLoss {
   static constexpr bool kUsesPose = false;
 

@@ -1,4 +1,4 @@
-"""What turns bytes of a bag into messages and messages into bags: ROS where it is installed, else rosbags.
+"""Codecs decode messages from bags and write bags: by ROS where it is installed, else by rosbags.
 
 A codec is a module of this folder, see Codec. Both give the same values, bit by bit; an array of
 numbers is a tuple or a NumPy array.
@@ -13,9 +13,9 @@ from typing import Any, Callable, ContextManager, Iterable, Optional, Protocol, 
 from ground.annotations import Message, Time
 from ground.errors import GroundError
 
-Decode = Callable[[bytes], Message]  # raises anything on bytes that are no such message
+Decode = Callable[[bytes], Message]  # may raise anything on bytes of another type
 
-CODECS = ("with_ros", "with_rosbags")  # the first one that finds what it needs is taken
+CODECS = ("with_ros", "with_rosbags")  # the first one whose modules are installed is used
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Kind:
 
 
 class Codec(Protocol):
-    """What a codec does. Message types are named as in bags, "ground_msgs/Controls"."""
+    """Interface of a codec. Message types are named as in bags, "ground_msgs/Controls"."""
 
     NEEDS: Tuple[str, ...]  #: names of modules that it imports
 
@@ -38,13 +38,13 @@ class Codec(Protocol):
         """The Kind of a message type that is installed; None without it."""
 
     def defined(self, kind: str, definition: str) -> Kind:
-        """The Kind of a type by the definition in a bag; raises anything when that is wrong."""
+        """The Kind of a type by the definition in a bag; may raise anything when that is wrong."""
 
     def new(self, kind: str, **fields: Any) -> Message:
         """A message, its other fields empty or 0."""
 
     def bag_writer(self, path: str) -> ContextManager[Any]:
-        """Of a new bag, with write(topic, message, time of receipt)."""
+        """Writer of a new bag, with write(topic, message, time of receipt)."""
 
     def unpack_lz4(self, frame: bytes) -> bytes:
         """The contents of an LZ4 frame; raises when its checksum is wrong."""
@@ -57,4 +57,4 @@ def installed(names: Iterable[str] = CODECS) -> Codec:
         codec = importlib.import_module("%s.%s" % (__name__, name))
         if all(importlib.util.find_spec(module) for module in codec.NEEDS):
             return cast(Codec, codec)
-    raise GroundError("bags take the Python modules of ROS, or rosbags: pip install rosbags")
+    raise GroundError("bags need the Python modules of ROS, or rosbags: pip install rosbags")

@@ -22,7 +22,7 @@ def _class(kind: str) -> Any:
 
     try:
         return roslib.message.get_message_class(kind)
-    except Exception:  # of a name that is no type's
+    except Exception:  # raised for unknown types
         return None
 
 

@@ -15,15 +15,15 @@ from ground.recordings import codecs
 from ground.recordings.topics import CHUNK
 
 NEEDS = ("rosbags", "lz4")
-PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs")  # of rosbags' messages
+PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs")  # packages whose types rosbags has
 TIME, DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
-# Of ROS 1; in ROS 2, whose names rosbags has, seconds are signed.
+# Definitions of ROS 1. rosbags has those of ROS 2, where seconds are signed.
 BUILTIN = {TIME: "uint32 sec\nuint32 nanosec\n", DURATION: "int32 sec\nint32 nanosec\n"}
 
 
 @dataclass
 class Time:
-    """A time in a message; also rosbags' class of it."""
+    """A time in a message; it replaces rosbags' class."""
 
     sec: int = 0
     nanosec: int = 0
@@ -38,7 +38,7 @@ class Time:
 
 
 def _name(kind: str) -> str:
-    """ "ground_msgs/Controls" as rosbags has it."""
+    """Name of a type such as "ground_msgs/Controls" in rosbags."""
     return "/msg/".join(kind.split("/"))
 
 
@@ -57,7 +57,7 @@ def _store(definitions: Mapping[str, Any]) -> Any:
 
 @functools.lru_cache(maxsize=None)
 def _installed() -> Any:
-    """The Typestore of ground's messages, which the wheel brings, and those that they are made of."""
+    """The Typestore of ground's messages, which are in the wheel, and of those that they contain."""
     from rosbags.typesys import get_types_from_msg
     from rosbags.typesys.stores import ros1_noetic
 
@@ -107,7 +107,7 @@ def _new(name: str, fields: Mapping[str, Any]) -> Message:
 
 
 def _empty(node: Any, of: Any) -> Any:
-    """The value of a field that nobody has set; node, of: as rosbags describes its type."""
+    """Default value of a field; node, of: rosbags' description of its type."""
     from rosbags.interfaces import Nodetype
 
     if node == Nodetype.NAME:
@@ -123,7 +123,7 @@ def _empty(node: Any, of: Any) -> Any:
 
 @dataclass
 class _Bag:
-    """A bag that is written."""
+    """A bag that is being written."""
 
     writer: Any
     connections: Dict[str, Any] = field(default_factory=dict)  # by topic
@@ -150,7 +150,7 @@ def bag_writer(path: str) -> Iterator[_Bag]:
         os.unlink(path)  # rosbags writes new files only
     writer = Writer(path)
     writer.set_compression(Writer.CompressionFormat.LZ4)
-    # With a checksum, as rosbag has it, and rosbags has not: damage shows.
+    # With a checksum, as rosbag writes it and rosbags does not, so that damage can be detected.
     writer.compressor = functools.partial(
         lz4.frame.compress, content_checksum=True, store_size=False, block_linked=False
     )

@@ -1,7 +1,7 @@
-"""Records of whether crafts stop by themselves: a YAML file that only grows.
+"""Records of trials whether crafts stop by themselves: a YAML file that only grows.
 
-A map from the craft's name, which is its model's, to its trials, the newest last. The sender reads it
-when it is armed (ground/link/own_stop.h).
+It is a map from the name of the craft's model to its trials, the newest last. The sender reads it when
+it is armed (ground/link/own_stop.h).
 """
 
 import fcntl
@@ -16,7 +16,7 @@ from ground.errors import GroundError
 
 
 def default_path() -> str:
-    """Where the records of this computer are: $ROS_HOME or ~/.ros."""
+    """Path of this computer's records, under $ROS_HOME or ~/.ros."""
     home = os.environ.get("ROS_HOME") or os.path.join(os.path.expanduser("~"), ".ros")
     return os.path.join(home, "ground", "own_stop.yaml")
 
@@ -36,7 +36,7 @@ def read(path: str) -> Dict[str, List[Document]]:
 
 
 def append(path: str, craft: str, trial: Document) -> None:
-    """Adds a trial of a craft after all that are there. The folder is created when it is missing."""
+    """Appends a trial of a craft. The folder is created if it is missing."""
     folder = os.path.dirname(os.path.abspath(path))
     os.makedirs(folder, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
