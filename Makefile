@@ -16,7 +16,7 @@ SEED ?= 1
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -67,6 +67,11 @@ bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
 
+# Recordings read with mistakes in units, axes, signs, clocks and swaps, and honest ones.
+# OPTIONS="--count 48 --honest 24"
+bench-mistakes: build
+	@$(in_workspace) test/bench/mistakes.py $(OPTIONS)
+
 # Excitation and tracking inside a room over 200 seeds; resumes after an interruption.
 # OPTIONS="--count 20"
 bench-room: build
@@ -107,7 +112,7 @@ $(configured): $(installed)
 	@$(in_ros) .ci/configure default $(options)
 	@touch $@
 
-$(installed): .ci/debian-packages.txt .ci/install-dependencies
+$(installed): .ci/debian-packages.txt .ci/python-packages.txt .ci/install-dependencies
 	@mkdir -p build
 	@.ci/install-dependencies
 	@touch $@

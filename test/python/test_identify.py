@@ -398,7 +398,7 @@ def test_unknown_options_show_the_usage_of_their_verb(capsys):
 def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
     folder = tmp_path / "runs [1]"
     folder.mkdir()
-    fails(identify("info", folder), "runs [1]: there is no bag in this folder")
+    fails(identify("info", folder), "runs [1]: there is no bag or bag of ROS 2 or table in this folder")
     for seed in (1, 2):
         write_bag(folder / ("run%d.bag" % seed), seed=seed)
     (folder / "notes.txt").write_text("no bag")

@@ -97,6 +97,31 @@ def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     assert (error < 0.5 * np.sqrt(np.mean((stamped - nu) ** 2, axis=0))).all()
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_late_bursts_in_another_order_are_put_right(seed):
+    """As a client stamps a mocap whose frames the network holds up now and then."""
+    random = np.random.default_rng(seed)
+    times, eta, nu, inputs = frames(50.0, 12.0, seed=seed)
+    arrived = times + random.gamma(2, 1e-4, len(times))
+    late = np.zeros(len(times), bool)
+    for start in np.arange(60, len(times) - 20, 45):
+        until = start + random.integers(3, 11)
+        late[start:until] = True
+        held = arrived[until] - 1e-3 + 1e-4 * np.arange(until - start)
+        arrived[start:until] = random.permutation(held)
+    order = np.argsort(arrived, kind="stable")
+    assert (np.diff(order) < 0).sum() > 10 and late.sum() > 50
+    motion = repair(recorded(arrived[order], eta[order], inputs))
+    assert motion.clock.rate == pytest.approx(50, rel=3e-4)
+    off = motion.times - 1000 - times
+    assert np.abs(off - np.median(off)).max() < 1e-3
+    # Nearly at rest the order is not known, nor does it matter.
+    error = np.abs(motion.measured - np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
+    assert (error.max(axis=0) < [5e-3, 5e-3, 5e-2]).all()
+    assert not motion.spikes.any()
+    assert np.sqrt(np.mean((motion.nu - nu)[5:-5] ** 2, axis=0)).max() < 0.2
+
+
 def test_regular_stamps_are_not_changed():
     times, eta, nu, inputs = frames()
     jitter = np.random.default_rng(1).normal(0, 3e-4, len(times))

@@ -111,7 +111,7 @@ def test_columns_are_in_the_order_of_the_model(table):
     assert [shuffled[i] for i in thrusters] == table.channels[:-1] and lift == 0
     assert channels.columns(table.channels[:-1], table, "run 1")[1] is None
     with pytest.raises(GroundError) as error:
-        channels.columns(channels.PAIR, table, "run 1")
+        channels.columns(["left", "right", "lift"], table, "run 1")
     for part in ("run 1", "Air-bearing table", "front_right_back", "left, right, lift"):
         assert part in str(error.value)
 

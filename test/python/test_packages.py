@@ -20,7 +20,7 @@ KEYS = {
 TOOLS = {
     # for builds and for work by hand
     *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
-    "python3-venv",
+    *("python3-pip", "python3-venv"),
     # for screenshots and pages that tests check
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
 }

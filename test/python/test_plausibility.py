@@ -7,6 +7,7 @@ from conftest import simulate_run, write_bag
 
 import genpy
 from ground.recordings import plausibility, recording
+from ground.recordings.recording import CHANNELS
 
 TIMES = 1000 + np.arange(0, 7, 1 / 15)
 
@@ -53,14 +54,14 @@ def test_late_or_irregular_stamps_are_not_changed():
 
 def test_commands_unlike_all_others_are_named():
     times, _, inputs = simulate_run()
-    assert not list(plausibility.lone_commands(times, inputs[:, 1:]))
+    assert not list(plausibility.lone_commands(times, inputs[:, 1:], CHANNELS))
     inputs[40, 1] = 0.0625
-    (warning,) = plausibility.lone_commands(inputs[:, 0], inputs[:, 1:])
+    (warning,) = plausibility.lone_commands(inputs[:, 0], inputs[:, 1:], CHANNELS)
     assert "left is 0.0625 at %.2f s" % inputs[40, 0] in warning
     # Commands of a controller are all different.
-    assert not list(plausibility.lone_commands(times, np.random.random((len(times), 3))))
+    assert not list(plausibility.lone_commands(times, np.random.random((len(times), 3)), CHANNELS))
     stairs = np.repeat([[0.0, 0, 1], [0.5, 0.5, 1], [1, 1, 1]], 1, axis=0)
-    assert not list(plausibility.lone_commands(np.arange(3.0), stairs))
+    assert not list(plausibility.lone_commands(np.arange(3.0), stairs, CHANNELS))
 
 
 def test_a_damaged_stamp_in_a_bag_is_reported_and_repaired(tmp_path):

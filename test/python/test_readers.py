@@ -19,13 +19,15 @@ def registry(monkeypatch):
 
 @pytest.fixture
 def log(tmp_path, monkeypatch):
-    """Writes a log as the page describes it to the current folder; gives its poses."""
+    """A log as the page describes it, with a header and without, in the current folder; its poses."""
     monkeypatch.chdir(tmp_path)
     times, eta, inputs = simulate_run(duration=4)
     at = np.searchsorted(inputs[:, 0], times, side="right") - 1
     rows = np.column_stack(
         [times + 1000, eta[:, 0], -eta[:, 1], -np.degrees(eta[:, 2]), inputs[at, 1:]]
     )
+    np.savetxt("run.log", rows, "%.17g")
+    rows[:, 4:6] *= 100
     with open("log.csv", "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["time", "x", "y", "heading", "left", "right", "lift"])
@@ -33,20 +35,35 @@ def log(tmp_path, monkeypatch):
     return eta
 
 
+def fenced(language, start=""):
+    """The only fence of the page that begins so."""
+    found = re.findall(r"```%s\n(%s.*?)```" % (language, start), PAGE.read_text(), re.S)
+    (text,) = found
+    return text
+
+
 def test_a_registered_reader_is_used(registry, log, tmp_path):
-    example = re.search(
-        r"```python\n(import csv\nimport math\n\nimport ground\n.*?)```", PAGE.read_text(), re.S
-    )
     scope = {}
-    exec(example.group(1), scope)
+    exec(fenced("python"), scope)
     assert scope["run"].eta == pytest.approx(log)
     (in_folder,) = ground.read(tmp_path)
     assert in_folder.eta == pytest.approx(log)
-    assert "400 at 100.0 Hz" in identify("info", "log.csv").stdout
+    assert "400 at 100.0 Hz" in identify("info", "run.log").stdout
 
 
-def test_files_that_no_reader_takes_are_refused(registry, log):
-    with pytest.raises(ground.GroundError, match="log.csv: not a bag$"):
+def test_the_mapping_of_the_page_reads_its_log(log):
+    with open("mapping.yaml", "w") as file:
+        file.write(fenced("yaml"))
+    (run,) = ground.read("log.csv", mapping="mapping.yaml")
+    assert run.eta == pytest.approx(log)
+    assert identify("info", "log.csv", "--mapping", "mapping.yaml").stdout == fenced("text")
+
+
+def test_files_that_no_reader_takes_are_refused(registry, log, tmp_path):
+    with pytest.raises(ground.GroundError, match="run.log: not a bag or a bag of ROS 2 or a table$"):
+        ground.read("run.log")
+    with pytest.raises(ground.GroundError, match="log.csv: which columns.*--write-mapping M.yaml"):
         ground.read("log.csv")
-    with pytest.raises(ground.GroundError, match="there is no bag in this folder"):
-        ground.read(".")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ground.GroundError, match="there is no bag or bag of ROS 2 or table in this"):
+        ground.read("empty")

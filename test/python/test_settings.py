@@ -13,6 +13,7 @@ from ground.analysis import diagnosis_report
 from ground.errors import GroundError
 from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
+from ground.recordings.mapping import DEFAULT
 from ground.reports import report, tracking_figures
 from ground.api.models import Room
 
@@ -127,7 +128,8 @@ def test_the_command_line_takes_precedence_over_recorded_settings(tmp_path, verb
     bag = mocap_bag(tmp_path / "run_0.bag", [(-5, TURNED, 0.1)], OFFSET)
     out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
     assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
-    assert recording.read_bag(bag, "x, z, -y", OFFSET).eta[0, 2] == pytest.approx(0, abs=0.03)
+    given = DEFAULT.with_options(axes="x, z, -y", heading_offset=OFFSET)
+    assert recording.read_bag(bag, given).eta[0, 2] == pytest.approx(0, abs=0.03)
     err = verb("info", bag, "--heading-offset", 30, status=1)[1]
     assert err.count("\n") == 1 and "--heading-offset" in err and "radians" in err
     err = verb("info", bag, "--axes", "x, y, y", status=1)[1]

@@ -196,10 +196,11 @@ def test_without_a_record_t_counts_from_the_first_lift_or_the_run(sagging, tmp_p
 
 
 def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
+    from ground.recordings.mapping import DEFAULT
     from ground.recordings.recording import read_bag
 
     path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
-    read = read_bag(str(path), "z, x, y")
+    read = read_bag(str(path), DEFAULT.with_options(axes="z, x, y"))
     truth = {m.header.stamp.to_nsec(): m for _, m in messages(path)[TRUTH]}
     at = [truth[int(round(t * 1e9))] for t in read.pose_times]
     off = read.eta - [m.eta for m in at]

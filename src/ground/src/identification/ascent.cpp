@@ -1,6 +1,5 @@
 #include "ascent.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,6 +7,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "dense_algebra.h"
 #include "information.h"
 
 namespace ground::detail {
@@ -56,7 +56,7 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
       for (Eigen::Index j = 0; j < m; ++j) A(i, j) = information(moving[i], moving[j]);
     }
     A.diagonal() += damping * A.diagonal() + Eigen::VectorXd::Constant(m, 1e-9 + 1e-6 * damping);
-    const Eigen::VectorXd found = A.ldlt().solve(b);
+    const Eigen::VectorXd found = solveSymmetric(A, b);
     bool changed = false;
     for (Eigen::Index i = 0; i < m; ++i) {
       const auto at = static_cast<std::size_t>(moving[i]);
@@ -241,7 +241,7 @@ class Ascent {
   double moveLevels(double damping, GreyBoxPoint& point, std::vector<double>&) const {
     Eigen::MatrixXd damped = level_information_;
     damped.diagonal() *= 1 + damping;
-    Eigen::VectorXd step = damped.ldlt().solve(level_score_);
+    Eigen::VectorXd step = solveSymmetric(damped, level_score_);
     const double expected = level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dense_algebra.h"
 #include "window_costs.h"
 
 namespace ground::detail {
@@ -235,7 +236,7 @@ Solution startKept(Linearisation& windows, const Free& free, const Eigen::Matrix
     along.row(j) = unseen.row(i);
   }
   if (way.isZero(0)) return found;
-  const Eigen::VectorXd moved = unseen * along.completeOrthogonalDecomposition().solve(way);
+  const Eigen::VectorXd moved = unseen * leastSquares(along, way);
   Solution kept = found;
   for (Eigen::Index i = 0; i < n; ++i) {
     const double start = free.base[free.index[i]] / free.scale[i];

@@ -1,9 +1,10 @@
 #include "estimates.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+
+#include "dense_algebra.h"
 
 namespace ground::detail {
 
@@ -20,9 +21,8 @@ Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free) {
 }
 
 double conditionOf(const Uncertainty& u) {
-  const Eigen::VectorXd eigen =
-      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(u.information).eigenvalues();
-  return eigen(0) > 0 ? eigen(eigen.size() - 1) / eigen(0) : kInfinity;
+  const Eigen::VectorXd values = spectrumOf(u.information).values;
+  return values(0) > 0 ? values(values.size() - 1) / values(0) : kInfinity;
 }
 
 double quantileOf(double freedom) {

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "ascent.h"
+#include "dense_algebra.h"
 #include "estimates.h"
 #include "forecast.h"
 #include "information.h"
@@ -138,12 +139,11 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
   }
   // Fitted levels are biased low, because the parameters also fit part of the disturbance: one
   // Newton step to the maximum of the restricted likelihood (Patterson and Thompson 1971).
-  const Eigen::LDLT<Eigen::MatrixXd> levels(fit.level_information);
-  const Eigen::VectorXd away = 0.5 * levels.solve(lost);
+  const Eigen::VectorXd away = 0.5 * solveSymmetric(fit.level_information, lost);
   const Known known = at(away);
   const Eigen::VectorXd& variance = known.variance;
   // Satterthwaite (1946): twice the squared variance over the variance of the estimated variance.
-  const Eigen::MatrixXd doubt = slopes * levels.solve(slopes.transpose());
+  const Eigen::MatrixXd doubt = slopes * solveSymmetric(fit.level_information, slopes.transpose());
   constexpr double kMinFreedom = 3, kMaxFreedom = 1e6;  // degrees of freedom
   std::vector<double> freedom;
   for (Eigen::Index i = 0; i < variance.size(); ++i)

@@ -1,11 +1,10 @@
 #include "information.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "dense_algebra.h"
 #include "estimates.h"
 
 namespace ground::detail {
@@ -22,25 +21,22 @@ Known knownBy(const Eigen::MatrixXd& information) {
       information.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
   const Eigen::MatrixXd even =
       size.cwiseInverse().asDiagonal() * information * size.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(even);
+  const Spectrum eigen = spectrumOf(even);
   constexpr double kMinEigenvalue = 1e-10;     // of identifiable directions, over the largest
   constexpr double kMaxParticipation = 1e-12;  // squared, of identified parameters in the others
   Eigen::Index first = 0;                      // first identifiable direction
-  while (first < n &&
-         !(eigen.eigenvalues()(first) > kMinEigenvalue * eigen.eigenvalues()(n - 1)))
-    ++first;
-  const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.eigenvectors();
+  while (first < n && !(eigen.values(first) > kMinEigenvalue * eigen.values(n - 1))) ++first;
+  const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.vectors;
   Known known;
   known.variance = directions.rightCols(n - first).cwiseAbs2() *
-                   eigen.eigenvalues().tail(n - first).cwiseInverse();
+                   eigen.values.tail(n - first).cwiseInverse();
   for (Eigen::Index i = 0; i < n; ++i)
     known.identified.push_back(
-        eigen.eigenvectors().row(i).head(first).squaredNorm() < kMaxParticipation &&
+        eigen.vectors.row(i).head(first).squaredNorm() < kMaxParticipation &&
         known.variance(i) < kMaxDeviation * kMaxDeviation);
-  known.volume = eigen.eigenvalues().tail(n - first).array().log().sum() +
+  known.volume = eigen.values.tail(n - first).array().log().sum() +
                  2 * size.array().log().sum();
-  known.unseen = directions.leftCols(first).householderQr().householderQ() *
-                 Eigen::MatrixXd::Identity(n, first);
+  known.unseen = orthonormalised(directions.leftCols(first));
   return known;
 }
 

@@ -1,9 +1,9 @@
 #include "uncertainty.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+
+#include "dense_algebra.h"
 
 namespace ground::detail {
 namespace {
@@ -19,10 +19,13 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
   const Eigen::MatrixXd& A = whole.A;
   const Eigen::VectorXd& b = whole.b;
   const Eigen::Index n = b.size() - k;
-  const auto state = A.bottomRightCorner(k, k).completeOrthogonalDecomposition();
+  Eigen::MatrixXd coupling(k, n + 1);  // to the parameters, and to the residuals
+  coupling << A.bottomLeftCorner(k, n), b.tail(k);
+  const Eigen::MatrixXd follows =
+      A.topRightCorner(n, k) * leastSquares(A.bottomRightCorner(k, k), coupling);
   NormalEquations result = NormalEquations::zero(n);
-  result.A = A.topLeftCorner(n, n) - A.topRightCorner(n, k) * state.solve(A.bottomLeftCorner(k, n));
-  result.b = b.head(n) - A.topRightCorner(n, k) * state.solve(b.tail(k));
+  result.A = A.topLeftCorner(n, n) - follows.leftCols(n);
+  result.b = b.head(n) - follows.col(n);
   return result;
 }
 
@@ -117,16 +120,14 @@ Eigen::MatrixXd seenDirections(const Eigen::MatrixXd& information, Uncertainty& 
     result.identified[i] = information(i, i) > kMinInformation * largest;
     unit(i) = result.identified[i] ? 1 / std::sqrt(information(i, i)) : 0;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * information *
-                                                             unit.asDiagonal());
+  const Spectrum scaled = spectrumOf(unit.asDiagonal() * information * unit.asDiagonal());
   int first = 0;  // first identifiable direction
-  while (first < n && !(eigen.eigenvalues()(first) > kMinEigenvalue * eigen.eigenvalues()(n - 1)))
+  while (first < n && !(scaled.values(first) > kMinEigenvalue * scaled.values(n - 1)))
     for (int i = 0, j = first++; i < n; ++i)
-      if (std::pow(eigen.eigenvectors()(i, j), 2) > kMaxParticipation)
-        result.identified[i] = false;
+      if (std::pow(scaled.vectors(i, j), 2) > kMaxParticipation) result.identified[i] = false;
   const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
-  result.unseen = sizes.asDiagonal() * eigen.eigenvectors().leftCols(first);
-  return unit.asDiagonal() * eigen.eigenvectors().rightCols(n - first);
+  result.unseen = sizes.asDiagonal() * scaled.vectors.leftCols(first);
+  return unit.asDiagonal() * scaled.vectors.rightCols(n - first);
 }
 
 }  // namespace
@@ -157,7 +158,7 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution
   for (int b = 0; b < result.blocks; ++b) {
     const Eigen::MatrixXd A = seen.transpose() * (whole.A + changes[b].A) * seen;
     const Eigen::VectorXd s = seen.transpose() * (whole.b + changes[b].b);
-    steps.col(b) = seen * A.completeOrthogonalDecomposition().solve(s);
+    steps.col(b) = seen * leastSquares(A, s);
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();

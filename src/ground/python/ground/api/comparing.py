@@ -14,6 +14,7 @@ from ground.api.recordings import (
     Recordings,
     note_differences,
     note_heading_offset,
+    note_suspicions,
     taken,
 )
 from ground.api.values import Row, Shown, number, silent
@@ -242,6 +243,7 @@ def each_run(
     its missing wrench the last model accounts for."""
     say = progress or silent
     runs = [recording.repaired for recording in recordings]
+    note_suspicions(recordings)
     for model in models.values():
         note_heading_offset(model, recordings)
     last = list(models.values())[-1].core if len(models) > 1 else None

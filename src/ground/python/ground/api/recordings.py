@@ -8,7 +8,8 @@ from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.recordings import findings, quality, readers, settings
+from ground.recordings import findings, quality, readers, settings, suspicions
+from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -19,13 +20,18 @@ def read(
     *,
     axes: Optional[str] = None,
     heading_offset: Optional[float] = None,
+    mapping: Union[Path, FieldMapping, None] = None,
+    pose_topic: Optional[str] = None,
+    command_topic: Optional[str] = None,
+    body: Optional[str] = None,
 ) -> Tuple[Recording, ...]:
-    """The recordings in bags.
+    """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
     mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
-    was recorded with the run. GroundError when a bag cannot be read or is given twice; anything odd
-    in a bag gives a GroundWarning.
+    was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
+    body (child frame, or part of the topic's name) replace its own. GroundError when a bag cannot be
+    read or is given twice; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -34,17 +40,22 @@ def read(
     ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
     """
     paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
-    listed = readers.listed([os.fspath(path) for path in paths])
-    return tuple(reading(listed, axes, heading_offset))
+    if mapping is None:
+        mapping = FieldMapping()
+    elif not isinstance(mapping, FieldMapping):
+        mapping = load(os.fspath(mapping))
+    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
+    return tuple(reading([os.fspath(path) for path in paths], given))
 
 
 def reading(
-    bags: Sequence[str], axes: Optional[str] = None, heading_offset: Optional[float] = None
+    paths: Sequence[str], mapping: FieldMapping = DEFAULT
 ) -> Iterator[Recording]:
-    """The recordings in bags, all of which are read before the first one is returned."""
+    """The recordings in bags and folders, all read before the first one is returned."""
     found = []
+    bags = readers.listed(paths, mapping)
     for path in bags:
-        found.append(readers.read(path, axes, heading_offset))
+        found.append(readers.read(path, mapping))
         for warning in found[-1].warnings:
             warn("%s: %s" % (path, warning), RecordingWarning)
     names = [r.name for r in found]
@@ -85,6 +96,13 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
     different = settings.differences([*others, *found])
     if different and different != settings.differences(others):
         warn(different, GroundNote)
+
+
+def note_suspicions(found: Sequence[Recording]) -> None:
+    """Warns of mistakes that recordings look like."""
+    for recording in found:
+        for suspicion in recording.repaired.suspicions:
+            warn("%s: %s" % (recording.name, suspicions.sentence(suspicion.describe())))
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:

@@ -5,8 +5,6 @@ from typing import List, Optional, Sequence, Tuple
 from ground import _core
 from ground.errors import GroundError
 
-PAIR = ("left", "right", "lift")  # channels of a craft whose model does not list its thrusters
-
 
 def columns(
     channels: Sequence[str], model: _core.Model, recording: str

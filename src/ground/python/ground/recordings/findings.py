@@ -4,7 +4,8 @@ import datetime
 from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
 
 from ground.annotations import Document
-from ground.recordings import quality
+from ground.recordings import quality, suspicions
+from ground.recordings.recording import LIFT
 
 _T = TypeVar("_T")
 
@@ -13,6 +14,8 @@ DRIVES_BY = {  # assumptions if no record says when the drive began
     "first command": "; assumed: the first command has lift, and no record says when it began",
     "start": "; assumed: no command has lift",
 }
+FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
+CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
 
@@ -54,10 +57,12 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         1e3 * noise["position"],
         1e3 * noise["heading"],
     )
-    yield "commands", "%d at %.1f Hz, %d changes, thrusters %g to %g, lift %g to %g" % (
+    thrusters = [name for name in controls["channels"] if name != LIFT]
+    yield "commands", "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g" % (
         controls["count"],
         controls["rate"],
         controls["changes"],
+        "thrusters" if thrusters == list(quality.PAIR) else ", ".join(thrusters),
         *controls["levels"],
         *controls["lift"],
     )
@@ -69,6 +74,25 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         yield "reply", "the craft's motion follows the commands by %.0f ms" % (
             1e3 * d["reply"]["lag"]
         )
+    if d["authority"]:
+        yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
+
+
+def _does(name: str, authority: Document) -> str:
+    """What a thruster does at full input, as far as the recording tells."""
+    forward, right, turn = (authority[key] for key in ("forward", "right", "turn"))
+    errors = authority["errors"]
+    parts = []
+    for value, error, words, unit in (
+        (forward, errors[0], ("forward", "backward"), "m/s2"),
+        (right, errors[1], ("to the right", "to the left"), "m/s2"),
+    ):
+        if abs(value) > CERTAIN * error and abs(value) > 0.3 * max(abs(forward), abs(right)):
+            parts.append("pushes %s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
+    if abs(turn) > CERTAIN * errors[2]:
+        side = "right" if turn > 0 else "left"
+        parts.append("turns %s (%.2g +- %.1g rad/s2)" % (side, abs(turn), errors[2]))
+    return "%s %s" % (name, ", ".join(parts) or "does nothing that is certain")
 
 
 def _measured(settings: Document) -> str:
@@ -100,12 +124,11 @@ def grave(d: Document) -> Iterator[str]:
         yield "the stamps of the poses are %.3f s off the clock of the commands, shifted" % (
             -d["clock_offset"]
         )
-    if d["reply"] and d["reply"]["lag"] < quality.IMPOSSIBLE_LAG:
-        yield (
-            "the motion comes %.0f ms BEFORE its commands: the clocks of poses and commands differ"
-            % (-1e3 * d["reply"]["lag"])
-        )
-    if controls["changes"] and not d["reply"]:
+    suspected = {s["kind"] for s in d["suspicions"]}
+    yield from map(suspicions.sentence, d["suspicions"])
+    if "clock" in suspected:
+        return
+    if controls["changes"] >= FEWEST_CHANGES and not d["reply"]:
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
@@ -116,7 +139,7 @@ def findings(d: Document) -> Iterator[str]:
     yield from _poses(d["poses"])
     yield from _overlap(d["controls"])
     if d["rest"] > 0.2:
-        yield "the craft rests for %.2f s at the start" % d["rest"]
+        yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
     if d["contacts"]:
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
             d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
@@ -132,7 +155,7 @@ def _frames(poses: Document) -> Iterator[str]:
     if clock:
         late = clock["lateness"]
         yield (
-            "a poll has stamped a faster mocap: %d of %d poses came within 1 ms of the one before; "
+            "stamps are late, in bursts or by a poll: %d of %d poses came within 1 ms of the one before; "
             "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in "
             "the middle and %.0f ms at most"
             % (
@@ -162,6 +185,7 @@ def _poses(poses: Document) -> Iterator[str]:
         )
     for count, what in (
         (poses["duplicate_stamps"], "repeated stamps"),
+        (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
         (poses["heading_wraps"], "wraps of the heading, unwrapped"),
         (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),
     ):
@@ -176,11 +200,11 @@ def _overlap(controls: Document) -> Iterator[str]:
     if controls["start_after_poses"] < -0.01:
         yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
     if controls["start_after_poses"] > 0.2:
-        yield "poses start %.2f s before the commands" % controls["start_after_poses"]
+        yield "poses start %.2f s before the commands, left out" % controls["start_after_poses"]
     if controls["end_after_poses"] > 0.01:
         yield "poses end %.2f s before the commands" % controls["end_after_poses"]
     if controls["end_after_poses"] < -0.2:
-        yield "commands end %.2f s before the poses" % -controls["end_after_poses"]
+        yield "commands end %.2f s before the poses, left out" % -controls["end_after_poses"]
 
 
 def _changes(changes: List[Document]) -> Iterator[str]:

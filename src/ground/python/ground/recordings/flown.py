@@ -11,7 +11,7 @@ import yaml
 
 from ground.errors import GroundError, reason
 from ground.recordings import run_parameters
-from ground.recordings.bag_reader import BagReader
+from ground.recordings.messages import MessageSource
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
@@ -100,10 +100,10 @@ def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
         yield path, value
 
 
-def read(path: str, bag: BagReader) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
-    """How the craft was flown in the bag at `path`, open in the BagReader `bag`: `controller`, `design` or
-    `reference` and the names of the files `model` and `room`, each if known; and the RunFile of
-    `model` and `room` if their contents were recorded."""
+def read(path: str, bag: MessageSource) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
+    """How the craft was flown in the bag at `path`, open in the MessageSource `bag`: `controller`,
+    `design` or `reference` and the names of the files `model` and `room`, each if known; and the
+    RunFile of `model` and `room` if their contents were recorded."""
     found, kept = {}, {}
     known = list(run_parameters.in_bag(bag))
     known += [parameters for _, parameters in run_parameters.beside(path, [])]

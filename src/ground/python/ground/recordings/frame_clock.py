@@ -1,9 +1,10 @@
 """The clock of a motion capture's frames, rebuilt from late stamps and the motion itself.
 
 A polling client stamps every frame with the instant at which it fetched it: frames of one poll share a
-stamp, and frames that the network delayed arrive together. But the camera takes frames at a constant
-rate, and while the craft moves, the size of a step shows how many frames it took. The most likely frame
-numbers given both (Viterbi 1967) put every pose back to its instant.
+stamp, and frames that the network delayed arrive together. A client that is told of each frame stamps
+most of them well, and those of a delayed burst late. But the camera takes frames at a constant rate, and
+while the craft moves, the size of a step shows how many frames it took. The most likely frame numbers
+given both (Viterbi 1967) put every pose back to its instant.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ NOISE = np.array([4e-4, 4e-4, 6e-3])  # standard deviations of a pose: x, y [m],
 LATEST = 0.4  # largest delay of a frame after the first poll that might have fetched it [s]
 EARLIEST = 1e-3  # error of the clock itself [s]
 SCATTER = 0.25  # relative deviation of an interval from which it is irregular
+IRREGULAR = 0.02  # share of irregular intervals from which the clock is rebuilt
+SMOOTHER = 0.7  # largest roughness of the motion by the new instants, relative to that by the stamps
 MIN_MOVE = 4.0  # a step above this many standard deviations shows how many frames it took
 MAX_LOST = 12  # lost frames in a row that a step can show
 MAX_COST = 12.0  # largest cost of a single step or stamp [log-likelihood]
@@ -54,7 +57,7 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
         start, rate = _line(times, numbers)
     frames = start + numbers / rate
     roughness = _roughness(frames, eta) / _roughness(times, eta)
-    if not roughness < 0.7:
+    if not roughness < SMOOTHER:
         return None
     return FrameClock(
         frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness
@@ -64,7 +67,7 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
 def _irregular(times: Array) -> bool:
     steps = np.diff(times)
     middle = np.median(steps)
-    return bool(middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > 0.1)
+    return bool(middle <= 0 or np.mean(np.abs(steps - middle) > SCATTER * middle) > IRREGULAR)
 
 
 def _numbers_by_motion(steps: Array) -> Tuple[Indices, Flags]:
@@ -158,7 +161,7 @@ def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float
 
 
 def _roughness(times: Array, eta: Array) -> float:
-    """Median change of velocity from step to step, in standard deviations of a pose per second."""
+    """Mean change of velocity from step to step, in standard deviations of a pose per second."""
     apart = np.maximum(np.diff(times), 2e-3)[:, None]
     change = np.diff(np.diff(eta, axis=0) / apart, axis=0) / NOISE
-    return float(np.median(np.linalg.norm(change, axis=1)))
+    return float(np.mean(np.linalg.norm(change, axis=1)))

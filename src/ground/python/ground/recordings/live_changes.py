@@ -5,7 +5,7 @@ from typing import List
 
 from ground.annotations import Document
 from ground.recordings import messages
-from ground.recordings.bag_reader import BagReader
+from ground.recordings.messages import MessageSource
 
 TYPE = "ground_msgs/LiveChange"
 
@@ -25,8 +25,8 @@ class LiveChange:
         return dict(vars(self), time=self.time - zero)
 
 
-def changes_of(bag: BagReader) -> List[LiveChange]:
-    """The LiveChanges in a BagReader, in order of time."""
+def changes_of(bag: MessageSource) -> List[LiveChange]:
+    """The LiveChanges in a MessageSource, in order of time."""
     found = [
         LiveChange(m.header.stamp.to_sec(), m.node, m.name, m.before, m.after)
         for m in messages.of_type(bag, TYPE)

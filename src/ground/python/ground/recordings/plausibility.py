@@ -22,7 +22,6 @@ NEIGHBOURS = 2  # messages on each side that a message is compared with
 MAX_LEVELS = 8  # number of levels between which commands switch
 MIN_COMMANDS = 30  # commands needed to recognise levels
 LEVEL_SHARE = 0.98  # least share of commands at a level
-CHANNELS = ("left", "right", "lift")
 
 
 def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, float]:
@@ -55,15 +54,18 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
     return stamps, count, float(error[wrong].max())
 
 
-def lone_commands(times: Sequence[float], controls: Sequence[Sequence[float]]) -> Iterator[str]:
+def lone_commands(
+    times: Sequence[float], controls: Sequence[Sequence[float]], channels: Sequence[str]
+) -> Iterator[str]:
     """Sentences about commands with a unique value if all others switch between a few levels. times:
-    (m,) [s]; controls: (m, 3) left, right, lift."""
+    (m,) [s]; controls: (m, c) by `channels`."""
     if len(controls) < MIN_COMMANDS:
         return
-    for channel, values in zip(CHANNELS, np.asarray(controls).T):
+    for channel, values in zip(channels, np.asarray(controls).T):
         levels, counts = np.unique(values, return_counts=True)
         often = counts > 2
-        lone = levels[counts == 1]
+        inside = np.isin(levels, values[1:-1])  # a run may begin or end with a command of its own
+        lone = levels[(counts == 1) & inside]
         if (
             0 < len(lone) <= 2
             and often.sum() <= MAX_LEVELS

@@ -1,14 +1,16 @@
 """Oddities of a recording, its usable parts, and the run that fits use."""
 
-from typing import TYPE_CHECKING, List, Optional, Tuple, TypedDict
+import itertools
+from dataclasses import asdict
+from typing import TYPE_CHECKING, List, Optional, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Flags, Indices
+from ground.annotations import Array, Document
 from ground.errors import GroundError
-from ground.recordings import channels, frame_clock
-from ground.recordings.repair import MAX_GAP, Motion, repair, wrap
+from ground.recordings import channels, frame_clock, reply, suspicions
+from ground.recordings.repair import Motion, repair, wrap
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
@@ -20,19 +22,11 @@ MOVED = 0.01  # largest movement of a craft at rest [m]
 CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # least excess in multiples of its noise
 CONTACT_MARGIN = 0.1  # time left out before and after a contact [s]
-LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
-LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
-IMPOSSIBLE_LAG = -0.03  # motion before its command by more is impossible [s]
+MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
+
+PAIR = ("left", "right")  # the thrusters of a model
 
 Span = Tuple[float, float]  # start, end [s]
-
-
-class _Reply(TypedDict):
-    """How accelerations follow from the commands."""
-
-    lag: float  # lag of the motion behind the commands [s]
-    share: float  # share of the accelerations that the commands explain
-    coefficients: Array  # (13, 3) coefficients of left, right, and _smooth_terms
 
 
 class Run:
@@ -42,7 +36,8 @@ class Run:
     and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how
     the motion follows the commands; drives, when each drive began [s], the origins of the model's
     t; drives_by, the source of these: "record", "lift" (the first command with lift), "first
-    command" (which has lift already) or "start" (of the run, because no command has lift).
+    command" (which has lift already) or "start" (of the run, because no command has lift);
+    suspicions, the mistakes that it looks like.
     """
 
     def __init__(self, recording: "Recording") -> None:
@@ -56,16 +51,17 @@ class Run:
             raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
         self.drives, self.drives_by = self._drives()
-        reply = _reply(recording, motion)
-        contacts = _contacts(recording, motion, reply)
-        self.reply = None if reply is None else {"lag": reply["lag"], "share": reply["share"]}
+        found = reply.find(recording, motion)
+        contacts = _contacts(recording, motion, found)
+        self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
         self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
         self.active = self._active()
         self.spans = self._spans()
+        self.suspicions = suspicions.of(self)
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
-        times, lift = recording.control_times - self.zero, recording.controls[:, 2]
+        times, lift = recording.control_times - self.zero, recording.lift
         starts = _core.drive_starts(times, lift, recording.drives - self.zero)
         if not starts:
             return [0.0], "start"
@@ -76,17 +72,17 @@ class Run:
     def _active(self) -> Span:
         """From just before the first thrust or motion to the end of lift and overlap [s]."""
         recording, motion = self.recording, self.motion
-        commands, times = recording.controls, recording.control_times
+        thrust, lift, times = recording.thrust, recording.lift, recording.control_times
         start, end = self.zero, self.zero + self.end
         moved = np.linalg.norm(motion.eta[:, :2] - motion.eta[0, :2], axis=1) > MOVED
         turned = np.abs(motion.eta[:, 2] - motion.eta[0, 2]) > 0.1
-        begins = [times[np.argmax(commands[:, :2].any(axis=1))]] if commands[:, :2].any() else []
+        begins = [times[np.argmax(thrust.any(axis=1))]] if thrust.any() else []
         if (moved | turned).any():
             begins.append(motion.times[np.argmax(moved | turned)])
         if begins:
             start = max(start, min(begins) - 0.1)
-        if (commands[:, 2] > 0).any():  # else the lift was not recorded
-            lifted = np.flatnonzero(commands[:, 2] > 0)
+        if (lift > 0).any():  # else the lift was not recorded
+            lifted = np.flatnonzero(lift > 0)
             start = max(start, times[lifted[0]])
             if lifted[-1] + 1 < len(times):
                 end = min(end, times[lifted[-1] + 1])
@@ -100,7 +96,7 @@ class Run:
         for a, b in cuts:
             inside &= (times < a) | (times > b)
         spans = []
-        for stretch in _stretches(times, inside):
+        for stretch in reply.stretches(times, inside):
             if times[stretch[-1]] - times[stretch[0]] >= SHORTEST:
                 spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
         return spans
@@ -109,7 +105,7 @@ class Run:
         """Rows of time on the run's clock [s], the commands of a model's thrusters and lift, -1..1.
         GroundError when the recording has other channels."""
         recording = self.recording
-        thrusters, lift = channels.columns(channels.PAIR, model, recording.name)
+        thrusters, lift = channels.columns(recording.channels, model, recording.name)
         times = recording.control_times - self.zero
         lifts = np.zeros(len(times)) if lift is None else recording.controls[:, lift]
         return np.column_stack([times, recording.controls[:, thrusters], lifts])
@@ -180,10 +176,12 @@ class Run:
             "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
             "poses": self._describe_poses(),
             "controls": self._describe_controls(),
+            "authority": self._describe_authority(),
             "clock_offset": float(recording.clock_offset),
             "reply": self.reply,
             "contacts": [{"start": float(a), "end": float(b)} for a, b in self.contacts],
             "repairs": self.motion.repairs,
+            "suspicions": [suspicion.describe() for suspicion in self.suspicions],
         }
 
     def _describe_poses(self) -> Document:
@@ -209,6 +207,7 @@ class Run:
             "heading_wraps": int((np.abs(np.diff(wrap(motion.measured[:, 2]))) > np.pi).sum()),
             "mirrored_headings": motion.repairs["headings mirrored back"],
             "frozen": motion.repairs["frozen poses dropped"],
+            "overtaken": motion.repairs["poses that overtook each other put in order"],
             "spikes": [float(t - self.zero) for t in motion.times[motion.spikes]],
             "out_of_range": int((np.abs(psi) > np.pi + 1e-9).sum()),
         }
@@ -226,17 +225,27 @@ class Run:
             }
         return poses
 
+    def _describe_authority(self) -> Document:
+        """What `info` says of what each thruster does; of crafts that are not of the usual pair."""
+        recording = self.recording
+        if recording.thrusters == PAIR:
+            return {}
+        lag = self.reply["lag"] if self.reply else None
+        found = reply.authorities(recording, self.motion, lag)
+        return {name: asdict(one) for name, one in zip(recording.thrusters, found)}
+
     def _describe_controls(self) -> Document:
         """Contents of `info` on the commands."""
         recording, motion = self.recording, self.motion
-        controls, commands = recording.control_times, recording.controls
-        changes = (np.abs(np.diff(commands[:, :2], axis=0)) > 1e-6).any(axis=1)
+        controls, thrust = recording.control_times, recording.thrust
+        changes = (np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1)
         return {
             "count": len(controls),
             "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
             "changes": int(changes.sum()),
-            "levels": [float(f(commands[:, :2])) for f in (np.min, np.max)],
-            "lift": [float(f(commands[:, 2])) for f in (np.min, np.max)],
+            "channels": list(recording.channels),
+            "levels": [float(f(thrust)) for f in (np.min, np.max)],
+            "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
             "start_after_poses": float(controls[0] - motion.times[0]),
             "end_after_poses": float(controls[-1] - motion.times[-1]),
         }
@@ -263,8 +272,8 @@ def same_inputs(runs: List[Run]) -> List[Tuple[str, str]]:
 
 
 def _held(recording: "Recording") -> Array:
-    """Rows of left, right, and how long they were held [s], (n, 3)."""
-    times, commands = recording.control_times, recording.controls[:, :2]
+    """Rows of the thrusters' commands, and how long they were held [s]."""
+    times, commands = recording.control_times, recording.thrust
     changes = np.flatnonzero((np.abs(np.diff(commands, axis=0)) > 1e-6).any(axis=1)) + 1
     starts = np.append(0, changes)
     held = np.diff(np.append(times[starts], times[-1]))
@@ -273,108 +282,53 @@ def _held(recording: "Recording") -> Array:
 
 def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
     """Whether two sequences of held commands agree, except for some at the start."""
+    if a.shape[1] != b.shape[1]:
+        return False
+    near = np.append(np.full(a.shape[1] - 1, 1e-6), 0.03)
     for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
         count = min(len(a) - i, len(b) - j)
         if count < fewest:
             continue
         apart = np.abs(a[i : i + count] - b[j : j + count])
-        if (apart < [1e-6, 1e-6, 0.03]).all(axis=1).mean() > 0.9:
+        if (apart < near).all(axis=1).mean() > 0.9:
             return True
     return False
 
 
-def _stretches(times: Array, inside: Flags) -> List[Indices]:
-    """Indices of the samples inside, split at gaps."""
-    index = np.flatnonzero(inside)
-    if not len(index):
-        return []
-    return np.split(index, np.flatnonzero(np.diff(times[index]) > MAX_GAP) + 1)
-
-
-def _commands_at(recording: "Recording", times: Array) -> Array:
-    at = np.searchsorted(recording.control_times, times, side="right") - 1
-    commands = recording.controls[np.maximum(at, 0), :2].copy()
-    commands[at < 0] = 0
-    return commands
-
-
-def _accelerations(motion: Motion) -> Array:
-    """Specific force in the body's frame (n, 2) [m/s^2] and yaw acceleration [rad/s^2], (n, 3)."""
-    u, v, r = motion.nu.T
-    turning = np.column_stack([-r * v, r * u, 0 * r])
-    return np.asarray(motion.nu_dot + turning)
-
-
-def _reply(recording: "Recording", motion: Motion) -> Optional[_Reply]:
-    """Linear regression of the accelerations on the commands, at the lag that fits best.
-
-    It needs no knowledge of the body's axes and drag: it regresses all accelerations on both commands
-    and on products of the velocities. None when the commands explain less than 10%.
-    """
-    middle = _middle(motion.times)
-    times = motion.times[middle]
-    if len(times) < 50 or np.ptp(recording.controls[:, :2], axis=0).max() < 1e-6:
-        return None
-    wanted = _accelerations(motion)[middle]
-    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
-    others = _smooth_terms(motion.nu[middle])
-
-    def regression(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
-        X = np.column_stack([_commands_at(recording, times[some] - lag), others[some]])
-        coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
-        return np.abs((wanted[some] - X @ coefficients) / scale).mean(), coefficients
-
-    spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lag = LAGS[int(np.argmin([regression(lag, spread)[0] for lag in LAGS]))]
-    misfit, coefficients = regression(lag)
-    without = np.linalg.lstsq(others, wanted, rcond=None)[0]
-    share = 1 - misfit / np.abs((wanted - others @ without) / scale).mean()
-    if share < 0.1:
-        return None
-    return {"lag": float(lag), "share": float(share), "coefficients": coefficients}
-
-
-def _smooth_terms(nu: Array) -> Array:
-    """Regressors of the accelerations besides the commands, (n, 11)."""
-    u, v, r = nu.T
-    return np.column_stack(
-        [np.ones(len(nu)), u, v, r, u * u, v * v, r * r, u * v, u * r, v * r, r * np.abs(r)]
-    )
-
-
-def _middle(times: Array, margin: float = 0.06) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate."""
-    inside = np.zeros(len(times), bool)
-    for stretch in _stretches(times, np.ones(len(times), bool)):
-        start, end = times[stretch[0]], times[stretch[-1]]
-        inside[stretch] = (times[stretch] > start + margin) & (times[stretch] < end - margin)
-    return inside
-
-
-def _contacts(recording: "Recording", motion: Motion, reply: Optional[_Reply]) -> List[Span]:
+def _contacts(
+    recording: "Recording", motion: Motion, found: Optional[reply.Reply]
+) -> List[Span]:
     """Spans with accelerations that no input within its bounds explains."""
-    if reply is None:
+    if found is None:
         return [(t, t) for t in motion.times[motion.jumps]]
-    coefficients = reply["coefficients"]
-    by_input = coefficients[:2]  # rows left, right
-    others = _smooth_terms(motion.nu)
-    wanted = _accelerations(motion) - others @ coefficients[2:]
-    thrust = np.linalg.norm(by_input.sum(axis=0)[:2])
-    turn = np.abs(by_input[:, 2]).max()
+    coefficients = found["coefficients"]
+    by_input = coefficients[: len(recording.thrusters)]  # rows: thrusters
+    others = reply.smooth_terms(motion.nu)
+    wanted = reply.accelerations(motion) - others @ coefficients[len(by_input) :]
+    reachable = _levels(recording) @ by_input
+    thrust = np.linalg.norm(reachable[:, :2], axis=1).max()
+    turn = np.abs(reachable[:, 2]).max()
     if not (thrust > 0 and turn > 0):
         return []
     # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
-    rest = wanted - _commands_at(recording, motion.times - reply["lag"]) @ by_input
+    rest = wanted - reply.commands_at(recording, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
     scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
-    levels = np.linspace(0, 1, 6)
     beyond = np.full(len(wanted), np.inf)
-    for left in levels:
-        for right in levels:
-            off = (wanted - [left, right] @ by_input) / scale
-            force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-            beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
+    for effect in reachable:
+        off = (wanted - effect) / scale
+        force, moment = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+        beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
-    hit = ((beyond > 1) & _middle(motion.times)) | motion.jumps
-    return [(motion.times[s[0]], motion.times[s[-1]]) for s in _stretches(motion.times, hit)]
+    hit = ((beyond > 1) & reply.middle(motion.times)) | motion.jumps
+    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit)]
+
+
+def _levels(recording: "Recording") -> Array:
+    """Commands that the thrusters can be given, a grid (k, n)."""
+    thrust = recording.thrust
+    least = np.where(thrust.min(axis=0) < 0, -1.0, 0.0)
+    count = MOST_LEVELS.get(thrust.shape[1], 2)
+    grid = itertools.product(*[np.linspace(low, 1, count) for low in least])
+    return np.array(list(grid))

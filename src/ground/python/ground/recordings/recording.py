@@ -3,15 +3,18 @@
 import functools
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, ArrayLike, Message
+from ground.annotations import Array, ArrayLike, Time
 from ground.errors import GroundError
-from ground.recordings import flown, live_changes, plausibility
+from ground.recordings import commands, flown, live_changes, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
+from ground.recordings.commands import CHANNELS
+from ground.recordings.mapping import DEFAULT, RANGE, FieldMapping
+from ground.recordings.messages import MessageSource
 
 if TYPE_CHECKING:
     import pandas
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
+MANY_LOST = 0.1  # share of lost poses from which their axes are checked
+LIFT = "lift"  # the channel that is no thruster
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +35,7 @@ class Recording:
     pose_times: Array  #: (n,) [s], in the order of arrival
     eta: Array  #: (n, 3) x, y [m], psi [rad], world_ned
     control_times: Array  #: (m,) [s]
-    controls: Array  #: (m, 3) left, right, lift, 0..1
+    controls: Array  #: (m, c) commands by `channels`, 0..1, reversible ones -1..1
     source: str  #: topics that it was read from
     clock_offset: float = 0.0  #: to add to the stamps of the poses for the clock of the commands [s]
     warnings: List[str] = field(default_factory=list)
@@ -44,6 +49,7 @@ class Recording:
     )  #: flown.RunFile by `model` and `room`, if recorded
     changes: List[live_changes.LiveChange] = field(default_factory=list)  #: changes during the run
     path: str = ""  #: path of the bag that it was read from
+    channels: Tuple[str, ...] = CHANNELS  #: names of the commands; `lift` is the lift fan
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
@@ -62,16 +68,44 @@ class Recording:
         """Name of its bag's file, or its own name."""
         return os.path.basename(self.path) or self.name
 
+    @property
+    def thrusters(self) -> Tuple[str, ...]:
+        """Names of the channels that are thrusters."""
+        return tuple(name for name in self.channels if name != LIFT)
+
+    @property
+    def thrust(self) -> Array:
+        """Commands of the thrusters (m, n)."""
+        return self.commands_of(self.thrusters)
+
+    @property
+    def lift(self) -> Array:
+        """Command of the lift fan (m,); zeros where there is no such channel."""
+        if LIFT not in self.channels:
+            return np.zeros(len(self.control_times))
+        return np.asarray(self.controls[:, self.channels.index(LIFT)])
+
+    def commands_of(self, names: Sequence[str]) -> Array:
+        """Commands of some channels (m, len(names)). GroundError for a channel that is missing."""
+        missing = [name for name in names if name not in self.channels]
+        if missing:
+            raise GroundError(
+                "%s: no command is named %s, which the model expects; the commands are %s: name the "
+                "channels in a mapping as the model names its thrusters"
+                % (self.name, " or ".join(missing), ", ".join(self.channels))
+            )
+        return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
+
     def to_frame(self) -> "pandas.DataFrame":
         """Poses and the commands held at their times: columns t [s] since the first pose, x, y [m],
-        psi [rad], left, right, lift, 0..1 (NaN before the first command)."""
+        psi [rad], and a column for each channel (NaN before the first command)."""
         import pandas
 
         order = np.argsort(self.pose_times, kind="stable")
         times, eta = self.pose_times[order], self.eta[order]
         at = np.searchsorted(self.control_times, times, side="right") - 1
         commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
-        columns = ["t", "x", "y", "psi", "left", "right", "lift"]
+        columns = ["t", "x", "y", "psi", *self.channels]
         rows = np.column_stack([times - times[0], eta, commands])
         return pandas.DataFrame(rows, columns=columns)
 
@@ -85,42 +119,60 @@ class Recording:
         )
 
 
-def read_bag(
-    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
-) -> Recording:
-    """The recording in a bag: ground's own topics or those of the original system.
-
-    Poses come from a mocap PoseStamped where there is one, else from a PointStamped `pose` or `eta`
-    (x, y, psi), else from ground_msgs/State. Mocap poses become world_ned by the settings that were
-    recorded with the run, or by `axes` and `heading_offset` [rad] where given; planar ones take the
-    heading offset; states are corrected already. Raises GroundError.
-    """
+def read_bag(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
+    """The recording in a bag of ROS 1, whatever of it is there. Raises GroundError."""
     if os.path.isdir(path):
         raise GroundError("%s: a folder, not a bag; name the bags in it" % path)
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
-        warnings = bag.warnings
-        info = bag.get_type_and_topic_info().topics
-        topics = {
-            "poses": _choose(info, path, "poses", _pose_rank),
-            "controls": _choose(info, path, "controls", _control_rank),
-        }
-        changes = live_changes.changes_of(bag)
-        flown_by, run_files = flown.read(path, bag)
-        kind = info[topics["poses"]].msg_type
-        settings = measured.settings_of(bag, path, kind, axes, heading_offset, warnings)
-        rows = _rows(bag, info, topics, settings)
+        return read_source(bag, path, mapping)
+
+
+def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Recording:
+    """The recording in an open MessageSource, by what the mapping says.
+
+    Where the mapping names no topic, poses come from a mocap PoseStamped where there is one, else
+    from a PointStamped `pose` or `eta` (x, y, psi), from ground_msgs/State, or from the only topic of
+    another type with poses; commands from the topic `controls`. Mocap poses become world_ned by the
+    mapping's axes and heading_offset where given, else by the settings that were recorded with the
+    run; planar ones take the heading offset; states are corrected already. Raises GroundError.
+    """
+    warnings = source.warnings
+    info = source.get_type_and_topic_info().topics
+    topics = _topics(info, path, mapping)
+    changes = live_changes.changes_of(source)
+    flown_by, run_files = flown.read(path, source)
+    kind = info[topics["poses"]].msg_type
+    taken = poses.takes(kind, mapping.poses)
+    settings = measured.settings_of(source, path, taken, mapping, warnings)
+    reader = poses.PoseReader(
+        "%s: %s" % (path, topics["poses"]), kind, mapping.poses, settings
+    )
+    command_reader = commands.CommandReader(
+        "%s: %s" % (path, topics["controls"]), info[topics["controls"]].msg_type, mapping.commands
+    )
+    rows = _rows(source, info, topics, reader, command_reader)
+    reader.finish()
     if rows.lost:
-        warnings.append("%d poses are invalid and were left out" % rows.lost)
+        warnings.append(_lost(path, rows, reader))
     rows.mend_stamps(warnings)
-    controls = rows.rows["controls"]
+    controls = list(command_reader.normalised(rows.rows["controls"]))
+    channels = command_reader.channels
     disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
-    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls])
-    source = ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values())
-    found = checked(path, rows.rows["poses"], controls, source, warnings)
+    names = [channel.name for channel in channels]
+    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls], names)
+    found = checked(
+        path,
+        [(row[0] + mapping.clock_offset,) + row[1:] for row in rows.rows["poses"]],
+        controls,
+        ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values()),
+        warnings,
+        names,
+        {channel.name: channel.range for channel in channels},
+    )
     # Sorted by the last message on each, so that the next message overrules a damaged one.
     ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
@@ -132,7 +184,7 @@ def read_bag(
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        clock_offset=rows.delay("poses") - rows.delay("controls"),
+        clock_offset=0.0 if mapping.clock_offset else rows.delay("poses") - rows.delay("controls"),
     )
 
 
@@ -164,38 +216,61 @@ class _Rows:
 
 
 def _rows(
-    bag: BagReader,
+    source: MessageSource,
     info: Mapping[str, Topic],
     topics: Mapping[str, str],
-    settings: measured.Settings,
+    poses_of: poses.PoseReader,
+    commands_of: commands.CommandReader,
 ) -> _Rows:
     found = _Rows({what: [] for what in topics}, {what: [] for what in topics}, {})
     drives = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
-    for topic, message, received in bag.read_messages([*topics.values(), *drives]):
-        stamp, kind = message.header.stamp.to_sec(), info[topic].msg_type
+
+    def take(what: str, stamp: Time, received: Optional[Time], values: Tuple[float, ...]) -> None:
+        seconds = stamp.to_sec()
+        found.rows[what].append((seconds,) + values)
+        found.receipts[what].append(seconds if received is None else received.to_sec())
+
+    for topic, message, received in source.read_messages([*topics.values(), *drives]):
         if topic in drives:
-            found.drives[message.began.to_sec()] = stamp
-            continue
-        what = "controls" if topic == topics["controls"] else "poses"
-        values = _control(kind, message) if what == "controls" else _pose(kind, message, settings)
-        if values is None or (what == "poses" and max(abs(p) for p in values[:2]) > FARTHEST):
-            found.lost += 1
-            continue
-        found.rows[what].append((stamp,) + values)
-        found.receipts[what].append(received.to_sec())
+            found.drives[message.began.to_sec()] = message.header.stamp.to_sec()
+        if topic == topics["controls"]:
+            stamp, values = commands_of(message, received)
+            take("controls", stamp, received, values)
+        if topic == topics["poses"]:
+            for stamp, pose in poses_of(message, received):
+                if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
+                    found.lost += 1
+                else:
+                    take("poses", stamp, received, pose)
     return found
 
 
-def read_settings(
-    path: str, axes: Optional[str] = None, heading_offset: Optional[float] = None
-) -> measured.Settings:
-    """The settings.Settings by which the mocap's poses in a bag become world_ned; given ones replace the
-    recorded ones. Raises GroundError."""
+def _lost(path: str, rows: _Rows, reader: poses.PoseReader) -> str:
+    """How many poses are lost, with the axes that would keep them where these are why. GroundError when
+    none is left."""
+    count = rows.lost + len(rows.rows["poses"])
+    fit = units.fitting_axes(reader.raw) if reader.raw else None
+    if fit is None or rows.lost < MANY_LOST * count or "axes" not in reader.settings.taken:
+        return "%d poses are invalid and were left out" % rows.lost
+    axes, share = fit
+    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%" % (
+        100 * rows.lost / count,
+        reader.settings.changes[0].axes,
+        axes,
+        100 * share,
+    )
+    if len(rows.rows["poses"]) < 2:
+        raise GroundError("%s: %s" % (path, text))
+    return text
+
+
+def read_settings(path: str) -> measured.Settings:
+    """The settings.Settings by which the mocap's poses in a bag become world_ned. Raises
+    GroundError."""
     if not os.path.isfile(path):
         raise GroundError("%s: no such file" % path)
     with BagReader(path) as bag:
-        kind = "geometry_msgs/PoseStamped"
-        return measured.settings_of(bag, path, kind, axes, heading_offset)
+        return measured.settings_of(bag, path, ("axes", "heading_offset"), DEFAULT)
 
 
 def read_files(path: str) -> Dict[str, flown.RunFile]:
@@ -206,66 +281,75 @@ def read_files(path: str) -> Dict[str, flown.RunFile]:
         return flown.read(path, bag)[1]
 
 
-def _pose_rank(name: str, kind: str) -> Optional[int]:
-    if kind == "geometry_msgs/PoseStamped" and name.endswith("pose"):
-        return 0
-    if kind == "geometry_msgs/PointStamped" and name in ("pose", "eta"):
-        return 1
-    if kind == "ground_msgs/State" and name == "state":
-        return 2
-    return None
+def _topics(info: Mapping[str, Topic], path: str, mapping: FieldMapping) -> Dict[str, str]:
+    """Topics of the poses and of the controls."""
+    for topic, option in (
+        (mapping.poses.topic, "--pose-topic"),
+        (mapping.commands.topic, "--command-topic"),
+    ):
+        if topic and (topic not in info or not info[topic].message_count):
+            raise GroundError(
+                "%s: no messages on %s, which %s names; it has %s"
+                % (path, topic, mapping.file or option, _there(info))
+            )
+    ranked = _control_ranks(info)
+    chosen = {}
+    if mapping.poses.topic:
+        chosen["poses"] = poses.named(info, mapping.poses, path)
+    else:
+        others = [mapping.commands.topic] if mapping.commands.topic else list(ranked)
+        chosen["poses"] = _best(path, "poses", poses.candidates(info, mapping.poses, others), info)
+    if mapping.commands.topic:
+        chosen["controls"] = commands.named(info, mapping.commands, path)
+    else:
+        chosen["controls"] = _best(path, "controls", ranked, info)
+    return chosen
 
 
-def _control_rank(name: str, kind: str) -> Optional[int]:
-    if name != "controls":
-        return None
-    return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
+def _control_ranks(info: Mapping[str, Topic]) -> Dict[str, int]:
+    ranks = {t: commands.rank(t.rsplit("/", 1)[-1], e.msg_type) for t, e in info.items()}
+    return {t: r for t, r in ranks.items() if r is not None and info[t].message_count > 0}
 
 
-def _choose(
-    info: Mapping[str, Topic], path: str, what: str, rank: Callable[[str, str], Optional[int]]
-) -> str:
-    """The best topic with messages, by the last part of its name and its type."""
-    found = []
-    for topic, entry in info.items():
-        order = rank(topic.rsplit("/", 1)[-1], entry.msg_type)
-        if order is not None and entry.message_count > 0:
-            found.append((order, topic))
-    if not found:
-        there = ", ".join("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
+def _there(info: Mapping[str, Topic]) -> str:
+    named = ("%s (%s)" % (t, e.msg_type) for t, e in sorted(info.items()))
+    return ", ".join(named) or "no messages at all"
+
+
+OPTIONS = {"poses": "--pose-topic", "controls": "--command-topic"}
+
+
+def _best(path: str, what: str, ranks: Mapping[str, int], info: Mapping[str, Topic]) -> str:
+    """The topic of the lowest rank. GroundError when there is none or several have it."""
+    if not ranks:
         raise GroundError(
-            "%s: no %s in this bag; it has %s" % (path, what, there or "no messages at all")
+            "%s: no %s in this bag; it has %s; %s names another topic, and identify info "
+            "--write-mapping drafts a mapping for other fields and units"
+            % (path, what, _there(info), OPTIONS[what])
         )
-    found.sort()
-    same = [topic for order, topic in found if order == found[0][0]]
+    same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
     if len(same) > 1:
-        raise GroundError("%s: several topics could be the %s: %s" % (path, what, ", ".join(same)))
+        raise GroundError(
+            "%s: several topics could be the %s: %s; choose one by %s"
+            % (path, what, ", ".join(same), OPTIONS[what])
+        )
     return same[0]
 
 
-def _pose(kind: str, message: Message, settings: measured.Settings) -> Optional[Tuple[float, ...]]:
-    if kind == "geometry_msgs/PoseStamped":
-        p, q = message.pose.position, message.pose.orientation
-        mapping = settings.mapping(message.header.stamp)
-        planar = mapping.to_planar((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-        return None if planar is None else tuple(planar)
-    if kind == "geometry_msgs/PointStamped":
-        psi = settings.heading(message.header.stamp, message.point.z)
-        return (message.point.x, message.point.y, psi)
-    return tuple(message.eta) if message.valid else None
-
-
-def _control(kind: str, message: Message) -> Tuple[float, ...]:
-    if kind == "geometry_msgs/PointStamped":
-        return (message.point.x, message.point.y, message.point.z)
-    return (message.left, message.right, message.lift)
-
-
 def checked(
-    path: str, poses: ArrayLike, controls: ArrayLike, source: str, warnings: List[str]
+    path: str,
+    poses: ArrayLike,
+    controls: ArrayLike,
+    source: str,
+    warnings: List[str],
+    channels: Sequence[str] = CHANNELS,
+    ranges: Optional[Mapping[str, Tuple[float, float]]] = None,
 ) -> Recording:
-    """A Recording from rows of stamp, x, y, psi and of stamp, left, right, lift. GroundError names `path`
-    and what is wrong with the rows."""
+    """A Recording of rows of stamp, x, y, psi and of stamp and a command for each channel.
+
+    ranges: (least, most) by channel, where they are not 0..1. GroundError names `path` and what is
+    wrong with the rows.
+    """
     poses, controls = np.array(poses, float), np.array(controls, float)
     for what, rows in (("poses", poses), ("controls", controls)):
         if len(rows) < 2:
@@ -279,8 +363,8 @@ def checked(
         times = rows[:, 0]
         if times.max() == times.min():
             raise GroundError(
-                "%s: all %s have the same stamp, %.3f s: their headers were not filled in"
-                % (path, what, times[0])
+                "%s: all %s have the same stamp, %.3f s: their headers were not filled in; time: "
+                "receipt in a mapping takes the recorder's clock" % (path, what, times[0])
             )
         back = np.diff(times)
         if back.min() < -JUMP_BACK:
@@ -288,22 +372,13 @@ def checked(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
-    low, high = controls[:, 1:].min(), controls[:, 1:].max()
-    if low < -1e-9 or high > 1 + 1e-9:
+    _check_ranges(path, controls[:, 1:], channels, ranges or {})
+    if units.in_degrees(poses[:, 0], poses[:, 3]):
         raise GroundError(
-            "%s: controls reach from %g to %g, but they are normalised to 0..1" % (path, low, high)
-        )
-    turns = np.abs(np.diff(poses[:, 3]))
-    wraps = turns[np.abs(turns - 360) < 60]
-    if len(wraps) and np.abs(poses[:, 3]).max() < 361:
-        raise GroundError(
-            "%s: headings jump by %.0f from pose to pose: they seem to be in degrees, but radians "
-            "are needed" % (path, wraps[0])
-        )
-    if np.abs(poses[:, 3]).max() > 50 and np.median(turns) > 0.3:
-        raise GroundError(
-            "%s: headings reach %.0f and change by %.1f from pose to pose: they seem to be in "
-            "degrees, but radians are needed" % (path, np.abs(poses[:, 3]).max(), np.median(turns))
+            "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
+            "degrees, but radians are needed; heading: {field: NAME, unit: deg} under poses in a "
+            "mapping turns them into radians"
+            % (path, np.abs(poses[:, 3]).max(), np.abs(np.diff(poses[:, 3])).max())
         )
     order = np.argsort(controls[:, 0], kind="stable")
     controls = controls[order]
@@ -315,4 +390,34 @@ def checked(
         controls=controls[:, 1:],
         source=source,
         warnings=warnings,
+        channels=tuple(channels),
     )
+
+
+def _check_ranges(
+    path: str,
+    controls: Array,
+    channels: Sequence[str],
+    ranges: Mapping[str, Tuple[float, float]],
+) -> None:
+    """GroundError when a command is outside the range of its channel."""
+    for name, values in zip(channels, controls.T):
+        least, most = ranges.get(name, RANGE)
+        low, high = values.min(), values.max()
+        if low < least - 1e-9 or high > most + 1e-9:
+            unit = units.command_unit(controls[controls != 0]) if (controls != 0).any() else None
+            seem = " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else ""
+            raise GroundError(
+                "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their "
+                "channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
+                "one)%s"
+                % (
+                    path,
+                    controls.min(),
+                    controls.max(),
+                    least,
+                    most,
+                    seem,
+                    "; a thruster that can be reversed has range: [-1, 1]" if -1 <= low < 0 else "",
+                )
+            )

@@ -9,7 +9,7 @@ from ground import _core
 from ground.annotations import Array, ArrayLike, Flags
 from ground.core_types import Smoothed
 from ground.errors import GroundError
-from ground.recordings import frame_clock
+from ground.recordings import bursts, frame_clock
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
@@ -58,6 +58,8 @@ def repair(recording: "Recording") -> Motion:
     times, eta = times[keep], eta[keep]
     if len(times) < 10:
         raise GroundError("%s: only %d distinct poses" % (recording.name, len(times)))
+    measured, repairs["poses that overtook each other put in order"] = bursts.in_order(times, eta)
+    eta = eta[measured]
     eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
     eta[:, 2] = np.unwrap(eta[:, 2])
     clock = frame_clock.rebuild(times, eta)

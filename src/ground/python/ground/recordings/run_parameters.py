@@ -13,7 +13,7 @@ import yaml
 
 from ground.annotations import Document
 from ground.recordings import messages
-from ground.recordings.bag_reader import BagReader
+from ground.recordings.messages import MessageSource
 
 TYPE = "ground_msgs/RunSettings"
 FILES = "run_files"
@@ -62,8 +62,8 @@ def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
             yield value
 
 
-def in_bag(bag: BagReader) -> Iterator[Any]:
-    """Parameters by node in a BagReader of a simulated run; damaged ones are left out."""
+def in_bag(bag: MessageSource) -> Iterator[Any]:
+    """Parameters by node in a MessageSource of a simulated run; damaged ones are left out."""
     for message in messages.of_type(bag, TYPE):
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
             yield yaml.load(message.yaml, LOADER)

@@ -14,18 +14,13 @@ from ground import _core
 from ground.annotations import Document, Time
 from ground.errors import GroundError
 from ground.recordings import flown, messages, run_parameters
-from ground.recordings.bag_reader import BagReader
+from ground.recordings.mapping import FieldMapping
+from ground.recordings.messages import MessageSource
 
 if TYPE_CHECKING:
     from ground.recordings.recording import Recording
 
 TYPE = "ground_msgs/MocapSettings"
-# settings that poses of a type need: states were corrected by the recording, points are planar
-TAKES = {
-    "geometry_msgs/PoseStamped": ("axes", "heading_offset"),
-    "geometry_msgs/PointStamped": ("heading_offset",),
-    "ground_msgs/State": (),
-}
 AXES = "x, z, -y"  # default of mocap_state, for OptiTrack with y up
 
 
@@ -73,6 +68,10 @@ class Settings:
         """The _core.AxisMapping of a pose stamped `stamp` (genpy.Time)."""
         return self._mappings[self._index(stamp)]
 
+    def vertical(self, stamp: Time) -> int:
+        """Which of the mocap's axes, 0 to 2, is vertical for a pose stamped `stamp`."""
+        return "xyz".index(self.changes[self._index(stamp)].axes.strip()[-1])
+
     def heading(self, stamp: Time, measured: float) -> float:
         """True heading [rad] of a measured one, for poses that are planar already."""
         offset = self.changes[self._index(stamp)].heading_offset
@@ -103,21 +102,21 @@ class Settings:
 
 
 def settings_of(
-    bag: BagReader,
+    bag: MessageSource,
     path: str,
-    kind: str,
-    axes: Optional[str] = None,
-    heading_offset: Optional[float] = None,
+    taken: Tuple[str, ...],
+    mapping: FieldMapping,
     warnings: Optional[List[str]] = None,
 ) -> Settings:
-    """The Settings of poses of type `kind` in the BagReader at `path`.
+    """The Settings of poses in the MessageSource at `path`; taken: which of them the poses take.
 
-    They are `axes` and `heading_offset` [rad] if given, else those in the bag, else those in the
+    They are those of the mapping if it gives them, else those in the bag, else those in the
     parameter file beside it, else the defaults. Adds to `warnings` (a list) what could not be read
     and what the poses do not need; raises GroundError for axes that are not a frame.
     """
     warnings = [] if warnings is None else warnings
-    taken, given = TAKES[kind], {"axes": axes, "heading_offset": heading_offset}
+    axes, heading_offset = mapping.poses.axes, mapping.poses.heading_offset
+    given: Dict[str, Any] = {"axes": axes, "heading_offset": heading_offset}
     source = "recorded in the bag"
     changes = _in_bag(bag, path, warnings)
     if not changes:
@@ -126,7 +125,7 @@ def settings_of(
     for name, value in given.items():
         if value is None:
             continue
-        option = "--" + name.replace("_", "-")
+        option = mapping.sources.get(name, name)
         _check(Setting(0, axes or AXES, heading_offset or 0.0), option)
         if name in taken:
             changes = [replace(s, **{name: value}) for s in changes]
@@ -163,7 +162,7 @@ def differences(recordings: Sequence["Recording"]) -> str:
     return "the runs were recorded with different settings: " + "; ".join(parts) if parts else ""
 
 
-def _in_bag(bag: BagReader, path: str, warnings: List[str]) -> List[Setting]:
+def _in_bag(bag: MessageSource, path: str, warnings: List[str]) -> List[Setting]:
     topics = messages.topics_of(bag, TYPE)
     if not topics and messages.announced(bag, TYPE):
         warnings.append("the settings of the mocap that were recorded in the bag are lost")

@@ -95,7 +95,7 @@ def _track(
     ahead = (times - references[last, 0])[:, None]
     near = ahead[:, 0] <= LONGEST
     position = references[last, 1:3] + ahead * references[last, 3:5]
-    commands = np.column_stack([recording.control_times, recording.controls[:, :2]])
+    commands = np.column_stack([recording.control_times, recording.commands_of(("left", "right"))])
     names = {name for stamp, name in drivers if began <= stamp <= ended}
     return Track(
         times[near] - began,

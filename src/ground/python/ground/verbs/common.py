@@ -11,7 +11,7 @@ from ground import errors
 from ground.annotations import Say
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import readers, settings
+from ground.recordings import mapping, readers, settings
 from ground.recordings.recording import Recording
 
 
@@ -46,6 +46,16 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
         type=angle,
         metavar="RAD",
         help="measured minus true heading, subtracted from the measured one [rad] (as recorded, else 0)",
+    )
+    parser.add_argument(
+        "--mapping",
+        metavar="M.yaml",
+        help="topics, fields, units and channels (identify info --write-mapping drafts one)",
+    )
+    parser.add_argument("--pose-topic", metavar="TOPIC", help="topic of the poses")
+    parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
+    parser.add_argument(
+        "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
     )
 
 
@@ -141,8 +151,20 @@ def teller(arguments: argparse.Namespace) -> Say:
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
-    """The recordings in the bags, all of which are read before the first one is returned."""
-    return api.reading(bags, arguments.axes, arguments.heading_offset)
+    """The recordings in the bags, read when the first one is asked for."""
+    return api.reading(bags, mapped(arguments))
+
+
+def mapped(arguments: argparse.Namespace) -> mapping.FieldMapping:
+    """The mapping file, with what options say in its place."""
+    given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
+    return given.with_options(
+        arguments.pose_topic,
+        arguments.command_topic,
+        arguments.body,
+        arguments.axes,
+        arguments.heading_offset,
+    )
 
 
 def read(arguments: argparse.Namespace) -> List[Recording]:

@@ -3,8 +3,10 @@
 import argparse
 from typing import List
 
+from ground import files
 from ground.annotations import Document
-from ground.recordings import findings, quality
+from ground.errors import GroundError
+from ground.recordings import findings, mapping, quality, readers
 from ground.verbs import common
 
 NAME = "info"
@@ -14,10 +16,19 @@ SUMMARY = "contents and oddities of recordings, and their usable parts"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     common.add_bag_arguments(parser)
+    parser.add_argument(
+        "--write-mapping",
+        metavar="M.yaml",
+        dest="output",
+        help="draft a mapping file for the first recording, with what it has and why, in place of info",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
 
 def run(arguments: argparse.Namespace) -> List[Document]:
     """Runs the verb; returns what --json prints."""
+    if arguments.output:
+        return _write_mapping(arguments)
     described = quality.describe([r.repaired for r in common.read(arguments)])
     for d in described:
         common.say(arguments, d["name"])
@@ -26,3 +37,19 @@ def run(arguments: argparse.Namespace) -> List[Document]:
         for finding in findings.findings(d):
             common.say(arguments, "  - %s" % finding)
     return described
+
+
+def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
+    """Drafts a mapping file."""
+    path, output = arguments.bags[0], arguments.output
+    files.refuse_existing(output, arguments.force)
+    text = readers.drafted(path)
+    with files.new_file(output, arguments.force) as temporary:
+        with open(temporary, "w", encoding="utf-8") as file:
+            file.write(text)
+    try:
+        mapping.load(output)
+        common.say(arguments, "%s: look through it, then give --mapping %s" % (output, output))
+    except GroundError as error:
+        common.say(arguments, "%s: a draft to complete (%s)" % (output, error))
+    return [{"mapping": output, "drafted_from": path}]

@@ -43,9 +43,9 @@ def run(arguments: argparse.Namespace) -> Document:
     room = Room.load(arguments.room) if arguments.room else None
     runs: List[Document] = []
     longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
-    for path, recording in zip(arguments.bags, common.read(arguments)):
+    for recording in common.read(arguments):
         drives = []
-        for track in tracks.read(path, recording):
+        for track in tracks.read(recording.path, recording):
             numbers = tracks.numbers(track, arguments.settled)
             numbers["kind"] = recording.flown_by.get("controller")
             drives.append(numbers)

@@ -1,0 +1,90 @@
+"""Commands of messages of any type that has numbers, and of tables, by named channels."""
+
+from dataclasses import dataclass, field
+from typing import Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground.annotations import Message, Time
+from ground.errors import GroundError
+from ground.recordings import fields
+from ground.recordings.bag_reader import Topic
+from ground.recordings.clocks import stamps
+from ground.recordings.mapping import Channel, Commands
+
+CHANNELS = ("left", "right", "lift")  # of a craft whose thrusters nobody has named
+# Where messages have left, right and lift, unless a mapping says more.
+KINDS = {
+    "ground_msgs/Controls": CHANNELS,
+    "geometry_msgs/PointStamped": ("point.x", "point.y", "point.z"),
+    "geometry_msgs/Vector3Stamped": ("vector.x", "vector.y", "vector.z"),
+    "geometry_msgs/Point": ("x", "y", "z"),
+    "geometry_msgs/Vector3": ("x", "y", "z"),
+    "std_msgs/Float32MultiArray": ("data[0]", "data[1]", "data[2]"),
+    "std_msgs/Float64MultiArray": ("data[0]", "data[1]", "data[2]"),
+}
+
+
+def rank(name: str, kind: str) -> Optional[int]:
+    """How likely a topic whose last name is `name` has the commands: 0 is best; None: not at all."""
+    if name != "controls":
+        return None
+    return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
+
+
+def named(info: Mapping[str, Topic], commands: Commands, where: str) -> str:
+    """The topic that a mapping names; GroundError when its fields are not known."""
+    topic, kind = commands.topic, info[commands.topic].msg_type
+    if commands.type and kind != commands.type:
+        raise GroundError("%s: %s has %s, not %s" % (where, topic, kind, commands.type))
+    if kind not in KINDS and not commands.channels:
+        raise GroundError(
+            "%s: which numbers of %s (%s) are commands is not known; name its channels in a mapping "
+            "(identify info --write-mapping drafts one)" % (where, topic, kind)
+        )
+    return topic
+
+
+def default_channels(kind: str) -> Tuple[Channel, ...]:
+    """The channels of a type in KINDS."""
+    return tuple(Channel(name, path) for name, path in zip(CHANNELS, KINDS[kind]))
+
+
+@dataclass
+class CommandReader:
+    """Gives the commands of messages of one topic."""
+
+    where: str  # file and topic, for errors
+    kind: str
+    commands: Commands
+    channels: Tuple[Channel, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._stamp = stamps(self.commands.time, self.where)
+        if not self.commands.channels and self.kind not in KINDS:
+            raise GroundError(
+                "%s: which numbers are commands is not known; name the channels in a mapping "
+                "(identify info --write-mapping drafts one)" % self.where
+            )
+        self.channels = self.commands.channels or default_channels(self.kind)
+        self._paths = [channel.field for channel in self.channels]
+        self._get = fields.getter(self._paths)
+
+    def __call__(
+        self, message: Message, received: Optional[Time]
+    ) -> Tuple[Time, Tuple[float, ...]]:
+        """Stamp and values of a message's channels, as they are in the file."""
+        try:
+            values = tuple(float(value) for value in self._get(message))
+        except (LookupError, TypeError, ValueError):
+            raise fields.missing(self.where, "a message", self._paths, message)
+        return self._stamp(message, received), values
+
+    def normalised(self, rows: Sequence[Tuple[float, ...]]) -> Sequence[Tuple[float, ...]]:
+        """Rows of stamp and values, as commands in place of values."""
+        if not rows or not self.commands.channels:
+            return rows
+        table = np.array(rows, float)
+        for number, channel in enumerate(self.channels, 1):
+            table[:, number] = channel.commands(table[:, number])
+        return [tuple(row) for row in table.tolist()]

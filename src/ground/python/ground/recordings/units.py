@@ -1,0 +1,104 @@
+"""What numbers are probably measured in: evidence for drafts of mappings and for suspicions."""
+
+from typing import Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.annotations import Array
+from ground.recordings.mapping import LENGTHS
+
+FASTEST = 15.0  # that a craft in a room goes [m/s]
+TYPICAL_SPEED = 0.6  # of such a craft [m/s]
+TYPICAL_NOISE = 3e-4  # of a mocap [m]
+SPEED_STEP = 0.1  # over which speeds are taken [s]
+TURN = 60.0  # faster turns are those of degrees [rad/s]
+# Axes by the vertical one of the mocap's, up and down.
+VERTICAL = (
+    ("y, -z, -x", "y, z, x"),
+    ("x, z, -y", "x, -z, y"),
+    ("x, -y, -z", "x, y, z"),
+)
+
+
+def speed(times: Array, positions: Array) -> float:
+    """The speed that is exceeded 5% of the time, per second of times (n,) and in the unit of positions
+    (n, k)."""
+    order = np.argsort(times, kind="stable")
+    times, positions = times[order], positions[order]
+    ahead = np.searchsorted(times, times + SPEED_STEP)
+    inside = ahead < len(times)
+    if not inside.any():
+        return 0.0
+    step = positions[ahead[inside]] - positions[inside]
+    apart = times[ahead[inside]] - times[inside]
+    return float(np.quantile(np.linalg.norm(step, axis=1) / apart, 0.95))
+
+
+def length_unit(
+    times: Array, positions: Array, noise: Optional[float] = None
+) -> Tuple[Optional[str], float]:
+    """The unit that positions (n, k) are probably in where that is not the metre, and their speed; by
+    their noise as well where it is known."""
+    fast = speed(times, positions)
+    if fast < FASTEST:
+        return None, fast
+
+    def unlikely(scale: float) -> float:
+        off = abs(np.log(scale * fast / TYPICAL_SPEED)) / np.log(2.5)
+        if noise is not None and noise > 0:
+            off += abs(np.log(scale * noise / TYPICAL_NOISE)) / np.log(4)
+        return float(off)
+
+    return min(("mm", "cm"), key=lambda unit: unlikely(LENGTHS[unit])), fast
+
+
+def command_unit(values: Array) -> Optional[str]:
+    """The unit that commands are probably in where they are not normalised; None where no unit of
+    mappings fits."""
+    low, high = float(values.min()), float(values.max())
+    if 800 <= low and high <= 2200:
+        return "microseconds"
+    if high > 10 and -100 <= low and high <= 100:
+        return "percent"
+    return "normalised" if -1 <= low and high <= 1 else None
+
+
+def in_degrees(times: Array, headings: Array) -> bool:
+    """Whether headings (n,) are probably in degrees."""
+    if np.abs(headings).max() <= 2 * np.pi:
+        return False
+    steps = np.abs(np.diff(headings))
+    if np.abs(headings).max() < 361 and (np.abs(steps - 360) < 60).any():
+        return True
+    # Radians that nobody has wrapped turn without jumps, and slower.
+    return speed(times, headings[:, None]) > TURN
+
+
+def fitting_axes(raw: Sequence[Sequence[float]]) -> Optional[Tuple[str, float]]:
+    """The axes that most poses fit, rows of position and quaternion, and the share of those; None where
+    less than half fit any."""
+    rows = np.array(raw)
+    shares = {axes: upright(rows, axes) for pair in VERTICAL for axes in pair[:1]}
+    best = max(shares, key=lambda axes: shares[axes])
+    if shares[best] < 0.5:
+        return None
+    vertical = "xyz".index(best[-1])
+    up = float(np.median(rows[:, vertical])) >= 0
+    return (best if up else upside_down(best)), shares[best]
+
+
+def upright(rows: Array, axes: str) -> float:
+    """Share of poses, rows of position and quaternion (n, 7), that fit axes."""
+    mapping = _core.AxisMapping(axes, 0.0)
+    return float(np.mean([mapping.to_planar(r[:3], r[3:]) is not None for r in rows]))
+
+
+def upside_down(axes: str) -> str:
+    """Axes with the vertical one, and one that makes the frame right-handed again, the other way."""
+    x, y, z = (word.strip() for word in axes.split(","))
+    return ", ".join([x, _opposite(y), _opposite(z)])
+
+
+def _opposite(word: str) -> str:
+    return word[1:] if word.startswith("-") else "-" + word.lstrip("+")

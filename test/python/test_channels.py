@@ -1,0 +1,46 @@
+"""Recordings of crafts with other thrusters than left and right."""
+
+import numpy as np
+import pytest
+from conftest import MODEL, simulate_run
+
+from ground import _core
+from ground.errors import GroundError
+from ground.recordings import findings
+from ground.recordings.recording import checked
+
+NAMES = ("lift", "back_right", "back_left", "front")
+
+
+def recorded(front=0.0, **options):
+    """A simulated run whose channels have other names and another order."""
+    times, eta, inputs = simulate_run()
+    poses = np.column_stack([1000 + times, eta])
+    still = np.full(len(inputs), front)
+    controls = np.column_stack([1000 + inputs[:, 0], inputs[:, [3, 2, 1]], still])
+    return checked("run.bag", poses, controls, "a test", [], NAMES, **options)
+
+
+def test_commands_are_found_by_the_names_of_their_channels():
+    recording = recorded()
+    _, _, inputs = simulate_run()
+    assert recording.thrusters == ("back_right", "back_left", "front")
+    assert np.array_equal(recording.lift, inputs[:, 3])
+    assert np.array_equal(recording.commands_of(("back_left", "back_right")), inputs[:, 1:3])
+    assert list(recording.to_frame().columns[4:]) == list(NAMES)
+    said = dict(findings.facts({**recording.repaired.describe(), "same_inputs_as": []}))
+    assert "back_right, back_left, front 0 to 1, lift 1 to 1" in said["commands"]
+
+
+def test_a_model_that_names_other_thrusters_is_refused():
+    model = _core.load_model(str(MODEL))
+    with pytest.raises(GroundError, match="no command is named left or right.* back_right, back"):
+        recorded().repaired.data(model)
+
+
+def test_a_reversible_thruster_has_a_range_of_its_own():
+    with pytest.raises(GroundError, match="controls reach from -0.5 to 1.*normalised to 0..1"):
+        recorded(front=-0.5)
+    recording = recorded(front=-0.5, ranges={"front": (-1, 1)})
+    assert recording.thrust[:, 2].max() == -0.5
+    assert recording.repaired.contacts == []

@@ -1,0 +1,348 @@
+"""One experiment in eight containers and types, with other names, units and frames, is one experiment."""
+
+import importlib.util
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import MODEL, identify
+from containers import (
+    OPTITRACK,
+    Z_UP,
+    Ros2,
+    experiment,
+    in_mocap,
+    set_pose,
+    write_bag,
+    write_csv,
+)
+
+import ground
+
+HEAD = "schema: ground/mapping/1\n"
+
+
+def pose_stamped(folder):
+    from geometry_msgs.msg import PoseStamped
+    from ground_msgs.msg import Controls
+
+    messages = []
+    poses, commands = experiment()
+    for stamp, eta in poses:
+        message = PoseStamped()
+        set_pose(message.pose.position, message.pose.orientation, in_mocap(eta, OPTITRACK))
+        messages.append(("/vrpn_client_node/hovercraft/pose", stamp, message))
+    for stamp, (left, right, lift) in commands:
+        messages.append(("/controls", stamp, Controls(None, left, right, lift)))
+    return write_bag(folder / "run.bag", messages), ""
+
+
+def transform_stamped(folder):
+    """As vicon_bridge has them, z up; commands are microseconds in five fields of a Pose."""
+    from geometry_msgs.msg import Pose, TransformStamped
+
+    messages = []
+    poses, commands = experiment()
+    for stamp, eta in poses:
+        message = TransformStamped()
+        message.child_frame_id = "vicon/craft/craft"
+        transform = message.transform
+        set_pose(transform.translation, transform.rotation, in_mocap(eta, Z_UP))
+        messages.append(("/vicon/craft/craft", stamp, message))
+    for stamp, (left, right, lift) in commands:
+        message = Pose()
+        message.position.x, message.position.z = 1000 + 500 * right, 1000 + 1000 * lift
+        message.orientation.y = 1900 - 900 * left
+        messages.append(("/pwm", stamp, message))
+    return write_bag(folder / "run.bag", messages), """
+poses: {axes: "x, -y, -z"}
+commands:
+  topic: /pwm
+  channels:
+    right: {field: position.x, off: 1000, full: 1500}
+    left: {field: orientation.y, off: 1900, full: 1000}
+    lift: {field: position.z, unit: microseconds}
+"""
+
+
+def tf(folder):
+    """Two bodies in one message; commands in percent."""
+    from geometry_msgs.msg import TransformStamped, Vector3Stamped
+    from tf2_msgs.msg import TFMessage
+
+    messages = []
+    poses, commands = experiment()
+    for stamp, eta in poses:
+        message = TFMessage()
+        for name, shift in (("wall", 3.0), ("craft", 0.0)):
+            item = TransformStamped()
+            item.child_frame_id = name
+            pose = in_mocap(eta + [shift, 0, 0], Z_UP)
+            set_pose(item.transform.translation, item.transform.rotation, pose)
+            message.transforms.append(item)
+        messages.append(("/tf", stamp, message))
+    for stamp, values in commands:
+        message = Vector3Stamped()
+        message.vector.x, message.vector.y, message.vector.z = map(float, 100 * values)
+        messages.append(("/demand", stamp, message))
+    return write_bag(folder / "run.bag", messages), """
+poses: {topic: /tf, body: craft, axes: "x, -y, -z"}
+commands:
+  topic: /demand
+  channels:
+    left: {field: vector.x, unit: percent}
+    right: {field: vector.y, unit: percent}
+    lift: {field: vector.z, unit: percent}
+"""
+
+
+def odometry(folder):
+    """Odometry of a body that was mounted backwards; commands in elements of an array."""
+    from nav_msgs.msg import Odometry
+    from std_msgs.msg import Float64MultiArray
+
+    messages = []
+    poses, commands = experiment()
+    for stamp, eta in poses:
+        message = Odometry()
+        pose = in_mocap(eta + [0, 0, 2.0], Z_UP)
+        set_pose(message.pose.pose.position, message.pose.pose.orientation, pose)
+        messages.append(("/odom", stamp, message))
+    for stamp, (left, right, lift) in commands:
+        messages.append(("/motors", stamp, Float64MultiArray(data=[lift, -right, 2 * left])))
+    return write_bag(folder / "run.bag", messages), """
+poses: {topic: /odom, axes: "x, -y, -z", heading_offset: 2.0}
+commands:
+  topic: /motors
+  channels:
+    left: {field: "data[2]", scale: 0.5}
+    right: {field: "data[1]", sign: -1}
+    lift: {field: "data[0]"}
+"""
+
+
+def in_ros2(folder, plugin, unit):
+    """PoseWithCovarianceStamped in other units, and Twist."""
+    bag = Ros2(folder / "run", plugin)
+    poses, commands = experiment()
+    for stamp, eta in poses:
+        position, orientation = in_mocap(eta, OPTITRACK)
+        pose = bag.new(
+            "geometry_msgs/PoseWithCovariance",
+            pose=bag.pose((np.asarray(position) / unit, orientation)),
+            covariance=np.zeros(36),
+        )
+        kind = "geometry_msgs/PoseWithCovarianceStamped"
+        bag.write("/estimate", stamp, bag.new(kind, header=bag.header(stamp), pose=pose))
+    for stamp, values in commands:
+        linear = bag.vector("geometry_msgs/Vector3", values)
+        still = bag.vector("geometry_msgs/Vector3", (0, 0, 0))
+        bag.write("/cmd", stamp, bag.new("geometry_msgs/Twist", linear=linear, angular=still))
+    return bag.close(), """
+poses: {position: {scale: %g}}
+commands:
+  topic: /cmd
+  channels: {left: {field: linear.x}, right: {field: linear.y}, lift: {field: linear.z}}
+""" % unit
+
+
+def ros2_sqlite3(folder):
+    return in_ros2(folder, "sqlite3", 1e-3)
+
+
+def mcap(folder):
+    """A single file without its folder."""
+    path, mapping = in_ros2(folder, "mcap", 1e-2)
+    (file,) = path.glob("*.mcap")
+    return file, mapping
+
+
+TABLE = """
+poses:
+  position: {fields: [x, y], unit: cm}
+  heading: {field: heading, unit: deg}
+  axes: "x, -y, -z"
+  time: {field: "t [ms]", unit: ms}
+commands:
+  channels:
+    left: {field: port, unit: percent}
+    right: {field: starboard, unit: percent}
+    lift: {field: fan}
+  time: {field: "t [ms]", unit: ms}
+"""
+COLUMNS = ["t [ms]", "x", "y", "heading", "port", "starboard", "fan"]
+
+def csv_pair(folder):
+    """Poses and commands apart, as a rate of their own takes."""
+    poses, commands = experiment()
+    write_csv(
+        folder / "poses.csv",
+        COLUMNS[:4],
+        [(s / 1e6, 100 * e[0], -100 * e[1], -math.degrees(e[2])) for s, e in poses],
+    )
+    write_csv(
+        folder / "commands.csv",
+        [COLUMNS[0], *COLUMNS[4:]],
+        [(s / 1e6, 100 * c[0], 100 * c[1], c[2]) for s, c in commands],
+    )
+    mapping = TABLE.replace("poses:\n", "poses:\n  file: poses.csv\n")
+    return folder, mapping.replace("commands:\n", "commands:\n  file: commands.csv\n")
+
+
+def parquet(folder):
+    if not importlib.util.find_spec("pyarrow"):
+        pytest.skip("Parquet takes the Python module pyarrow, which is not installed")
+    import pandas
+
+    path, mapping = csv_pair(folder)
+    for name in ("poses", "commands"):
+        pandas.read_csv(folder / (name + ".csv")).to_parquet(folder / (name + ".parquet"))
+        (folder / (name + ".csv")).unlink()
+    return path, mapping.replace(".csv", ".parquet")
+
+
+KINDS = [
+    transform_stamped,
+    tf,
+    odometry,
+    ros2_sqlite3,
+    mcap,
+    csv_pair,
+    parquet,
+]
+
+
+def written(make, folder):
+    """What a function writes: the file, and options that read it."""
+    if make in (ros2_sqlite3, mcap) and not importlib.util.find_spec("rosbags"):
+        pytest.skip("bags of ROS 2 take the Python module rosbags, which is not installed")
+    folder.mkdir()
+    path, mapping = make(folder)
+    file = folder.parent / (folder.name + ".yaml")
+    file.write_text(HEAD + mapping)
+    return path, (["--mapping", file] if mapping else [])
+
+
+def fitted(path, options, folder):
+    out = folder / "fitted.yaml"
+    result = identify("fit", path, *options, "--model", MODEL, "-o", out, "--json", "--force")
+    assert result.returncode == 0, result.stderr
+    return {n: p["value"] for n, p in json.loads(result.stdout)["parameters"].items()}
+
+
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wanted")
+    return fitted(*written(pose_stamped, folder / "run"), folder)
+
+
+@pytest.mark.parametrize("make", KINDS, ids=lambda make: make.__name__)
+def test_every_container_gives_the_same_fit(make, wanted, tmp_path):
+    found = fitted(*written(make, tmp_path / "run"), tmp_path)
+    assert list(found) == list(wanted) and len(wanted) == 5
+    for name, value in wanted.items():
+        assert found[name] == pytest.approx(value, rel=1e-9), name
+
+
+def test_a_body_is_chosen_and_never_guessed(tmp_path):
+    path, _ = written(tf, tmp_path / "run")
+    options = {"command_topic": "/demand", "axes": Z_UP}
+    with pytest.raises(ground.GroundError, match="several bodies: craft, wall; choose one by --body"):
+        ground.read(path, **options)
+    with pytest.raises(ground.GroundError, match="no body is named car; there are craft, wall"):
+        ground.read(path, body="car", **options)
+
+
+def test_several_topics_are_named_with_the_option(tmp_path):
+    from geometry_msgs.msg import PoseStamped
+    from ground_msgs.msg import Controls
+
+    messages = [("/controls", 10**9 * s, Controls()) for s in (1, 2)]
+    for topic in ("/vrpn/craft/pose", "/vrpn/car/pose"):
+        for second in (1, 2):
+            message = PoseStamped()
+            message.pose.orientation.w = 1
+            messages.append((topic, 10**9 * second, message))
+    path = write_bag(tmp_path / "run.bag", messages)
+    with pytest.raises(ground.GroundError, match="car/pose, /vrpn/craft/pose; choose .* --pose-topic"):
+        ground.read(path)
+    for options in ({"body": "craft"}, {"pose_topic": "/vrpn/craft/pose"}):
+        (recording,) = ground.read(path, **options)
+        assert recording.source.startswith("/vrpn/craft/pose (geometry_msgs/PoseStamped)")
+
+
+def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
+    path, _ = written(transform_stamped, tmp_path / "run")
+    with pytest.raises(ground.GroundError, match="no controls in this bag; .*--command-topic"):
+        ground.read(path)
+    with pytest.raises(ground.GroundError, match="/pwm .geometry_msgs/Pose. .*name its channels in a"):
+        ground.read(path, command_topic="/pwm")
+
+
+def test_without_rosbags_a_sentence_says_what_to_install(tmp_path, monkeypatch):
+    file = tmp_path / "run.mcap"
+    file.write_bytes(b"\x89MCAP0\r\n")
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "rosbags" else find_spec(name)
+    )
+    result = identify("info", file)
+    assert result.returncode == 1
+    assert result.stderr.endswith("take the Python module rosbags: pip install rosbags\n")
+
+
+@pytest.mark.parametrize("make", [ros2_sqlite3, mcap], ids=lambda make: make.__name__)
+def test_a_cut_bag_of_ros2_is_refused_or_read_in_a_sentence(make, tmp_path):
+    path, options = written(make, tmp_path / "run")
+    file = path if path.is_file() else next(path.glob("*.db3"))
+    whole = file.read_bytes()
+    for share in (0.0, 0.3, 0.9):
+        file.write_bytes(whole[: int(share * len(whole))])
+        result = identify("info", path, *options)
+        assert result.returncode == 1 or "damaged" in result.stderr
+        assert "Traceback" not in result.stderr and "unexpected" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "make", [pose_stamped, tf, ros2_sqlite3, mcap], ids=lambda make: make.__name__
+)
+def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
+    path, options = written(make, tmp_path / "run")
+    draft = tmp_path / "draft.yaml"
+    assert identify("info", path, "--write-mapping", draft).returncode == 0
+    (found,) = ground.read(path, mapping=draft)
+    (wanted,) = ground.read(path, mapping=options[1] if options else None)
+    assert found.eta == pytest.approx(wanted.eta, abs=1e-12)
+    assert np.array_equal(found.controls, wanted.controls)
+    assert found.channels == ("left", "right", "lift")
+    result = identify("info", path, "--write-mapping", draft)
+    assert result.returncode == 1 and "--force" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "make, evidence",
+    [
+        (pose_stamped, "y moves least, 100% of the poses are upright by it"),
+        (transform_stamped, "lift: {field: position.z, unit: microseconds}  # 2000 to 2000, 0 changes"),
+        (tf, "body: craft\n  # others: /tf, body wall (tf2_msgs/TFMessage)"),
+        (odometry, 'right: {field: "data[2]", off: 0, full: 2}  # 0 to 2, 62 changes'),
+        (mcap, "position: {unit: cm}  # x -110 to 57.87"),
+        (csv_pair, "heading: {field: heading, unit: deg, sign: 1}  # -179.3 to 178.1"),
+        (csv_pair, 'time: {field: "t [ms]", unit: ms}'),
+        (csv_pair, "left: {field: port, unit: percent}"),
+    ],
+)
+def test_a_draft_says_what_it_guesses_by(make, evidence, tmp_path):
+    path, _ = written(make, tmp_path / "run")
+    draft = tmp_path / "draft.yaml"
+    assert identify("info", path, "--write-mapping", draft).returncode == 0
+    assert evidence in draft.read_text()
+    ground.read(path, mapping=draft)
+
+
+def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):
+    path = write_csv(tmp_path / "names.csv", ["name", "place"], [("a", "b"), ("c", "d")])
+    result = identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
+    assert result.returncode == 1 and "nothing in it has poses or numbers" in result.stderr
+    assert not (tmp_path / "draft.yaml").exists()

@@ -1,0 +1,136 @@
+"""Mapping files: what they say is taken, and what is wrong is named."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest import schema
+
+from ground.errors import GroundError
+from ground.recordings import fields, mapping
+
+WHOLE = """
+schema: ground/mapping/1
+poses:
+  topic: /mocap
+  type: geometry_msgs/msg/PoseStamped
+  body: craft
+  position: {fields: [a.x, a.y, "b[0]"], unit: mm, scale: 2}
+  orientation: [q.x, q.y, q.z, q.w]
+  axes: "x, -y, -z"
+  heading_offset: 0.5
+  time: {field: secs, unit: s, nanoseconds: nsecs}
+commands:
+  topic: /cmd
+  time: receipt
+  channels:
+    back_left: {field: position.x, off: 1000, full: 1800, range: [-1, 1]}
+    front: {field: "data[2]", unit: percent, sign: -1, scale: 0.5}
+clock_offset: -0.25
+"""
+
+
+def load(tmp_path, text):
+    path = tmp_path / "M.yaml"
+    path.write_text(text)
+    return mapping.load(str(path))
+
+
+def test_all_keys_are_taken(tmp_path):
+    found = load(tmp_path, WHOLE)
+    poses, commands = found.poses, found.commands
+    assert (poses.topic, poses.type, poses.body) == ("/mocap", "geometry_msgs/PoseStamped", "craft")
+    assert poses.position == ("a.x", "a.y", "b[0]") and poses.unit == "mm" and poses.scale == 2
+    assert poses.orientation == ("q.x", "q.y", "q.z", "q.w")
+    assert poses.axes == "x, -y, -z" and poses.heading_offset == 0.5
+    assert poses.time == mapping.Clock("", "secs", "s", "nsecs")
+    assert commands.time == mapping.Clock("receipt")
+    back, front = commands.channels
+    assert (back.name, back.field, back.range) == ("back_left", "position.x", (-1, 1))
+    assert back.commands(np.array([1000.0, 1800, 1400, 600])).tolist() == [0, 1, 0.5, -0.5]
+    assert front.commands(np.array([0.0, 100])).tolist() == [0, -0.5]
+    assert found.clock_offset == -0.25
+    assert set(found.sources) == {"axes", "heading_offset"}
+
+
+def test_options_come_before_the_file(tmp_path):
+    found = load(tmp_path, WHOLE).with_options("/pose", "/thrust", "car", "x, z, -y", 0.1)
+    assert (found.poses.topic, found.poses.body, found.commands.topic) == ("/pose", "car", "/thrust")
+    assert (found.poses.axes, found.poses.heading_offset) == ("x, z, -y", 0.1)
+    assert found.poses.scale == 2
+    assert found.sources == {"axes": "--axes", "heading_offset": "--heading-offset"}
+
+
+WRONG = [
+    ("schema: ground/mapping/1", "schema: ground/model/1", "schema is 'ground/model/1', but must be"),
+    ("schema: ground/mapping/1", "", "not a mapping: write schema: ground/mapping/1"),
+    ("unit: mm", "unit: inch", "poses.position.unit is 'inch', but must be one of m, cm, mm"),
+    ("scale: 2", "scale: fast", "poses.position.scale is fast, but must be a finite number"),
+    ("scale: 2", "scale: 0", "poses.position.scale is 0"),
+    ("scale: 2", "scale: true", "poses.position.scale is True, but must be a finite number"),
+    ("q.z, q.w]", "q.z]", "poses.orientation has 3 fields, but needs 4"),
+    ("  orientation", "  orientatoin", "poses.orientatoin is unknown|neither orientation nor heading"),
+    ("body: craft", "bodies: craft", "poses.bodies is unknown"),
+    ('"x, -y, -z"', '"x, y, -z"', "poses.axes is no frame: .*right-handed"),
+    ("sign: -1", "sign: 2", "commands.channels.front.sign is 2, but must be 1 or -1"),
+    ("[-1, 1]", "[1, 0]", "commands.channels.back_left.range is .* must be two numbers"),
+    ("[-1, 1]", "[-2, 1]", "commands.channels.back_left.range is .* must be two numbers"),
+    ("full: 1800", "full: 1000", "commands.channels.back_left.full is the same as off, 1000"),
+    ("off: 1000", "unit: percent", "back_left.unit and off or full are given both"),
+    ("field: position.x, ", "", "commands.channels.back_left.field is missing"),
+    ("    front:", "    front left:", "the channel 'front left' is no name"),
+    ("field: secs, ", "", "poses.time names no field"),
+    ("time: receipt", "time: yesterday", "commands.time is 'yesterday', but must be one of"),
+    ("clock_offset: -0.25", "clock_offset: .nan", "clock_offset is nan, but must be a finite"),
+    ("clock_offset: -0.25", "offset: 1", "M.yaml: offset is unknown"),
+]
+
+
+@pytest.mark.parametrize("text, wrong, reason", WRONG, ids=[w[1] or w[2] for w in WRONG])
+def test_what_is_wrong_is_named(text, wrong, reason, tmp_path):
+    assert WHOLE.count(text) == 1
+    with pytest.raises(GroundError, match=reason):
+        load(tmp_path, WHOLE.replace(text, wrong))
+
+
+@pytest.mark.parametrize("text", ["[1, 2", "- a\n- b\n", "poses: 3\nschema: ground/mapping/1\n"])
+def test_nonsense_is_refused(text, tmp_path):
+    with pytest.raises(GroundError, match="M.yaml: .*(not YAML|not a table)"):
+        load(tmp_path, text)
+
+
+def content(text):
+    found = yaml.safe_load(text)
+    for channel in found["commands"]["channels"].values():
+        channel.update({"off": channel.pop(False)} if False in channel else {})
+    return found
+
+
+def test_the_schema_of_the_documentation_is_that_of_the_loader():
+    schema("mapping").validate(content(WHOLE))
+    # What no JSON schema can say: which axes are a frame, numbers that are the same, not a number.
+    beyond = ("right-handed", "same as off", "finite", "neither", "two numbers")
+    for text, wrong, reason in WRONG:
+        if not any(word in reason for word in beyond):
+            assert not schema("mapping").is_valid(content(WHOLE.replace(text, wrong))), wrong
+
+
+def test_fields_are_found_by_their_paths():
+    class Inner:
+        __slots__ = ("x", "data")
+
+    class Outer:
+        __slots__ = ("header", "position", "name")
+
+    inner, outer = Inner(), Outer()
+    inner.x, inner.data = 1.5, [3, 4]
+    outer.header, outer.position, outer.name = Inner(), inner, "a"
+    assert fields.getter(["position.x", "position.data[1]"])(outer) == (1.5, 4)
+    assert dict(fields.numbers(outer)) == {
+        "position.x": 1.5,
+        "position.data[0]": 3,
+        "position.data[1]": 4,
+    }
+    with pytest.raises(LookupError):
+        fields.getter(["position.z"])(outer)
+    with pytest.raises(GroundError, match="run: a message has no field position.z; its numbers are po"):
+        raise fields.missing("run", "a message", ["position.x", "position.z"], outer)
