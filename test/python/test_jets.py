@@ -9,7 +9,7 @@ import pytest
 from ground import _core
 from ground.analysis import candidates, memory, study
 from ground.errors import GroundError
-from ground.recordings import channels
+from ground.recordings import quality, recording
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(ROOT, "test", "bench"))
@@ -105,14 +105,23 @@ def test_kinds_of_memory_act_on_every_jet(table):
     assert memory.kinds_of(_core.load_model(PAIR)) == memory.KINDS
 
 
+def recorded(channels):
+    """A Run at rest; each channel's command is its column over 10."""
+    times = np.arange(200) * 0.02
+    poses = np.column_stack([times, 1e-4 * np.sin(7e3 * times), 0 * times, 0 * times])
+    commands = np.column_stack([times, np.tile(np.arange(len(channels)) / 10, (200, 1))])
+    return quality.Run(recording.checked("run 1", poses, commands, "", [], channels))
+
+
 def test_columns_are_in_the_order_of_the_model(table):
-    shuffled = ["air", *reversed(table.channels[:-1])]
-    thrusters, lift = channels.columns(shuffled, table, "run 1")
-    assert [shuffled[i] for i in thrusters] == table.channels[:-1] and lift == 0
-    assert channels.columns(table.channels[:-1], table, "run 1")[1] is None
+    *thrusters, air = table.channels
+    shuffled = [air, *reversed(thrusters)]
+    inputs = recorded(shuffled).inputs(table)
+    assert inputs[0, 1:].tolist() == [shuffled.index(name) / 10 for name in table.channels]
+    assert (recorded(thrusters).inputs(table)[:, -1] == 0).all()
     with pytest.raises(GroundError) as error:
-        channels.columns(["left", "right", "lift"], table, "run 1")
-    for part in ("run 1", "Air-bearing table", "front_right_back", "left, right, lift"):
+        recorded(["left", "right", "lift"]).inputs(table)
+    for part in ("run 1", "front_right_back", "left, right, lift"):
         assert part in str(error.value)
 
 
@@ -128,7 +137,7 @@ def test_a_recording_of_another_craft_is_refused_in_a_sentence(tmp_path):
         assert "no command is named front_right_back" in refused.stderr
     play = ["simulate", "--input", "prbs", "--duration", 3, "-o", tmp_path / "table.bag"]
     refused = conftest.identify(*play, "--model", TABLE)
-    assert refused.returncode == 2 and "Traceback" not in refused.stderr
+    assert refused.returncode == 1 and "Traceback" not in refused.stderr
     assert "thrusters" in refused.stderr
 
 

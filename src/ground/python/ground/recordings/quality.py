@@ -9,7 +9,7 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array, Document
 from ground.errors import GroundError
-from ground.recordings import channels, frame_clock, reply, suspicions
+from ground.recordings import frame_clock, reply, suspicions
 from ground.recordings.repair import Motion, repair, wrap
 
 if TYPE_CHECKING:
@@ -102,13 +102,17 @@ class Run:
         return spans
 
     def inputs(self, model: _core.Model) -> Array:
-        """Rows of time on the run's clock [s], the commands of a model's thrusters and lift, -1..1.
-        GroundError when the recording has other channels."""
+        """Rows of time on the run's clock [s], the commands of a model's thrusters in its order, and
+        lift (0 if it was not recorded). GroundError when the recording has other channels."""
         recording = self.recording
-        thrusters, lift = channels.columns(recording.channels, model, recording.name)
+        *thrusters, lift = model.channels
+        lifts = (
+            recording.commands_of([lift])
+            if lift in recording.channels
+            else np.zeros((len(recording.control_times), 1))
+        )
         times = recording.control_times - self.zero
-        lifts = np.zeros(len(times)) if lift is None else recording.controls[:, lift]
-        return np.column_stack([times, recording.controls[:, thrusters], lifts])
+        return np.column_stack([times, recording.commands_of(thrusters), lifts])
 
     def data(
         self,
