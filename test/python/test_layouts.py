@@ -1,10 +1,11 @@
 """Which channel drives which thruster, with which sign and heading, is told by the motion."""
 
+import json
 import math
 import sys
 
 import pytest
-from conftest import MODEL, ROOT, SHARED
+from conftest import MODEL, ROOT, SHARED, identify
 from ground.recordings import layouts
 
 import ground
@@ -62,6 +63,18 @@ def test_a_mistake_is_found(change, channels, signs, offset, tmp_path):
     assert verdict.best.signs == signs
     assert verdict.best.heading_offset == offset
     assert verdict.best.share > verdict.recorded.share + 0.15
+
+
+def test_info_says_which_channel_drives_which_thruster(tmp_path):
+    run = mistakes.Recorded(5)
+    mistakes.swapped(run)
+    path, mapping = run.write(tmp_path / "run")
+    options = (path, "--mapping", mapping, "--model", MODEL)
+    result = identify("info", *options)
+    assert result.returncode == 0, result.stderr
+    assert "left is driven by right, right is driven by left: the commands" in result.stdout
+    (described,) = json.loads(identify("info", *options, "--json").stdout)
+    assert described["layout"]["best"]["channels"] == ["right", "left"]
 
 
 def test_a_channel_that_is_missing_is_named(tmp_path):

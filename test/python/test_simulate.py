@@ -512,7 +512,7 @@ def test_bad_usage(tmp_path, options, words):
         ("time,left,right\n0,0,0\n0.5,1,x\n", ["line 3", "not all numbers"]),
         ("time,left,right\n0,0,0\n0.5,1,nan\n", ["line 3", "not finite"]),
         ("time,left,right\n0,0,0\n0.5,1,2\n", ["line 3", "between 0 and 1"]),
-        ("time,left,right\n1,0,0\n0.5,1,1\n", ["line 3", "grow"]),
+        ("time,left,right\n1,0,0\n0.5,1,1\n", ["line 3", "ascend"]),
         ("time,left,right\n1,0,0\n", ["only 1 rows"]),
         ("time,left,right\n1,0,0\n1555406701,1,1\n", ["line 3", "3600 s"]),
     ],

@@ -7,12 +7,13 @@ the data cannot tell.
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array
+from ground import _core
+from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.recordings import reply
 from ground.recordings.recording import Recording
@@ -70,6 +71,10 @@ class Verdict:
         """Whether nothing explains more than what was recorded."""
         return self.best.share - self.recorded.share < ALIKE
 
+    def describe(self) -> Document:
+        """As plain values."""
+        return asdict(self)
+
     def sentence(self, thrusters: Sequence[Thruster]) -> str:
         """The verdict in words, with its evidence."""
         text = "%s: the commands explain %.0f%% of the forces and %.0f%% of the turns" % (
@@ -86,6 +91,17 @@ class Verdict:
             others = "; or ".join(_words(one, thrusters) for one in self.alike)
             text += "; these data cannot tell it from: %s" % others
         return text
+
+
+def thrusters_of(model: _core.Model) -> List[Thruster]:
+    """A model's thrusters, by the names of their channels."""
+    if model.is_pair:
+        lever = model.value("l")
+        return [Thruster("left", 0.0, -lever, 0.0), Thruster("right", 0.0, lever, 0.0)]
+    return [
+        Thruster(one["channel"], *one["position"], math.radians(one["direction"]))
+        for one in model.thrusters
+    ]
 
 
 def _words(hypothesis: Hypothesis, thrusters: Sequence[Thruster]) -> str:

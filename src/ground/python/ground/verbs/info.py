@@ -5,8 +5,9 @@ from typing import List
 
 from ground import files
 from ground.annotations import Document
+from ground.api.models import Model
 from ground.errors import GroundError
-from ground.recordings import findings, mapping, quality, readers
+from ground.recordings import findings, layouts, mapping, quality, readers
 from ground.verbs import common
 
 NAME = "info"
@@ -22,6 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         dest="output",
         help="draft a mapping file for the first recording, with what it has and why, in place of info",
     )
+    parser.add_argument(
+        "--model",
+        metavar="MODEL.yaml",
+        help="a model of the craft: which channel drives which of its thrusters is judged by the motion",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite the mapping file")
 
 
@@ -29,13 +35,19 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
-    described = quality.describe([r.repaired for r in common.read(arguments)])
+    recordings = common.read(arguments)
+    described = quality.describe([r.repaired for r in recordings])
     for d in described:
         common.say(arguments, d["name"])
         for name, value in findings.facts(d):
             common.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
             common.say(arguments, "  - %s" % finding)
+    if arguments.model:
+        thrusters = layouts.thrusters_of(Model.load(arguments.model).core)
+        verdict = layouts.judge(recordings, thrusters)
+        common.say(arguments, verdict.sentence(thrusters))
+        described = [dict(d, layout=verdict.describe()) for d in described]
     return described
 
 
