@@ -19,8 +19,8 @@ from ground.recordings import repair
 
 MODEL = "cfg/craft/air_table.yaml"
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
-RATE, STEP = 100.0, 0.005  # of the poses [Hz]; of the integration [s]
-NOISE = (3e-4, 1e-3)  # of the poses [m], [rad]: markers are 0.3 m apart
+RATE, STEP = 100.0, 0.005  # rate of the poses [Hz]; step of the integration [s]
+NOISE = (3e-4, 1e-3)  # standard deviations of poses [m], [rad], for markers 0.3 m apart
 WEAK, TURNED = -0.2, math.radians(5)
 KINDS = ("thruster_gain", "thruster_tilt")
 

@@ -1,4 +1,4 @@
-"""Which channel drives which thruster, with which sign and heading, is told by the motion."""
+"""The motion shows which channel drives which thruster, with which sign and heading."""
 
 import json
 import math
@@ -101,4 +101,4 @@ def test_the_second_craft_is_read_and_what_cannot_be_told_is_said():
         assert {(h.channels, h.heading_offset) for h in found} == ways
         assert all(h.signs == (1, 1, 1, 1) for h in found)
         assert verdict.recorded.share < 0.01 < 0.1 < verdict.best.share
-        assert "these data cannot tell it from" in verdict.sentence(FOUR)
+        assert "these data cannot distinguish it from" in verdict.sentence(FOUR)

@@ -34,7 +34,7 @@ class Thruster(TypedDict):
     name: str
     channel: str  #: name of its commands in recordings
     position: Tuple[float, float]  #: forward, to starboard [m]
-    direction: float  #: of the force [deg]: 0 forward, 90 to starboard
+    direction: float  #: direction of the force [deg]: 0 forward, 90 to starboard
     range: Tuple[float, float]  #: inputs, over the largest
     gain: float  #: force at full input, over k
 

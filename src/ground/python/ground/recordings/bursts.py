@@ -12,11 +12,11 @@ import numpy as np
 from ground.annotations import Array, Indices
 
 APART = 1e-3  # stamps of a burst are not further apart [s]
-AROUND = 2  # poses before and after a burst that tell the direction
-NOISE = (4e-4, 6e-3)  # of a pose [m], [rad]
-FARTHEST = 20.0  # noises that a burst has to reach over for its order to be told
-GAIN = 50.0  # of the squared second differences, in noises, that a new order has to bring
-LEFT = 0.5  # of them that may be left by it
+AROUND = 2  # poses before and after a burst that give its direction
+NOISE = (4e-4, 6e-3)  # standard deviations of a pose [m], [rad]
+MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviations]
+MIN_GAIN = 50.0  # least fall of the roughness for a new order
+MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 
 
 def in_order(times: Array, eta: Array) -> Tuple[Indices, int]:
@@ -33,26 +33,26 @@ def in_order(times: Array, eta: Array) -> Tuple[Indices, int]:
     for start, end in zip(starts, ends):
         if start < AROUND or end + AROUND > len(times):
             continue
-        told = places[start - AROUND : end + AROUND]
-        found = min((_sorted(told, n) for n in (2, 4)), key=lambda o: _roughness(told[o]))
-        before, after = _roughness(told), _roughness(told[found])
-        rougher = _roughness(told[found, :2]) > _roughness(told[:, :2])
-        if after < LEFT * before and before - after > GAIN and not rougher:
+        burst = places[start - AROUND : end + AROUND]
+        found = min((_sorted(burst, n) for n in (2, 4)), key=lambda o: _roughness(burst[o]))
+        before, after = _roughness(burst), _roughness(burst[found])
+        rougher = _roughness(burst[found, :2]) > _roughness(burst[:, :2])
+        if after < MAX_RATIO * before and before - after > MIN_GAIN and not rougher:
             order[start - AROUND : end + AROUND] = start - AROUND + found
     return order, int((order != np.arange(len(times))).sum())
 
 
 def _sorted(places: Array, columns: int) -> Indices:
-    """Indices that sort the places of a burst along its way, by the first columns; as they are where
-    they do not reach far enough."""
-    told = places[:, :columns]
-    way = told[-AROUND:].mean(axis=0) - told[:AROUND].mean(axis=0)
-    order = np.arange(len(told))
-    if np.linalg.norm(way) > FARTHEST:
-        order[AROUND:-AROUND] = AROUND + np.argsort(told[AROUND:-AROUND] @ way, kind="stable")
+    """Indices that sort the places of a burst along its way, by the first columns; unchanged if
+    the way is too short."""
+    burst = places[:, :columns]
+    way = burst[-AROUND:].mean(axis=0) - burst[:AROUND].mean(axis=0)
+    order = np.arange(len(burst))
+    if np.linalg.norm(way) > MIN_WAY:
+        order[AROUND:-AROUND] = AROUND + np.argsort(burst[AROUND:-AROUND] @ way, kind="stable")
     return order
 
 
 def _roughness(places: Array) -> float:
-    """Sum of the squared second differences of places in a row, in noises."""
+    """Sum of the squared second differences of consecutive places [variances of the noise]."""
     return float((np.diff(places, 2, axis=0) ** 2).sum())

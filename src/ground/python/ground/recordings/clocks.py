@@ -10,7 +10,7 @@ from ground.recordings.mapping import HEADER, RECEIPT, TIMES, Clock
 
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
 
-Stamp = Callable[[Message, Optional[Time]], Time]  # of a message and its time of receipt
+Stamp = Callable[[Message, Optional[Time]], Time]  # takes a message and its time of receipt
 
 
 def stamps(clock: Clock, where: str) -> Stamp:

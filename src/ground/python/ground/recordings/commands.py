@@ -12,7 +12,7 @@ from ground.recordings.bag_reader import Topic
 from ground.recordings.clocks import stamps
 from ground.recordings.mapping import Channel, Commands
 
-CHANNELS = ("left", "right", "lift")  # of a craft whose thrusters nobody has named
+CHANNELS = ("left", "right", "lift")  # channels of a craft with unnamed thrusters
 # Where messages have left, right and lift, unless a mapping says more.
 KINDS = {
     "ground_msgs/Controls": CHANNELS,

@@ -13,8 +13,8 @@ from ground.recordings.mapping import LENGTHS, SCHEMA, TIMES
 from ground.recordings.bag_reader import Topic
 from ground.recordings.messages import MessageSource
 
-MOST_MESSAGES = 20000  # of a topic that are looked at
-MOST_LEVELS = 40  # of a command that switches
+MAX_MESSAGES = 20000  # messages of a topic to look at
+MAX_LEVELS = 40  # levels of a command that switches
 LIKELY = re.compile(r"cmd|command|control|thrust|motor|pwm|input|actuator|demand", re.I)
 HEADING = re.compile(r"(^|[._ ])(heading|yaw|psi|theta)\b", re.I)
 TIME = re.compile(r"time|stamp|secs|^t\b", re.I)
@@ -57,7 +57,7 @@ def columns_of(source: MessageSource) -> List[Columns]:
         kind = poses.KINDS.get(entry.msg_type, poses.Kind(""))
         rows: Dict[str, List[Tuple[float, Dict[str, float]]]] = {}
         for count, (_, message, received) in enumerate(source.read_messages([topic])):
-            if count >= MOST_MESSAGES:
+            if count >= MAX_MESSAGES:
                 break
             for item in fields.getter([kind.each])(message)[0] if kind.each else [message]:
                 body = str(getattr(item, kind.body, "")) if kind.body else ""
@@ -291,7 +291,7 @@ def _command_score(columns: Columns) -> float:
     if not found:
         return 0.0
     switching = [
-        len(np.unique(v)) <= MOST_LEVELS or units.command_unit(v) != "normalised"
+        len(np.unique(v)) <= MAX_LEVELS or units.command_unit(v) != "normalised"
         for v in found.values()
     ]
     likely = bool(LIKELY.search(columns.topic)) or any(LIKELY.search(path) for path in found)

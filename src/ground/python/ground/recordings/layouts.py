@@ -1,8 +1,8 @@
 """How the channels of recordings belong to the thrusters of a craft, and how its heading is measured.
 
 Every order of the channels, with inverted ones and a heading off by quarter turns, is a hypothesis. The
-one that is right explains most of the accelerations by the commands; those that explain as much are what
-the data cannot tell.
+right one explains most of the accelerations by the commands. Hypotheses that explain as much cannot be
+distinguished by these data.
 """
 
 import itertools
@@ -19,10 +19,10 @@ from ground.recordings import reply
 from ground.recordings.recording import Recording
 
 TURNS = (0.0, math.pi / 2, math.pi, -math.pi / 2)  # measured minus true heading [rad]
-MOST_PERMUTED = 6  # thrusters whose channels are tried in every order; of more, exchanged pairs
-MOST_SIGNED = 4  # thrusters of which any may be inverted; of more, one
-INVERTED = 2  # inverted channels change a hypothesis by so much, a channel that moves by 1
-NEAR = 1  # hypotheses that change more than the best one by no more than this are named
+MAX_PERMUTED = 6  # thrusters whose channels are tried in every order; of more, exchanged pairs
+MAX_SIGNED = 4  # thrusters of which any may be inverted; of more, one
+INVERTED = 2  # distance of a hypothesis for each inverted channel; 1 for each exchanged one
+NEAR = 1  # additional distance up to which hypotheses are named beside the best one
 ALIKE = 0.02  # shares that differ by less are the same
 
 
@@ -33,7 +33,7 @@ class Thruster:
     name: str
     x: float  #: [m]
     y: float  #: [m]
-    direction: float  #: of the force, from forward to the right [rad]
+    direction: float  #: direction of the force, from forward to the right [rad]
 
     @property
     def effect(self) -> Tuple[float, float, float]:
@@ -46,29 +46,29 @@ class Thruster:
 class Hypothesis:
     """A way to read the commands and the heading of recordings."""
 
-    channels: Tuple[str, ...]  #: of the thrusters, in their order
+    channels: Tuple[str, ...]  #: channel of each thruster
     signs: Tuple[int, ...]  #: -1: the channel is inverted
-    heading_offset: float  #: measured minus true heading, besides what is taken off already [rad]
+    heading_offset: float  #: measured minus true heading that remains [rad]
     force: float  #: share of the forces that the commands explain so
     turn: float  #: share of the turns
 
     @property
     def share(self) -> float:
-        """Of both, the mean."""
+        """Mean of both shares."""
         return 0.5 * (self.force + self.turn)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What recordings say of their channels and headings."""
+    """Best and equally good hypotheses for recordings."""
 
     recorded: Hypothesis  #: channels by their names, heading as it is
     best: Hypothesis
-    alike: List[Hypothesis]  #: others as simple that explain as much: what the data cannot tell
+    alike: List[Hypothesis]  #: hypotheses as simple that explain as much
 
     @property
     def is_as_recorded(self) -> bool:
-        """Whether nothing explains more than what was recorded."""
+        """Whether no hypothesis explains more than the recorded channels and heading."""
         return self.best.share - self.recorded.share < ALIKE
 
     def describe(self) -> Document:
@@ -89,7 +89,7 @@ class Verdict:
             )
         if self.alike:
             others = "; or ".join(_words(one, thrusters) for one in self.alike)
-            text += "; these data cannot tell it from: %s" % others
+            text += "; these data cannot distinguish it from: %s" % others
         return text
 
 
@@ -123,7 +123,7 @@ def _words(hypothesis: Hypothesis, thrusters: Sequence[Thruster]) -> str:
 def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Verdict:
     """The Verdict of recordings on a craft's thrusters, whose names are those of the channels.
 
-    GroundError when a recording lacks a channel or the commands change too little.
+    GroundError when a recording has no such channel or the commands change too little.
     """
     names = [thruster.name for thruster in thrusters]
     products, sizes, total = _moments(recordings, names)
@@ -153,7 +153,7 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Ver
 
 
 def _orders(count: int) -> Iterator[Tuple[int, ...]]:
-    if count <= MOST_PERMUTED:
+    if count <= MAX_PERMUTED:
         yield from itertools.permutations(range(count))
         return
     yield tuple(range(count))
@@ -164,7 +164,7 @@ def _orders(count: int) -> Iterator[Tuple[int, ...]]:
 
 
 def _signs(count: int) -> Iterator[Tuple[int, ...]]:
-    if count <= MOST_SIGNED:
+    if count <= MAX_SIGNED:
         yield from itertools.product((1, -1), repeat=count)
         return
     yield (1,) * count
@@ -173,7 +173,7 @@ def _signs(count: int) -> Iterator[Tuple[int, ...]]:
 
 
 def _distance(hypothesis: Hypothesis, names: Sequence[str]) -> int:
-    """How much a hypothesis changes: channels that move, and the heading."""
+    """Number of changes in a hypothesis: exchanged and inverted channels, and the heading."""
     moved = sum(a != b for a, b in zip(hypothesis.channels, names))
     inverted = INVERTED * hypothesis.signs.count(-1)
     return moved + inverted + (hypothesis.heading_offset != 0)
@@ -194,7 +194,7 @@ def _moments(
         force += float((found.accelerations[:, :2] ** 2).sum())
         turn += float((found.accelerations[:, 2] ** 2).sum())
     if not (force > 0 and turn > 0 and np.trace(sizes) > 0):
-        raise GroundError("the commands change too little to tell the thrusters apart")
+        raise GroundError("the commands change too little to distinguish the thrusters")
     return products, sizes, (force, turn)
 
 

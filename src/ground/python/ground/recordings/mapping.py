@@ -23,7 +23,7 @@ TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
 HEADER, RECEIPT = "header", "receipt"
-RANGE = (0.0, 1.0)  # of a command, unless its channel says otherwise
+RANGE = (0.0, 1.0)  # default range of a command
 MOST_CHANNELS = 9  # eight thrusters and the lift fan
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -34,7 +34,7 @@ class Clock:
 
     source: str = ""  #: HEADER, RECEIPT, or empty: the header where there is one
     field: str = ""  #: path of a field that is the time, in place of a source
-    unit: str = "s"  #: of that field
+    unit: str = "s"  #: unit of that field
     nanoseconds: str = ""  #: path of a field to add [ns]
 
 
@@ -44,7 +44,7 @@ class Poses:
 
     topic: str = ""  #: empty: the only one that has poses
     file: str = ""  #: pattern of the names of tables that have them
-    type: str = ""  #: of the topic's messages; empty: as found
+    type: str = ""  #: type of the topic's messages; empty: any
     body: str = ""  #: child frame, or part of the topic's name
     position: Tuple[str, ...] = ()  #: paths of x, y, z or x, y, "-y" mirrors; empty: the type's
     unit: str = "m"

@@ -57,7 +57,7 @@ KINDS = {
     "geometry_msgs/Pose2D": Kind("", heading="theta"),
 }
 KINDS["tf/tfMessage"] = KINDS["tf2_msgs/TFMessage"]
-# Ranks of the types when nobody names a topic, behind those whose topics have the usual names.
+# Ranks of the types if no topic is named, behind those whose topics have the usual names.
 ANY_NAME = {
     "geometry_msgs/PoseStamped": 3,
     "geometry_msgs/PoseWithCovarianceStamped": 3,

@@ -17,7 +17,7 @@ from ground.recordings.recording import Recording, read_source
 from ground.recordings.ros2_reader import Ros2Reader
 from ground.recordings.tables import SUFFIXES, TableReader
 
-METADATA = "metadata.yaml"  # of a bag of ROS 2, in its folder
+METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 
 
 class Reader(Protocol):

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
 FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
-FAR_SHARE = 0.3  # of the accelerations that the commands have to explain at such a lag
-FAR_SAMPLES = 2000  # of motion that tell it
+FAR_SHARE = 0.3  # least share of the accelerations that the commands explain at such a lag
+FAR_SAMPLES = 2000  # samples of motion to find it from
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
-BLOCKS = 10  # of time that errors are estimated from
-USUAL_LAG = 0.1  # where the motion does not tell it [s]
-ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not tell channels apart
+BLOCKS = 10  # blocks of time that errors are estimated from
+USUAL_LAG = 0.1  # if the motion does not determine it [s]
+ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
 OUTLIER = 6.0  # accelerations further from their median than so many scatters are cut
 
 
@@ -215,7 +215,7 @@ class Authority:
 
 def authorities(recording: "Recording", motion: Motion, lag: Optional[float]) -> List[Authority]:
     """The Authority of each thruster, by the accelerations that follow its commands by a lag [s]; empty
-    where the commands do not tell the thrusters apart."""
+    if the commands do not distinguish the thrusters."""
     inside = middle(motion.times)
     times = motion.times[inside]
     sent = (times > recording.control_times[0]) & (times < recording.control_times[-1])

@@ -28,7 +28,7 @@ class Ros2Reader:
             store = get_typestore(Stores.ROS2_HUMBLE)
             self._reader = AnyReader([pathlib.Path(path)], default_typestore=store)
             self._reader.open()
-        except Exception as error:  # of rosbags, of SQLite, or whatever their parsing meets
+        except Exception as error:  # rosbags, SQLite and their parsers raise many kinds
             raise self._unreadable(error)
         types = self._reader.typestore.types
         if TIME in types:

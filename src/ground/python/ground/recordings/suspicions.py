@@ -15,20 +15,20 @@ from ground.recordings import reply, units
 if TYPE_CHECKING:
     from ground.recordings.quality import Run
 
-SLOWEST = 5e-3  # that a craft goes which turns [m/s]
-TURNS = 0.3  # a craft that turns faster moves [rad/s]
-LATEST = 0.3  # motion that follows its commands later has another clock [s]
-EARLIEST = -0.03  # motion cannot come before its command [s]
-FEWEST_CHANGES = 20  # of the commands that tell how motion follows them
-CLEARLY = 0.15  # share of forces or turns that another reading has to explain besides
-TIMES = 3.0  # how many times what the recording explains as it is
+MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
+TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
+LATEST = 0.3  # largest delay of the motion on one clock [s]
+EARLIEST = -0.03  # least delay: motion cannot come before its command [s]
+MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
+CLEARLY = 0.15  # additional share of forces or turns that another reading has to explain
+TIMES = 3.0  # least ratio of what another reading explains to what the recorded one does
 
 
 @dataclass(frozen=True)
 class Suspicion:
     """A mistake that a recording looks like."""
 
-    kind: str  #: of the mistake, a word
+    kind: str  #: the mistake, in a word
     evidence: str  #: what it shows by
     remedy: str  #: option or key of a mapping that mends it
 
@@ -59,7 +59,7 @@ def lengths(run: "Run") -> Iterator[Suspicion]:
             "position: {unit: %s} under poses in a mapping" % unit,
         )
     turning = units.speed(recording.pose_times, np.unwrap(recording.eta[:, 2])[:, None])
-    if fast < SLOWEST and turning > TURNS:
+    if fast < MIN_SPEED and turning > TURNS:
         yield Suspicion(
             "length",
             "the craft turns by %.2g rad/s, but goes %.1g m/s only: positions seem to be in a larger "
@@ -88,7 +88,7 @@ def angles(run: "Run") -> Iterator[Suspicion]:
 def clocks(run: "Run") -> Iterator[Suspicion]:
     """Stamps of two computers, by the time from command to motion."""
     changes = (np.abs(np.diff(run.recording.thrust, axis=0)) > 1e-6).any(axis=1).sum()
-    if changes < FEWEST_CHANGES:
+    if changes < MIN_CHANGES:
         return
     lag = run.reply["lag"] if run.reply else reply.far_lag(run.recording, run.motion)
     if lag is None or EARLIEST <= lag <= LATEST:
@@ -108,9 +108,9 @@ class Reading:
     what: str
     remedy: str
     kind: str
-    signs: Tuple[int, int] = (1, 1)  # of left and right
+    signs: Tuple[int, int] = (1, 1)  # signs of left and right
     swapped: bool = False
-    turn: float = 0.0  # of the body's x axis [rad]
+    turn: float = 0.0  # turn of the body's x axis [rad]
     heading: int = 1  # sign of the heading that forces act along
     yaw: int = 1  # sign of the yaw rate
 

@@ -9,8 +9,8 @@ from ground.annotations import Array
 from ground.recordings.mapping import LENGTHS
 
 FASTEST = 15.0  # that a craft in a room goes [m/s]
-TYPICAL_SPEED = 0.6  # of such a craft [m/s]
-TYPICAL_NOISE = 3e-4  # of a mocap [m]
+TYPICAL_SPEED = 0.6  # speed of a miniature hovercraft [m/s]
+TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
 SPEED_STEP = 0.1  # over which speeds are taken [s]
 TURN = 60.0  # faster turns are those of degrees [rad/s]
 # Axes by the vertical one of the mocap's, up and down.
@@ -71,7 +71,7 @@ def in_degrees(times: Array, headings: Array) -> bool:
     steps = np.abs(np.diff(headings))
     if np.abs(headings).max() < 361 and (np.abs(steps - 360) < 60).any():
         return True
-    # Radians that nobody has wrapped turn without jumps, and slower.
+    # Unwrapped radians have no jumps and change more slowly.
     return speed(times, headings[:, None]) > TURN
 
 
