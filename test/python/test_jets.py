@@ -137,7 +137,7 @@ def test_a_recording_of_another_craft_is_refused_in_a_sentence(tmp_path):
         assert "no command is named front_right_back" in refused.stderr
     play = ["simulate", "--input", "prbs", "--duration", 3, "-o", tmp_path / "table.bag"]
     refused = conftest.identify(*play, "--model", TABLE)
-    assert refused.returncode == 1 and "Traceback" not in refused.stderr
+    assert refused.returncode == 2 and "Traceback" not in refused.stderr
     assert "thrusters" in refused.stderr
 
 

@@ -19,7 +19,6 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
 S = IdentificationStatus
-HERE = os.path.dirname(os.path.abspath(__file__))
 NODE = "identification/"
 
 
@@ -65,7 +64,7 @@ class IdentificationTest(unittest.TestCase):
             ({"last": 5.0, "model": "/nowhere.yaml"}, "no model of this name"),
             ({"last": 5.0, "bags": ["x.bag"]}, "not both"),
             ({"last": -5.0}, "have to be positive"),
-            ({"bags": [HERE]}, "there is no bag or bag of ROS 2 or table in this folder"),
+            ({"bags": [output]}, "there is no bag or bag of ROS 2 or table in this folder"),
         ):
             answer = self.diagnose(**request)
             self.assertFalse(answer.success)

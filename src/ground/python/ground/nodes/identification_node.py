@@ -14,7 +14,7 @@ import subprocess
 import threading
 import time
 import traceback
-from typing import Deque, List, Optional, Tuple
+from typing import Callable, Deque, List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -211,7 +211,7 @@ class IdentificationNode:
             self.live.write(path, request.last)
             return [path]
         paths = [os.path.expanduser(path) for path in request.bags or [self._bag_dir]]
-        return [_existing(path, "bag") for path in readers.listed(paths)]
+        return [_existing(path, "bag", os.path.exists) for path in readers.listed(paths)]
 
     def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)
@@ -301,9 +301,9 @@ class IdentificationNode:
             rospy.loginfo("%s: %s", task, message)
 
 
-def _existing(path: str, what: str) -> str:
+def _existing(path: str, what: str, exists: Callable[[str], bool] = os.path.isfile) -> str:
     path = os.path.abspath(os.path.expanduser(path)) if path else ""
-    if not os.path.isfile(path):
+    if not exists(path):
         raise GroundError("%s: there is no %s of this name" % (path or "(empty)", what))
     return path
 
