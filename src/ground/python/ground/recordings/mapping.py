@@ -24,7 +24,7 @@ TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
-MOST_CHANNELS = 9  # eight thrusters and the lift fan
+MAX_CHANNELS = 9  # eight thrusters and the lift fan
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -189,7 +189,7 @@ class _Node:
         """A string."""
         value = self.content.pop(key, default)
         if not isinstance(value, str):
-            raise self.wrong(key, "is %s, but must be a text" % value)
+            raise self.wrong(key, "is %s, but must be a string" % value)
         return value
 
     def choice(self, key: str, default: str, choices: Sequence[str]) -> str:
@@ -254,7 +254,7 @@ def _place(node: _Node) -> Tuple[str, str, str]:
     """Topic, file and type."""
     topic, file = node.text("topic"), node.text("file")
     if topic and file:
-        raise node.wrong("file", "and topic are given both; a table is no topic")
+        raise node.wrong("file", "and topic are both given; keep one")
     return topic, file, node.text("type").replace("/msg/", "/")
 
 
@@ -285,14 +285,14 @@ def _poses(node: _Node) -> Poses:
     if poses.scale == 0:
         raise position.wrong("scale", "is 0")
     if poses.orientation and poses.heading:
-        raise node.wrong("heading", "and orientation are given both; keep one")
+        raise node.wrong("heading", "and orientation are both given; keep one")
     if poses.position and not (poses.orientation or poses.heading):
         raise node.wrong("position", "has fields, but neither orientation nor heading has any")
     if axes is not None:
         try:
             _core.AxisMapping(axes, 0.0)
         except ValueError as error:
-            raise node.wrong("axes", "is no frame: %s" % error)
+            raise node.wrong("axes", "is not a frame: %s" % error)
     return poses
 
 
@@ -300,8 +300,8 @@ def _commands(node: _Node) -> Commands:
     topic, file, kind = _place(node)
     channels = node.child("channels")
     names = list(channels.content)
-    if len(names) > MOST_CHANNELS:
-        raise node.wrong("channels", "are %d, but at most %d" % (len(names), MOST_CHANNELS))
+    if len(names) > MAX_CHANNELS:
+        raise node.wrong("channels", "are %d, but there may be at most %d" % (len(names), MAX_CHANNELS))
     found = Commands(
         topic,
         file,
@@ -316,10 +316,10 @@ def _commands(node: _Node) -> Commands:
 def _channel(node: _Node, name: Any) -> Channel:
     if not isinstance(name, str) or not PATH.fullmatch(name) or "." in name or "[" in name:
         raise GroundError(
-            "%s: the channel '%s' is no name: letters, digits and _" % (node.file, name)
+            "%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name)
         )
     if node.has("unit") and (node.has("off") or node.has("full")):
-        raise node.wrong("unit", "and off or full are given both; keep one")
+        raise node.wrong("unit", "and off or full are both given; keep one")
     off, full = COMMANDS[node.choice("unit", "normalised", list(COMMANDS))]
     off, full = node.number("off", off), node.number("full", full)
     if off == full:
