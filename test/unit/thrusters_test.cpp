@@ -66,7 +66,6 @@ TEST(ThrusterLayout, OfThePairIsThatOfTheThesis) {
   EXPECT_FALSE(pair.sways());
   EXPECT_EQ(pair.total(Thrusters<double>{3, 1}), Vector3<double>(4, 0, 2));
   EXPECT_EQ(pair.fullThrust(), 2);
-  EXPECT_EQ(pair.fullMoment(), 1);
   EXPECT_EQ(pair.channels(), (std::vector<std::string>{"left", "right", "lift"}));
 }
 

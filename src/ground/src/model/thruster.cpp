@@ -163,18 +163,6 @@ double ThrusterLayout::fullThrust() const {
   return best;
 }
 
-double ThrusterLayout::fullMoment() const {
-  double clockwise = 0, other = 0;
-  for (int i = 0; i < size(); ++i) {
-    const Thruster& one = (*this)[i];
-    const double high = lever(i) * one.gain * one.curve.at(one.most);
-    const double low = lever(i) * one.gain * one.curve.at(one.least);
-    clockwise += std::max(high, low);
-    other -= std::min(high, low);
-  }
-  return std::max(clockwise, other);
-}
-
 const ThrusterLayoutPtr& thrusterPair() {
   static const ThrusterLayoutPtr pair = std::make_shared<const ThrusterLayout>();
   return pair;

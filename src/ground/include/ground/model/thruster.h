@@ -125,8 +125,6 @@ class ThrusterLayout {
   Thrusters<double> clipped(const Thrusters<double>& input, double full) const;
   /// Largest total force along the direction of a thruster, divided by k; 2 for the pair.
   double fullThrust() const;
-  /// Largest total moment, divided by k l; 1 for the pair.
-  double fullMoment() const;
 
  private:
   struct Arm {
