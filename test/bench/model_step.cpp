@@ -21,6 +21,7 @@ Model craft(const std::string& effects) {
     for (const auto& [parameter, value] : values) model.setValue(name + "." + parameter, value);
   };
   if (effects == "drag") add("quadratic_drag", {{"cx", 0.002}, {"cy", 0.002}, {"cr", 1e-6}});
+  if (effects == "lag") add("motor_lag", {{"tau", 0.05}});
   if (effects == "three") {
     add("motor_lag", {{"tau", 0.05}});
     add("floor_tilt", {{"sx", 0.01}, {"sy", -0.01}});
@@ -97,6 +98,7 @@ int main(int argc, char** argv) {
   };
   for (const Case c : {Case{"velocities", "", false}, Case{"velocities and pose", "", true},
                        Case{"velocities, quadratic drag", "drag", false},
+                       Case{"velocities, motor lag", "lag", false},
                        Case{"velocities and pose, three effects", "three", true}}) {
     const std::string name = c.name;
     const auto add = [&](const char* what, auto function) {

@@ -173,7 +173,7 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
   const Rotation<T> heading(state.eta.z());
   const T zero(0.0), half = 0.5 * h, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   const auto take = [&](int node, const T& after, const T& share, const T& to, const T* at) {
-    const Drive now = drive(inputs.thrusters[static_cast<std::size_t>(node)]);
+    const Drive now(*this, inputs.thrusters[static_cast<std::size_t>(node)]);
     Instant instant(*this, t + after, state.eta, heading, state.nu, now, lift, at);
     rates(instant, at, stages_.rates.data());
     stages_.move(share, to, states);
@@ -187,23 +187,27 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
 
 template <typename T>
 template <typename I>
-typename Dynamics<T>::Drive Dynamics<T>::drive(const Thrusters<I>& input) const {
-  return layout_->isPair() ? drive(input, input) : drive(input, layout_->forces(input));
+GROUND_INLINE void Dynamics<T>::Drive::set(const Dynamics& d, const Thrusters<I>& inputs,
+                                           const Thrusters<I>& force) {
+  const Vector3<I> total = d.layout_->total(force);
+  surge = d.surge_gain_ * total(0);
+  yaw = d.yaw_gain_ * total(2);
+  if (d.sways_) sway = d.surge_gain_ * total(1);
+  if (!d.has_hooks_ && !d.couples_) return;
+  input.set(inputs, [](const I& one) { return T(one); });
+  thrust.set(force, [&](const I& one) { return T(d.body_.k * one); });
 }
 
 template <typename T>
 template <typename I>
-GROUND_INLINE typename Dynamics<T>::Drive Dynamics<T>::drive(const Thrusters<I>& input,
-                                                             const Thrusters<I>& force) const {
-  Drive drive;
-  const Vector3<I> total = layout_->total(force);
-  drive.surge = surge_gain_ * total(0);
-  drive.yaw = yaw_gain_ * total(2);
-  if (sways_) drive.sway = surge_gain_ * total(1);
-  if (!has_hooks_ && !couples_) return drive;
-  drive.input = input.template cast<T>();
-  drive.thrust = force.template each<T>([this](const I& one) { return T(body_.k * one); });
-  return drive;
+void Dynamics<T>::Drive::setListed(const Dynamics& d, const Thrusters<I>& inputs) {
+  set(d, inputs, d.layout_->forces(inputs));
+}
+
+template <typename T>
+template <typename I>
+GROUND_INLINE Dynamics<T>::Drive::Drive(const Dynamics& d, const Thrusters<I>& inputs) {
+  d.layout_->isPair() ? set(d, inputs, inputs) : setListed(d, inputs);
 }
 
 template <typename T>
@@ -256,7 +260,7 @@ RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
   const Rotation<T> heading(state.eta.z());
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
   const Vector2<T> over_floor = heading.toWorld({u, v});
-  const Drive now = drive(input);
+  const Drive now(*this, input);
   Vector3<T> nu_dot(T(0.0), T(0.0), T(0.0));
   if (has_hooks_ || couples_)
     nu_dot = effects(t, state.eta, heading, state.nu, now, lift,
@@ -273,12 +277,12 @@ template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
                        int count) const {
-  const Drive start = drive(inputs.thrusters[0]);
+  const Drive start(*this, inputs.thrusters[0]);
   if (inputs.held) {
     run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, inputs.states, h, count);
     return;
   }
-  const Drive middle = drive(inputs.thrusters[1]), end = drive(inputs.thrusters[2]);
+  const Drive middle(*this, inputs.thrusters[1]), end(*this, inputs.thrusters[2]);
   run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, inputs.states, h, count);
 }
 
@@ -286,7 +290,7 @@ template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
                        const ValueOf<T>& lift, const H& h, int count) const {
-  const Drive held = drive(command);
+  const Drive held(*this, command);
   run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
 }
 

@@ -93,13 +93,20 @@ class Dynamics {
   struct Drive {
     Thrusters<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
     T surge, sway, yaw;          ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
+
+    /// `inputs` are of T or ValueOf<T>.
+    template <typename I>
+    Drive(const Dynamics& d, const Thrusters<I>& inputs);
+
+   private:
+    /// `force` is that of each thruster over k.
+    template <typename I>
+    void set(const Dynamics& d, const Thrusters<I>& inputs, const Thrusters<I>& force);
+    /// For a layout that lists its thrusters. A function of its own, because the pair is faster
+    /// without this code in between.
+    template <typename I>
+    __attribute__((noinline)) void setListed(const Dynamics& d, const Thrusters<I>& inputs);
   };
-  /// `input` is of T or ValueOf<T>.
-  template <typename I>
-  Drive drive(const Thrusters<I>& input) const;
-  /// `force` is that of each thruster over k.
-  template <typename I>
-  Drive drive(const Thrusters<I>& input, const Thrusters<I>& force) const;
   template <bool kFirst, bool kLast, bool kPose, typename H>
   void take(Stages<T, kPose, H>& stages, const T& t, const H& after, const H& share, const H& to,
             const Drive& drive, const ValueOf<T>& lift, T* states, bool remembers) const;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <initializer_list>
+#include <type_traits>
 
 #include "ground/model/types.h"
 
@@ -53,33 +55,47 @@ class Thrusters {
   }
   template <typename U>
   Thrusters<U> cast() const {
-    return each<U>([](const T& value) { return U(value); });
-  }
-  /// The results of function `of` for each number.
-  template <typename U, class Of>
-  Thrusters<U> each(const Of& of) const {
     Thrusters<U> result;
-    result.count_ = count_;
-    forEach([&](int i) { result.values_[i] = of(values_[i]); });
+    result.set(*this, [](const T& value) { return U(value); });
     return result;
+  }
+  /// Sets the numbers to the results of function `of` for each number of `from`.
+  template <typename U, class Of>
+  GROUND_INLINE void set(const Thrusters<U>& from, const Of& of) {
+    count_ = from.count_;
+    forEach([&](int i) { values_[i] = of(from.values_[i]); });
+  }
+  /// Calls `act(i)` for each thruster i. Two thrusters, the most frequent case, are faster without a
+  /// loop, and other numbers need none that is unrolled.
+  template <class Do>
+  GROUND_INLINE void forEach(const Do& act) const {
+    if (count_ == 2) {
+      act(0);
+      act(1);
+    } else {
+#pragma GCC unroll 1
+      for (int i = 0; i < count_; ++i) act(i);
+    }
   }
 
  private:
   template <typename U>
   friend class Thrusters;
 
-  void take(const Thrusters& other) {
-    forEach([&](int i) { values_[i] = other.values_[i]; });
-  }
-  /// Two thrusters, the most frequent case, are faster without a loop.
-  template <class Do>
-  GROUND_INLINE void forEach(const Do& act) const {
-    if (count_ == 2) {
-      act(0);
-      act(1);
-      return;
+  /// Copies a pair of doubles as one block, because doubles that were stored one by one are loaded
+  /// late as a vector; and each Dual by its members, for the same reason.
+  GROUND_INLINE void take(const Thrusters& other) {
+    if (count_ != 2) {
+      takeMany(other);
+    } else if constexpr (std::is_same_v<T, double>) {
+      std::copy_n(other.values_, 2, values_);
+    } else {
+      values_[0] = other.values_[0];
+      values_[1] = other.values_[1];
     }
-    for (int i = 0; i < count_; ++i) act(i);
+  }
+  __attribute__((noinline)) void takeMany(const Thrusters& other) {
+    std::copy_n(other.values_, count_, values_);
   }
 
   int count_ = 0;

@@ -24,14 +24,14 @@ struct MotorLag {
   template <typename T>
   static void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) {
     const Remains<T> left = decay(p[0], h);
-    for (int i = 0; i < inputs.thrusters[0].size(); ++i) {
+    inputs.thrusters[0].forEach([&](int i) {
       const T command = inputs.thrusters[0](i);
       const T difference = states[i] - command;
       inputs.thrusters[0](i) = command + difference * left.start;
       inputs.thrusters[1](i) = command + difference * left.middle;
       inputs.thrusters[2](i) = command + difference * left.end;
       states[i] = command + difference * left.after;
-    }
+    });
   }
 
  private:
