@@ -10,6 +10,7 @@ import ground
 
 RAW = SHARED.parent / "epfl_2019_12"
 MAPPING = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
+CRAFT = ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"
 # name, duration [s], poses that overtook each other
 RUNS = [("data_1_spec_2", 63.5, 13), ("data_2_spec_4", 50.1, 0), ("data_4_spec_3", 40.3, 0)]
 
@@ -54,13 +55,62 @@ def test_motion_has_no_jumps_of_a_late_pose(described):
 
 
 def test_what_each_thruster_does_is_told(described):
-    """The craft's rigid body looks backwards, and the firmware's left is on the right."""
     told = described[1]["authority"]
     assert list(told) == ["back_left", "back_right", "front_left", "front_right"]
     pushes = [1 if one["forward"] > 0 else -1 for one in told.values()]
     turns = [1 if one["turn"] > 0 else -1 for one in told.values()]
-    assert pushes == [-1, -1, 1, 1] and turns == [-1, 1, 1, -1]
+    assert pushes == [1, 1, -1, -1] and turns == [1, -1, -1, 1]
     for one in told.values():
         assert abs(one["forward"]) > 5 * one["errors"][0]
         assert abs(one["turn"]) > 3 * one["errors"][2]
         assert abs(one["right"]) < 0.3 * abs(one["forward"])
+
+
+def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path):
+    """The rigid body looks backwards, and the logger's left thrusters are on the right."""
+    text = MAPPING.read_text()
+    for first, second in (("position.y", "position.x"), ("orientation.y", "orientation.x")):
+        text = text.replace("{field: %s, unit: mic" % first, "{field: @, unit: mic")
+        text = text.replace("{field: %s, unit: mic" % second, "{field: %s, unit: mic" % first)
+        text = text.replace("{field: @, unit: mic", "{field: %s, unit: mic" % second)
+    text = text.replace("heading_offset: 3.14", "# heading_offset: 3.14")
+    logged = tmp_path / "logged.yaml"
+    logged.write_text(text)
+    result = identify("info", RAW, "--mapping", logged, "--model", CRAFT)
+    assert result.returncode == 0, result.stderr
+    verdict = [line for line in result.stdout.splitlines() if "driven by" in line][-1]
+    assert "back_left is driven by back_right" in verdict and "3.14" in verdict
+    assert "cannot" in verdict  # from front and back exchanged, which moves in the same way
+
+
+def test_a_fit_is_physical_and_holds_on_other_runs(described, tmp_path):
+    names = ["I_z", "X_u", "Y_v", "N_r", "k", "com_offset.xg", "com_offset.yg", "motor_lag.tau"]
+    result = identify(
+        *("fit", RAW, "--mapping", MAPPING, "--model", CRAFT, "--json"),
+        *("--free", *names, "-o", tmp_path / "fitted.yaml"),
+    )
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    value = {name: found["parameters"][name]["value"] for name in names}
+    assert 4e-4 < value["I_z"] < 8e-4  # that of a disc of 0.18 m across: 7e-4
+    assert 0 < value["X_u"] < 0.06 and 0.01 < value["Y_v"] < 0.08 and 0 < value["N_r"] < 2e-4
+    assert 0.04 < value["k"] < 0.0807  # below that of the bench
+    assert value["com_offset.xg"] == pytest.approx(-0.0094, abs=0.001)
+    assert 0.03 < value["motor_lag.tau"] < 0.15
+    assert found["error"]["heldout_runs"] < 0.47
+
+
+def test_the_missing_effects_lower_the_error_on_other_runs(described, tmp_path):
+    """Without effects the error on runs that were not fitted to is a third larger."""
+    bare = tmp_path / "bare.yaml"
+    bare.write_text(CRAFT.read_text().split("effects:")[0] + "effects: []\n")
+    out = tmp_path / "diagnosis"
+    result = identify(
+        *("diagnose", RAW, "--mapping", MAPPING, "--model", bare, "-o", out, "--json"),
+        *("--only", "com_offset", "motor_lag", "quadratic_drag", "thrust_misalignment", "wind"),
+    )
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "missing"
+    assert {"com_offset", "motor_lag"} <= set(found["improved"]["effects"])
+    assert (out / "report.html").is_file()

@@ -1,29 +1,31 @@
-"""Force against input of thrusters on a bench (thesis 3.2, figure 3.1): a model's thrust.
+"""Forces of thrusters that were measured on a bench: curve, gains, and what they are worth.
 
-The force of a thruster at input w (0..1) is k (1 + a) w^p on the left, k (1 - a) w^p on the right
-(effects thrust_asymmetry, thrust_curve). A curve or an asymmetry is fitted only if it is
-significant.
+Thruster j gives the force g_j f(w) at input w (0..1): one curve f for all (thrust_curve), and gains g_j
+whose mean is 1. Gains are fitted if they differ significantly. The curve is the simplest one whose
+misfit is no larger than repeated measurements scatter (test of lack of fit, Draper and Smith, Applied
+Regression Analysis, 1998, section 2.1); without repetitions, the simplest one that the Bayesian
+information criterion does not clearly reject.
 """
 
 import csv
+import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 from typing import Counter as CounterType
-from typing import Dict, Mapping, Sequence, Tuple
 
 import numpy as np
-from scipy import optimize, stats
-from scipy.optimize import OptimizeResult
+from scipy import stats
 
+from ground.analysis import thrust_curve
 from ground.annotations import Array
 from ground.errors import GroundError
 
-SIDES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "both": (1.0, 1.0)}  # thrusters in a column
-LEVEL = 0.01  # probability of finding a curve or an asymmetry where there is none
+LEVEL = 0.01  # probability of rejecting a curve, or equal gains, that are right
+STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)
 OFF = 1e-9  # input of a thruster that is off
-# Start and bounds of a fit; k as a share of the largest force of a thruster.
-START = {"k": 1.0, "a": 0.0, "p": 1.0}
-BOUNDS = {"k": (1e-3, 1e3), "a": (-1.0, 1.0), "p": (0.2, 5.0)}
+ROUNDS = 8  # of curve and gains in turn
+BOTH = "both"  # column of all thrusters together
 
 
 @dataclass(frozen=True)
@@ -31,42 +33,80 @@ class Bench:
     """Measured forces, one row each."""
 
     inputs: Array  # (n,) 0..1
-    left: Array  # (n,) 1 where the left thruster is at work, else 0
-    right: Array  # (n,)
+    together: Array  # (n, m) 1 where thruster j is at work, else 0
+    repetition: Array  # (n,) number of the repetition, from 0
     forces: Array  # (n,) [N]
+
+    def part(self, rows: Array) -> "Bench":
+        """Some rows, by their mask (n,)."""
+        return Bench(*(a[rows] for a in (self.inputs, self.together, self.repetition, self.forces)))
 
 
 @dataclass(frozen=True)
 class Thrust:
     """The fitted thrust."""
 
-    values: Dict[str, float]  # k [N], and a [-], p [-] where they are significant
+    curve: thrust_curve.Curve  # of a thruster with gain 1
+    gains: Array  # (m,) mean 1; all 1 unless they differ significantly
+    values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a table; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%
-    p_values: Dict[str, float]  # of a and p, where they can be tested
+    p_value: Optional[float]  # that equal gains differ so much; None where it cannot be tested
+    rejected: List[Tuple[str, float]]  # simpler curves, with the p-value of their lack of fit
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
 
     def force(self, bench: Bench) -> Array:
         """Forces (n,) [N] that the fit expects on a Bench."""
-        return _force(self.values, bench)
+        return (bench.together @ self.gains) * self.curve.force(bench.inputs)
 
 
-def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> Bench:
-    """The Bench in a CSV file whose header names a column input and columns left, right or both
-    (both thrusters together), repeated ones with endings of their own such as left_2. off, full:
-    values of input that mean 0 and 1; unit: newtons in one unit of force. Raises GroundError."""
+def read(
+    path: str,
+    names: Sequence[str],
+    off: float = 0.0,
+    full: float = 1.0,
+    unit: float = 1.0,
+    measured: Optional[Sequence[str]] = None,
+) -> Bench:
+    """The Bench in a CSV file.
+
+    The header names a column of inputs, then columns of forces: of a thruster by its name, of several
+    by their names with + between, of all by "both"; repeated ones have endings such as left_2. names:
+    the thrusters of the craft. measured: thrusters that were at work together in all columns, whose
+    names then say nothing; or one text with their number. off, full: values of the input that mean 0
+    and 1. unit: newtons in one unit of force. Raises GroundError.
+    """
+    header, rows = _cells(path)
+    columns = _columns(path, header, names, measured)
+    found = []
+    for number, values in rows:
+        level = (values[0] - off) / (full - off)
+        if not -1e-6 <= level <= 1 + 1e-6:
+            raise GroundError(
+                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs, "
+                "such as --inputs 1000 2000 for microseconds" % (path, number, values[0], off, full)
+            )
+        level = min(max(level, 0.0), 1.0)
+        found += [(level, at, i, unit * values[1 + i]) for i, at in enumerate(columns)]
+    if len({level for level, *_ in found if level > OFF}) < 2:
+        raise GroundError("%s: a fit needs forces at two inputs above zero" % path)
+    seen: "CounterType[Tuple[float, ...]]" = Counter()
+    repetition = []
+    for level, at, *_ in found:
+        repetition.append(seen[(level, *at)])
+        seen[(level, *at)] += 1
+    inputs, together, _, forces = (np.array(column) for column in zip(*found))
+    return Bench(inputs, together, np.array(repetition), forces)
+
+
+def _cells(path: str) -> Tuple[List[str], List[Tuple[int, List[float]]]]:
+    """The header, and the numbers of each line that is not empty, with the line's number."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:  # spreadsheets write a BOM
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GroundError("%s: cannot be read: %s" % (path, error))
     header = [name.strip() for name in rows[0]] if rows else []
-    columns = {i: name.split("_")[0] for i, name in enumerate(header) if i > 0}
-    if header[:1] != ["input"] or not columns or not set(columns.values()) <= set(SIDES):
-        raise GroundError(
-            "%s: line 1 must name the columns: input, then left, right or both, each optionally with an "
-            "ending such as left_2" % path
-        )
     found = []
     for number, row in enumerate(rows[1:], 2):
         if not "".join(row).strip():
@@ -77,17 +117,43 @@ def read(path: str, off: float = 0.0, full: float = 1.0, unit: float = 1.0) -> B
             values = []
         if len(values) != len(header) or not np.isfinite(values).all():
             raise GroundError("%s: line %d: must be %d numbers" % (path, number, len(header)))
-        level = (values[0] - off) / (full - off)
-        if not -1e-6 <= level <= 1 + 1e-6:
+        found.append((number, values))
+    return header, found
+
+
+def _columns(
+    path: str, header: Sequence[str], names: Sequence[str], measured: Optional[Sequence[str]]
+) -> List[Tuple[float, ...]]:
+    """For each column of forces how many times each thruster is at work."""
+    if measured is not None:
+        if len(measured) == 1 and measured[0].isdigit() and 1 <= int(measured[0]) <= len(names):
+            return [(int(measured[0]) / len(names),) * len(names)] * (len(header) - 1)
+        unknown = [name for name in measured if name not in names]
+        if unknown or not measured:
             raise GroundError(
-                "%s: line %d: input %g is not between %g and %g: give what means 0 and 1 with --inputs"
-                % (path, number, values[0], off, full)
+                "%s: no thruster is called %s: the model's are %s, or give how many were measured together"
+                % (path, ", ".join(unknown), ", ".join(names))
             )
-        level = min(max(level, 0.0), 1.0)
-        found += [(level, *SIDES[side], unit * values[i]) for i, side in columns.items()]
-    if len({level for level, *_ in found if level > OFF}) < 2:
-        raise GroundError("%s: a fit needs forces at two inputs above zero" % path)
-    return Bench(*np.array(found).T)
+        return [tuple(float(name in measured) for name in names)] * (len(header) - 1)
+    columns = [_thrusters(text, names) for text in header[1:]]
+    if not columns or not all(columns):
+        raise GroundError(
+            "%s: line 1 must name the columns: input, then the thrusters (%s, or %s for all of them "
+            "together), each optionally with an ending such as %s_2. Where all columns are of the same "
+            "thrusters, say so with --thrusters" % (path, ", ".join(names), BOTH, names[0])
+        )
+    return [tuple(float(name in column) for name in names) for column in columns]
+
+
+def _thrusters(text: str, names: Sequence[str]) -> List[str]:
+    """The thrusters that a column's name means; empty if it means none."""
+    for base in (text, re.sub(r"_\d+$", "", text)):
+        parts = base.split("+")
+        if base == BOTH:
+            return list(names)
+        if all(part in names for part in parts):
+            return parts
+    return []
 
 
 def draft(levels: Sequence[Tuple[float, float]]) -> str:
@@ -101,7 +167,7 @@ def draft(levels: Sequence[Tuple[float, float]]) -> str:
                 "left %.3g and right %.3g at once have no column in a table of forces"
                 % (left, right)
             )
-        side = "left" if right <= OFF else "right" if left <= OFF else "both"
+        side = "left" if right <= OFF else "right" if left <= OFF else BOTH
         if max(left, right) > OFF:
             counts.setdefault(side, Counter())[max(left, right)] += 1
     inputs = {tuple(sorted(count)) for count in counts.values()}
@@ -115,83 +181,164 @@ def draft(levels: Sequence[Tuple[float, float]]) -> str:
     return "\n".join([",".join(header)] + rows) + "\n"
 
 
-def fit(bench: Bench) -> Thrust:
-    """The Thrust that a Bench shows."""
-    names = ["k"]
-    tested = ["a"] if bench.left.any() and bench.right.any() and _apart(bench) else []
-    if len(np.unique(bench.inputs[bench.inputs > OFF])) > 2:
-        tested.append("p")
-    p_values = {}
-    whole = _least_squares(bench, names + tested)
-    for name in tested:
-        without = _least_squares(bench, [n for n in names + tested if n != name])
-        p_values[name] = _chance(without.cost, whole.cost, len(bench.forces) - 1 - len(tested))
-    names += [name for name in tested if p_values[name] < LEVEL]
-    found = _least_squares(bench, names)
-    scale = _scale(bench)
-    freedom = len(bench.forces) - len(names)
-    variance = 2 * found.cost / freedom
-    covariance = variance * np.linalg.inv(found.jac.T @ found.jac)
-    away = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(covariance))
-    units = [scale if name == "k" else 1.0 for name in names]
-    return Thrust(
-        {n: float(u * x) for n, u, x in zip(names, units, found.x)},
-        {
-            n: (float(u * (x - d)), float(u * (x + d)))
-            for n, u, x, d in zip(names, units, found.x, away)
-        },
-        p_values,
-        float(scale * np.sqrt(variance)),
-        _scatter(bench),
-    )
-
-
-def _apart(bench: Bench) -> bool:
-    """Whether some forces are of one thruster alone."""
-    return bool((bench.left != bench.right).any())
-
-
-def _force(values: Mapping[str, float], bench: Bench) -> Array:
-    a = values.get("a", 0.0)
-    sides = (1 + a) * bench.left + (1 - a) * bench.right
-    power = np.where(bench.inputs > OFF, bench.inputs, 0.0) ** values.get("p", 1.0)
-    return values["k"] * sides * power
-
-
-def _scale(bench: Bench) -> float:
-    """Largest force of one thruster [N]."""
-    largest = float(np.max(bench.forces / (bench.left + bench.right)))
-    if not largest > 0:
+def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrust:
+    """The Thrust that a Bench of the named thrusters shows. only: a kind of curve (thrust_curve.Curve)
+    to be used whatever the evidence. Raises GroundError."""
+    driven = bench.part(bench.inputs > OFF)
+    if not np.max(driven.forces) > 0:
         raise GroundError("no force is positive: thrusters push, so turn the sign or the table")
-    return largest
+    gains, p_value = _gains(driven)
+    curves = [c for c in _curves(driven, gains) if only is None or c.kind == only]
+    if not curves:
+        raise GroundError("a %s needs forces at more inputs than the table has, and that rise" % only)
+    chosen, rejected = _choose(driven, gains, curves)
 
+    def refit(part: Bench) -> Dict[str, float]:
+        again = _again(part, chosen)
+        again = replace(again, largest=chosen.largest)  # also without the largest level
+        return _values(again, _fit_gains(part, again) if (gains != 1).any() else gains, names)
 
-def _least_squares(bench: Bench, names: Sequence[str]) -> OptimizeResult:
-    scale = _scale(bench)
-
-    def residuals(x: Array) -> Array:
-        return _force(dict(zip(names, x)), bench) - bench.forces / scale
-
-    bounds = np.array([BOUNDS[n] for n in names]).T
-    return optimize.least_squares(
-        residuals, [START[n] for n in names], bounds=bounds, x_scale="jac"
+    misfit = driven.forces - (driven.together @ gains) * chosen.force(driven.inputs)
+    free = chosen.order + int((gains != 1).any()) * _separate(driven)
+    values = _values(chosen, gains, names)
+    return Thrust(
+        chosen,
+        gains,
+        values,
+        _intervals(driven, values, refit),
+        p_value,
+        rejected,
+        float(np.sqrt(misfit @ misfit / max(1, len(misfit) - free))),
+        _pure_error(driven)[0],
     )
 
 
-def _chance(without: float, whole: float, freedom: int) -> float:
-    """p-value of one more parameter, by the fall of the sum of squares (F test)."""
+def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Dict[str, float]:
+    """k, p of a power, and gains that are not 1, by their names."""
+    k = curve.full
+    values = {"k": k if curve.power is None else k / curve.largest**curve.power}
+    if curve.kind == "power":
+        values["p"] = float(curve.power or 1.0)
+    if (gains != 1).any():
+        values.update(zip(names, map(float, gains)))
+    return values
+
+
+def _curves(bench: Bench, gains: Array) -> List[thrust_curve.Curve]:
+    working = bench.together @ gains
+    found = [kind(bench.inputs, working, bench.forces) for _, kind in thrust_curve.KINDS]
+    return [curve for curve in found if curve is not None and curve.full > 0]
+
+
+def _again(bench: Bench, like: thrust_curve.Curve) -> thrust_curve.Curve:
+    """A curve of the same kind and order, fitted to other forces; as it is where that fails."""
+    for curve in _curves(bench, np.ones(bench.together.shape[1])):
+        if (curve.kind, curve.order) == (like.kind, like.order):
+            return curve
+    return like
+
+
+def _separate(bench: Bench) -> int:
+    """The number of gains that the columns can separate."""
+    return int(np.linalg.matrix_rank(np.unique(bench.together, axis=0))) - 1
+
+
+def _fit_gains(bench: Bench, curve: thrust_curve.Curve) -> Array:
+    """Gains with mean 1; those that the columns do not separate are the same."""
+    force = curve.force(bench.inputs)
+    basis = force[:, None] * bench.together
+    # minimum norm: what the data leave open stays at 1
+    change = np.linalg.lstsq(basis, bench.forces - basis.sum(axis=1), rcond=1e-9)[0]
+    gains = 1 + change
+    return np.asarray(gains / gains.mean())
+
+
+def _gains(bench: Bench) -> Tuple[Array, Optional[float]]:
+    """Gains, all 1 unless they differ significantly by an F test with the most flexible curve, and its
+    p-value."""
+    ones = np.ones(bench.together.shape[1])
+    separate = _separate(bench)
+    if separate < 1:
+        return ones, None
+    gains, squares = ones, []
+    for _ in range(ROUNDS):
+        curve = _curves(bench, gains)[-1]
+        misfit = bench.forces - (bench.together @ gains) * curve.force(bench.inputs)
+        squares.append(float(misfit @ misfit))
+        gains = _fit_gains(bench, curve)
+    freedom = len(bench.forces) - curve.order - separate
     if freedom < 1:
-        return 1.0
-    whole = max(whole, 1e-12 * max(without, 1e-300))
-    return float(stats.f.sf(max(0.0, without - whole) / (whole / freedom), 1, freedom))
+        return ones, None
+    least = max(min(squares), 1e-12 * max(squares[0], 1e-300))
+    p_value = float(
+        stats.f.sf((squares[0] - least) / separate / (least / freedom), separate, freedom)
+    )
+    return (gains if p_value < LEVEL else ones), p_value
 
 
-def _scatter(bench: Bench) -> float:
-    kinds = np.column_stack([bench.inputs, bench.left, bench.right])
+def _pure_error(bench: Bench) -> Tuple[float, float, int]:
+    """Standard deviation of repetitions (nan without any), their sum of squares, and its degrees of
+    freedom."""
+    kinds = np.column_stack([bench.inputs, bench.together])
     _, group = np.unique(kinds, axis=0, return_inverse=True)
+    group = group.ravel()
     count = np.bincount(group)
-    freedom = len(group) - len(count)
-    if freedom < 1:
-        return float("nan")
+    freedom = int(len(group) - len(count))
     mean = np.bincount(group, bench.forces) / count
-    return float(np.sqrt(((bench.forces - mean[group]) ** 2).sum() / freedom))
+    squares = float(((bench.forces - mean[group]) ** 2).sum())
+    return (float(np.sqrt(squares / freedom)) if freedom else float("nan")), squares, freedom
+
+
+def _choose(
+    bench: Bench, gains: Array, curves: Sequence[thrust_curve.Curve]
+) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
+    """The simplest curve that the forces do not reject, and the simpler ones with their p-values."""
+    working = bench.together @ gains
+    squares = [
+        float(((bench.forces - working * c.force(bench.inputs)) ** 2).sum()) for c in curves
+    ]
+    n = len(bench.forces)
+    _, pure, freedom = _pure_error(bench)
+    if freedom < 2:
+        floor = 1e-12 * float(bench.forces @ bench.forces)
+        score = [
+            n * np.log(max(s, floor) / n) + c.order * np.log(n) for s, c in zip(squares, curves)
+        ]
+        near = next(i for i, s in enumerate(score) if s - min(score) < STRONG)
+        rejected = [(c.words, float(np.exp((min(score) - s) / 2))) for s, c in zip(score, curves)]
+        return curves[near], rejected[:near]
+    rejected = []
+    pure = max(pure, 1e-12 * float(bench.forces @ bench.forces))
+    for square, curve in zip(squares, curves):
+        left = n - freedom - curve.order
+        if left < 1:
+            return curve, rejected
+        p_value = float(stats.f.sf((square - pure) / left / (pure / freedom), left, freedom))
+        if p_value >= LEVEL:
+            return curve, rejected
+        rejected.append((curve.words, p_value))
+    best = int(np.argmin(squares))
+    return curves[best], [one for one in rejected if one[0] != curves[best].words]
+
+
+def _intervals(
+    bench: Bench, values: Dict[str, float], refit: Callable[[Bench], Dict[str, float]]
+) -> Dict[str, Tuple[float, float]]:
+    """95% intervals by the jackknife: the wider one of leaving out levels and leaving out repetitions,
+    whose errors are not independent when a whole repetition is off."""
+    away = {name: 0.0 for name in values}
+    for key in (bench.inputs, bench.repetition):
+        groups = np.unique(key)
+        if len(groups) < 2:
+            continue
+        parts = [bench.part(key != group) for group in groups]
+        found = [refit(part) for part in parts if len(np.unique(part.inputs)) > 1]
+        count = len(found)
+        if count < 2:
+            continue
+        quantile = stats.t.ppf(0.975, count - 1)
+        for name in values:
+            each = np.array([one.get(name, 1.0) for one in found])
+            error = np.sqrt((count - 1) / count * ((each - each.mean()) ** 2).sum())
+            away[name] = max(away[name], float(quantile * error))
+    return {name: (value - away[name], value + away[name]) for name, value in values.items()}

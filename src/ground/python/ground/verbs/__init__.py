@@ -2,6 +2,6 @@
 
 A module has NAME, SUMMARY, configure(parser) and run(arguments); run returns what --json prints.
 """
-from ground.verbs import add, compare, diagnose, fit, import_csv, info, simulate, thrust, tracking
+from ground.verbs import add, bench, compare, diagnose, fit, import_csv, info, simulate, tracking
 
-ALL = [import_csv, info, thrust, simulate, fit, compare, diagnose, add, tracking]
+ALL = [import_csv, info, bench, simulate, fit, compare, diagnose, add, tracking]

@@ -33,10 +33,15 @@ class Bags(argparse.Action):
 
 
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the bags, and settings that replace the recorded ones."""
+    """Adds the bags, and how they are read."""
     parser.add_argument(
         "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
     )
+    add_reading_arguments(parser)
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds how recordings are read, and settings that replace the recorded ones."""
     parser.add_argument(
         "--axes",
         help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES,

@@ -1,0 +1,262 @@
+"""identify bench: thrust from forces that were measured on a bench."""
+
+import argparse
+import os
+from typing import Any, Dict, Iterator, Tuple
+
+import numpy as np
+import yaml
+
+from ground import _core, files
+from ground.analysis import candidates, thrust_bench
+from ground.annotations import Document
+from ground.api import fitting
+from ground.api.models import Model, with_provenance
+from ground.errors import GroundError
+from ground.verbs import common
+
+NAME = "bench"
+SUMMARY = "fits thrust, its curve and gains to forces measured on a bench (thesis 3.2)"
+NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
+EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
+CURVES = ("linear", "power", "polynomial", "table")
+REACH = 0.8  # least largest input measured; otherwise thrust at an input of 1 is an extrapolation
+AGREE = 0.05  # relative difference of thrust below which bench and model agree
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the verb's arguments."""
+    parser.add_argument(
+        "table",
+        metavar="BENCH.csv",
+        help="columns input, then thrusters by name (left, right), a+b or both, repeated ones as left_1, "
+        "left_2",
+    )
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="model whose thrust is replaced")
+    parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
+    parser.add_argument(
+        "--inputs",
+        type=float,
+        nargs=2,
+        default=(0.0, 1.0),
+        metavar=("OFF", "FULL"),
+        help="values of the column input that mean 0 and 1, such as microseconds of PWM (0 1)",
+    )
+    parser.add_argument("--unit", choices=sorted(NEWTONS), default="N", help="unit of the forces (N)")
+    parser.add_argument(
+        "--thrusters",
+        metavar="NAME",
+        nargs="+",
+        help="thrusters that were measured together in every column, or their number if it does not "
+        "matter which",
+    )
+    parser.add_argument(
+        "--curve", choices=CURVES, help="kind of curve (the simplest that the forces do not reject)"
+    )
+    parser.add_argument(
+        "--runs",
+        metavar="BAG",
+        nargs="+",
+        action=common.Bags,
+        default=[],
+        help="recorded runs, to say how the bench agrees with motion",
+    )
+    common.add_reading_arguments(parser)
+    common.add_progress_argument(parser)
+    parser.add_argument("--force", action="store_true", help="overwrite the model file")
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs the verb; returns what --json prints."""
+    files.refuse_existing(arguments.output, arguments.force)
+    off, full = arguments.inputs
+    if not (np.isfinite([off, full]).all() and full != off):
+        arguments.refuse("--inputs needs two different numbers")
+    model = Model.load(arguments.model).core
+    names = [one["name"] for one in model.thrusters]
+    measured = thrust_bench.read(
+        arguments.table, names, off, full, NEWTONS[arguments.unit], arguments.thrusters
+    )
+    found = thrust_bench.fit(measured, names, arguments.curve)
+    fitted, factors = _put_into(model, found, arguments.model)
+    fitted = with_provenance(
+        fitted,
+        [os.path.basename(arguments.table)],
+        {},
+        {"bench": found.residual},
+        {
+            name: (factor * found.intervals[short][0], factor * found.intervals[short][1])
+            for short, (name, factor) in factors.items()
+        },
+        [],
+    )
+    motion = _motion(arguments, fitted.core) if arguments.runs else None
+    fitted.save(arguments.output, arguments.force)
+    for line in _lines(arguments, model, found):
+        common.say(arguments, line)
+    if motion is not None:
+        for line in _agreement(fitted.core, found, motion):
+            common.say(arguments, line)
+    common.say(arguments, "written to %s" % arguments.output)
+    return {
+        "model": arguments.output,
+        "curve": found.curve.kind,
+        "parameters": {
+            n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()
+        },
+        "p_equal_gains": found.p_value,
+        "rejected": [{"curve": words, "p_value": p} for words, p in found.rejected],
+        "residual": found.residual,
+        "scatter": None if np.isnan(found.scatter) else found.scatter,
+        "largest_input": found.curve.largest,
+        "k_before": model.value("k") * model.input_max,
+        "motion": None if motion is None else motion.to_dict(),
+    }
+
+
+#: The parameter of a model for a value of a fit, and the factor between them.
+Places = Dict[str, Tuple[str, float]]
+
+
+def _put_into(
+    model: _core.Model, found: thrust_bench.Thrust, path: str
+) -> Tuple[_core.Model, Places]:
+    """The model with the fitted thrust, and where its values are there. A curve that is no power is
+    written with the thrusters listed."""
+    if model.is_pair and found.curve.power is not None:
+        return _put_into_pair(model, found)
+    if model.input_max != 1:
+        raise GroundError(
+            "%s has inputs up to %g, which are no normalised ones: a %s cannot be written into it; "
+            "--curve power can" % (path, model.input_max, found.curve.words)
+        )
+    plain = model.copy()
+    for effect in EFFECTS.values():
+        if effect in plain.effects:
+            plain.remove_effect(effect)
+    document = yaml.safe_load(plain.format())
+    body = document["body"]
+    body.pop("l", None)
+    body.pop("input_max", None)
+    listed = body.setdefault("thrusters", [_listed(one) for one in plain.thrusters])
+    for thruster, gain in zip(listed, found.gains):
+        if (found.gains != 1).any():
+            thruster["gain"] = float(gain)
+        if found.curve.power is None:
+            thruster["curve"] = {"table": [list(row) for row in found.curve.table()]}
+            low = min(0.0, *(float(r) for r in thruster.get("range", [0.0])))
+            if low < 0:
+                raise GroundError(
+                    "%s: %s is reversible: the bench has no forces of negative inputs, so write its "
+                    "curve into the model file" % (path, thruster["name"])
+                )
+            thruster["range"] = [0.0, found.curve.largest]
+        else:
+            thruster["curve"] = {"power": found.values.get("p", 1.0)}
+    body["k"] = found.values["k"]
+    fitted = _core.parse_model(yaml.safe_dump(document, sort_keys=False), path)
+    return fitted, {"k": ("k", 1.0)}
+
+
+def _listed(thruster: Dict[str, Any]) -> Dict[str, Any]:
+    """A thruster of the pair as model files list it."""
+    return {
+        "name": thruster["name"],
+        "position": [float(x) for x in thruster["position"]],
+        "direction": float(thruster["direction"]),
+    }
+
+
+def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_core.Model, Places]:
+    """The model of a left and a right thruster with the fitted thrust."""
+    fitted = model.copy()
+    for effect in EFFECTS.values():
+        if effect in fitted.effects:
+            fitted.remove_effect(effect)
+    fitted.set_value("k", found.values["k"] / model.input_max)
+    places: Places = {"k": ("k", 1 / model.input_max)}
+    if "p" in found.values:
+        fitted = candidates.of_library(EFFECTS["p"]).neutral(fitted)
+        fitted.set_value("thrust_curve.p", found.values["p"])
+        places["p"] = ("thrust_curve.p", 1.0)
+    if (found.gains != 1).any():
+        fitted = candidates.of_library(EFFECTS["a"]).neutral(fitted)
+        fitted.set_value("thrust_asymmetry.a", float(found.gains[0] - 1))
+    return fitted, places
+
+
+def _motion(arguments: argparse.Namespace, model: _core.Model) -> fitting.Fit:
+    """A fit of the model with the bench's curve to recorded runs, thrust free."""
+    return fitting.fit(
+        Model(model),
+        common.reading(arguments, arguments.runs),
+        progress=common.teller(arguments),
+    )
+
+
+def _agreement(
+    model: _core.Model, found: thrust_bench.Thrust, motion: fitting.Fit
+) -> Iterator[str]:
+    """How the bench agrees with what motion tells."""
+    moved = motion.parameters["k"]
+    low, high = moved.ci95 or (float("nan"), float("nan"))
+    bench = model.value("k")
+    at = "at full input" if found.curve.power is not None else "at %.3g" % found.curve.largest
+    yield "motion tells %.4g N %s [%.4g, %.4g], %.2f times the bench's" % (
+        moved.value,
+        at,
+        low,
+        high,
+        moved.value / bench,
+    )
+    below, above = found.intervals["k"]
+    scale = bench / found.values["k"]
+    if low > above * scale or high < below * scale:
+        yield (
+            "the intervals are apart: losses in motion, a low battery, a wrong mass or a wrong lever make "
+            "the two differ. Controllers and diagnosis need what motion tells: fit with k free"
+        )
+    else:
+        yield "the intervals of bench and motion meet"
+
+
+def _lines(
+    arguments: argparse.Namespace, model: _core.Model, found: thrust_bench.Thrust
+) -> Iterator[str]:
+    """Lines to print: curve, parameters, misfit, reach, and the model before."""
+    curve = found.curve
+    yield "curve: %s" % curve.words
+    for words, p_value in found.rejected:
+        yield "  not a %s (p %.2g)" % (words, p_value)
+    at = "at full input" if curve.power is not None else "at input %.3g" % curve.largest
+    for name, value in found.values.items():
+        means = "of a thruster %s" % at if name == "k" else "exponent of the input"
+        yield "%s = %.4g%s [%.4g, %.4g]  %s" % (
+            name,
+            value,
+            " N" if name == "k" else "",
+            *found.intervals[name],
+            means if name in ("k", "p") else "relative to the mean of all thrusters",
+        )
+    if found.p_value is not None and not (found.gains != 1).any():
+        yield "no sign of unequal thrusters (p %.2g)" % found.p_value
+    yield "forces are %.2g N from the fit (standard deviation)%s" % (
+        found.residual,
+        ""
+        if np.isnan(found.scatter)
+        else ", repetitions %.2g N from each other" % found.scatter,
+    )
+    if curve.power is not None and curve.largest < REACH:
+        yield (
+            "no input above %.2g was measured: k at full input is an extrapolation, and may be far off"
+            % curve.largest
+        )
+    before = model.value("k") * model.input_max
+    ratio = found.values["k"] / before
+    if model.is_pair and curve.power is not None and abs(ratio - 1) > AGREE:
+        yield (
+            "%s has %.3g N at full input: the bench gives %.2f times that. Thrust that is fitted to "
+            "motion is relative to the mass: losses at speed, a low battery, a wrong mass or a wrong "
+            "lever make the two differ. Fit runs with k free before a controller uses this model."
+            % (arguments.model, before, ratio)
+        )

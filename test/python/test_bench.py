@@ -1,0 +1,276 @@
+"""identify bench: thrust of a model from forces measured on a bench."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, SHARED, identify
+
+from ground import _core
+from ground.analysis import thrust_bench
+from ground.errors import GroundError
+
+LEVELS = np.linspace(0, 1, 11)
+PAIR = ["left", "right"]
+FOUR = ["back_left", "back_right", "front_left", "front_right"]
+REAL_BENCH = SHARED.parent / "epfl_2019_12" / "thrust_bench.csv"
+
+
+def table(path, force, columns=("left", "right"), noise=5e-4, repeat=3, seed=1, off=0.0, full=1.0):
+    """Writes a bench's table; force(column, w) is the true force [N] at level w."""
+    random = np.random.default_rng(seed)
+    names = ["%s_%d" % (c, i + 1) for c in columns for i in range(repeat)]
+    lines = ["input," + ",".join(names)]
+    for w in LEVELS:
+        forces = [force(n.split("_")[0], w) + noise * random.normal() for n in names]
+        lines.append(",".join("%.6g" % x for x in [off + (full - off) * w] + forces))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def fitted(tmp_path, path, *options):
+    out = tmp_path / "thrust.yaml"
+    result = identify("bench", path, "--model", MODEL, "-o", out, "--json", *options)
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout), _core.load_model(str(out))
+
+
+def test_the_thesis_bench_is_a_line_with_an_asymmetry(tmp_path):
+    k = {"left": 0.103, "right": 0.100}  # thesis 3.2
+    report, model = fitted(tmp_path, table(tmp_path / "bench.csv", lambda side, w: k[side] * w))
+    assert set(report["parameters"]) == {"k", "left", "right"} and report["curve"] == "linear"
+    assert model.value("k") == pytest.approx(0.1015, rel=0.005)
+    assert model.value("thrust_asymmetry.a") == pytest.approx(0.0148, abs=0.004)
+    low, high = report["parameters"]["left"]["ci95"]
+    assert low < 1.0148 < high and high - low < 0.05
+    assert report["scatter"] == pytest.approx(5e-4, rel=0.4)
+    assert report["residual"] == pytest.approx(5e-4, rel=0.4)
+
+
+def test_a_curve_in_grams_over_pwm_of_both_thrusters_together(tmp_path):
+    path = table(
+        tmp_path / "bench.csv",
+        lambda side, w: 2 * 20 * w**1.7,
+        columns=("both",),
+        noise=0.2,
+        off=1000,
+        full=2000,
+    )
+    report, model = fitted(tmp_path, path, "--inputs", 1000, 2000, "--unit", "g")
+    assert set(report["parameters"]) == {"k", "p"}  # the thrusters cannot be distinguished
+    assert model.value("k") == pytest.approx(20 * 9.80665e-3, rel=0.01)
+    assert model.value("thrust_curve.p") == pytest.approx(1.7, abs=0.05)
+
+
+def test_equal_linear_thrusters_get_no_effects(tmp_path):
+    chosen = []
+    for seed in range(40):
+        path = table(tmp_path / ("%d.csv" % seed), lambda side, w: 0.1 * w, seed=seed)
+        found = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR)
+        chosen += [found.curve.kind] if found.curve.kind != "linear" else []
+        chosen += ["gains"] if (found.gains != 1).any() else []
+    assert len(chosen) <= 4  # the mean is 1% of 80
+
+
+def test_extrapolation_beyond_the_bench_is_reported(tmp_path):
+    path = tmp_path / "bench.csv"
+    # A spreadsheet writes a byte order mark at the beginning and an empty row at the end.
+    path.write_text("\ufeffinput,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n,\n", encoding="utf-8")
+    result = identify("bench", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
+    assert result.returncode == 0, result.stderr
+    assert "extrapolation" in result.stdout and "the bench gives 1.6" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "line 1 must name the columns"),
+        ("u,1\n0,0\n", "line 1 must name the columns"),
+        ("input,front\n0,0\n", "line 1 must name the columns"),
+        ("input,left\n0,0\n0.5,x\n", "line 3: must be 2 numbers"),
+        ("input,left\n0,0\n1500,0.1\n", "line 3: input 1500 is not between 0 and 1"),
+        ("input,left\n0,0\n1,0.1\n", "a fit needs forces at two inputs above zero"),
+        ("input,left\n0.5,0\n1,0\n", "no force is positive"),
+        ("input,left\n0.5,-0.04\n1,-0.1\n", "no force is positive"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
+    path = tmp_path / "bench.csv"
+    path.write_text(text)
+    result = identify("bench", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
+    assert result.returncode == 1
+    assert message in result.stderr and "Traceback" not in result.stderr
+    assert not (tmp_path / "thrust.yaml").exists()
+
+
+def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
+    single = [(0, 0), (0.2, 0), (0, 0), (0.7, 0), (0, 0), (0, 0.2), (0, 0), (0, 0.7)]
+    assert thrust_bench.draft(single) == "input,left,right\n0.2,,\n0.7,,\n"
+    assert thrust_bench.draft([(0.5, 0.5), (0, 0), (1, 1)]) == "input,both\n0.5,\n1,\n"
+    twice = thrust_bench.draft(2 * single[:4])
+    assert twice == "input,left_1,left_2\n0.2,,\n0.7,,\n"
+    path = tmp_path / "bench.csv"
+    path.write_text(twice.replace("0.2,,", "0.2,0.02,0.02").replace("0.7,,", "0.7,0.07,0.07"))
+    assert thrust_bench.fit(thrust_bench.read(path, PAIR), PAIR).values["k"] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "levels, message",
+    [
+        ([(0.2, 0), (0.7, 0), (0, 0.2)], "not held at the same levels"),  # cut short
+        ([(0.2, 0), (0.7, 0), (0.2, 0)], "equally often"),
+        ([(0.2, 0.7)], "left 0.2 and right 0.7 at once"),
+        ([(0, 0)], "not held"),
+    ],
+)
+def test_levels_that_fit_no_table_are_refused(levels, message):
+    with pytest.raises(GroundError, match=message):
+        thrust_bench.draft(levels)
+
+
+def test_a_level_is_announced_once_it_is_held():
+    from ground.nodes.bench_levels import Levels
+
+    levels, announced = Levels(), []
+    for i in range(300):  # at 50 Hz: zero, a level, a short one, zero, the level again
+        time = 10 + i / 50
+        left = 0.5 if 1 <= i / 50 < 3 or i / 50 >= 5 else 1.0 if 3 <= i / 50 < 3.3 else 0.0
+        level = levels.command(time, left, 0.0)
+        if level:
+            announced.append((round(time, 2), level.text(levels.start)))
+    assert announced == [
+        (10.5, "left 0, right 0 since 0.0 s of the run; read the scale's zero"),
+        (11.5, "left 0.5, right 0 since 1.0 s of the run; read the scale"),
+        (13.8, "left 0, right 0 since 3.3 s of the run; read the scale's zero"),
+        (15.5, "left 0.5, right 0 since 5.0 s of the run; read the scale"),
+    ]
+    assert [level.left for level in levels.held] == [0, 0.5, 0, 0.5]
+
+
+@pytest.mark.parametrize("repeat", [1, 3])
+@pytest.mark.parametrize(
+    "kind, force",
+    [
+        ("linear", lambda w: 0.1 * w),
+        ("power", lambda w: 0.1 * w**1.8),
+        ("polynomial", lambda w: 0.1 * np.maximum(0, w - 0.12) * (0.5 + 0.6 * w)),
+        ("table", lambda w: 0.1 * np.interp(w, [0, 0.2, 0.4, 1], [0, 0.45, 0.5, 1])),
+    ],
+)
+def test_the_curve_is_the_simplest_that_fits(tmp_path, monkeypatch, kind, force, repeat):
+    monkeypatch.setattr("test_bench.LEVELS", np.linspace(0, 1, 41))
+    found = []
+    for seed in range(10):
+        path = table(
+            tmp_path / "bench.csv", lambda side, w: force(w), ["left"], repeat=repeat, seed=seed
+        )
+        fit = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR)
+        found.append(fit.curve.kind)
+        w = np.linspace(0.02, 1, 50)
+        assert np.abs(fit.curve.force(w) - force(w)).max() < 0.004
+        low, high = fit.intervals["k"]
+        assert high - low < 0.01
+    assert found.count(kind) >= 9
+
+
+def test_a_repetition_that_is_off_widens_the_interval(tmp_path):
+    """An error that a whole repetition shares is not independent from level to level."""
+    drift = {"left_1": 1.0, "left_2": 1.05, "left_3": 0.95}
+    rows = ["%g,%s" % (w, ",".join("%g" % (0.1 * w * d) for d in drift.values())) for w in LEVELS]
+    path = tmp_path / "bench.csv"
+    path.write_text("\n".join(["input," + ",".join(drift)] + rows) + "\n")
+    low, high = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR).intervals["k"]
+    # of a mean of three with a standard deviation of 5%
+    assert high - low == pytest.approx(2 * 4.3 * 0.1 * 0.05 / 3**0.5, rel=0.02)
+
+
+def test_thrusters_of_a_list_get_gains_and_a_table(tmp_path):
+    gains = dict(zip(FOUR, (1.2, 1.0, 0.8, 1.0)))
+    path = tmp_path / "bench.csv"
+    random = np.random.default_rng(3)
+    lines = ["input," + ",".join("%s_%d" % (n, i) for n in FOUR for i in (1, 2, 3))]
+    for pwm in range(1100, 1301, 10):
+        w = (pwm - 1000) / 1000
+        force = 0.37 * max(0, w - 0.09) + 0.3 * max(0, w - 0.09) ** 2
+        values = [gains[n] * force + 5e-4 * random.normal() for n in FOUR for _ in range(3)]
+        lines.append(",".join(["%d" % pwm] + ["%.6f" % v for v in values]))
+    path.write_text("\n".join(lines) + "\n")
+    out = tmp_path / "bench.yaml"
+    craft = ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"
+    result = identify("bench", path, "--model", craft, "--inputs", 1000, 2000, "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["curve"] == "polynomial" and report["largest_input"] == pytest.approx(0.3)
+    model = _core.load_model(str(out))
+    for thruster in model.thrusters:
+        assert thruster["gain"] == pytest.approx(gains[thruster["name"]], abs=0.02)
+        assert thruster["range"] == (0.0, pytest.approx(0.3))
+    forces = model.forces(np.array([[0.2, 0, 0, 0], [0, 0, 0.3, 0], [0.05, 0, 0, 0]]))[:, 0]
+    true = 0.37 * np.array([0.11, 0.21]) + 0.3 * np.array([0.11, 0.21]) ** 2
+    assert model.value("k") * forces[:2] == pytest.approx([1.2 * true[0], -0.8 * true[1]], rel=0.03)
+    assert forces[2] == 0
+
+
+def test_a_pair_with_a_dead_band_lists_its_thrusters(tmp_path):
+    path = table(tmp_path / "bench.csv", lambda side, w: 0.1 * max(0, w - 0.2) / 0.8, repeat=3)
+    report, model = fitted(tmp_path, path)
+    assert report["curve"] == "polynomial" and not model.is_pair
+    assert [one["name"] for one in model.thrusters] == PAIR
+    assert model.value("l") == pytest.approx(_core.load_model(str(MODEL)).value("l"))
+    wrench = model.value("k") * model.forces(np.array([[0.6, 0.6], [0.1, 0.1], [1.0, 0.0]]))
+    assert wrench[:, 0] == pytest.approx([0.1, 0, 0.1], abs=0.003)
+    assert wrench[2, 2] == pytest.approx(0.1, abs=0.003)  # over l
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        (["--thrusters", "front"], "no thruster is called front"),
+        (["--thrusters", "3"], "no thruster is called 3"),
+        (["--curve", "table"], "a table needs forces at more inputs"),
+        (["--model", ROOT / "cfg" / "hovercraft" / "mvwt.yaml", "--curve", "polynomial"], "inputs up to 4.5"),
+    ],
+)
+def test_a_bad_option_is_refused(tmp_path, options, message):
+    path = tmp_path / "bench.csv"
+    rows = [(0.25, 0.01), (0.5, 0.03), (0.75, 0.06), (1, 0.1)]
+    rows = rows[::3] if "table" in options else rows
+    path.write_text("input,left\n" + "".join("%g,%g\n" % row for row in rows))
+    model = [] if "--model" in options else ["--model", MODEL]
+    refused = identify("bench", path, *model, *options, "-o", tmp_path / "thrust.yaml")
+    assert refused.returncode == 1
+    assert message in refused.stderr and "Traceback" not in refused.stderr
+    assert not (tmp_path / "thrust.yaml").exists()
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """The bench of the second craft, and its runs."""
+    if not REAL_BENCH.is_file():
+        pytest.skip("the real measurements of December 2019 are not beside the workspace")
+    out = tmp_path_factory.mktemp("bench") / "bench.yaml"
+    result = identify(
+        *("bench", REAL_BENCH, "--inputs", 1000, 2000, "--unit", "g", "--thrusters", 2),
+        *("--model", ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml", "-o", out, "--json"),
+        *("--runs", REAL_BENCH.parent, "--mapping", ROOT / "cfg" / "mapping" / "four_thrusters.yaml"),
+    )
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout), _core.load_model(str(out))
+
+
+def test_the_real_bench_rejects_a_power(real):
+    report, model = real
+    assert report["curve"] == "polynomial"
+    assert {"power", "proportional force"} <= {one["curve"] for one in report["rejected"]}
+    assert report["residual"] < 1.1 * report["scatter"]
+    measured = np.array([[1100, 1.47], [1200, 8.2], [1300, 16.63]])  # PWM, mean of three [g]
+    inputs = np.zeros((3, 4))
+    inputs[:, 0] = (measured[:, 0] - 1000) / 1000
+    force = model.value("k") * model.forces(inputs)[:, 0]
+    assert 2 * force / 9.80665e-3 == pytest.approx(measured[:, 1], abs=0.4)
+
+
+def test_motion_tells_less_thrust_than_the_real_bench(real):
+    report, _ = real
+    low, high = report["motion"]["parameters"]["k"]["ci95"]
+    assert 0.03 < low < high < report["parameters"]["k"]["ci95"][0]
