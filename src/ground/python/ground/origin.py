@@ -7,7 +7,7 @@ import platform
 import shlex
 import sys
 from importlib import metadata
-from typing import Dict
+from typing import Dict, List
 
 
 def command() -> str:
@@ -33,9 +33,20 @@ def versions() -> Dict[str, str]:
 
 
 def fingerprint(path: str) -> str:
-    """The first half of a file's SHA-256, which identifies its contents."""
+    """The first half of the SHA-256 of a file, or of the files in a folder and their names, which
+    identifies the contents."""
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        for part in iter(lambda: file.read(1 << 20), b""):
-            digest.update(part)
+    for one in _files(path):
+        if one != path:
+            digest.update(os.path.relpath(one, path).encode() + b"\0")
+        with open(one, "rb") as file:
+            for part in iter(lambda: file.read(1 << 20), b""):
+                digest.update(part)
     return digest.hexdigest()[:32]
+
+
+def _files(path: str) -> List[str]:
+    """The file itself, or all files in a folder, in order of their names."""
+    if not os.path.isdir(path):
+        return [path]
+    return sorted(os.path.join(folder, name) for folder, _, names in os.walk(path) for name in names)

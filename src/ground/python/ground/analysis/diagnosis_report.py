@@ -20,6 +20,7 @@ from ground.analysis.conclusion import Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
+from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # Refits for the report alone are bounded, so that its cost grows linearly with the data.
@@ -248,17 +249,25 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
         return {"fraction": 0.0, "where": [], "proposal": proposal}
     where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
     if proposal is not None:
-        candidate = candidates.from_entry(effect_entry(proposal), "the proposal", diagnosis.best.model)
-        extended = candidate.add(diagnosis.best.model)
-        fit = diagnosis.study.refit([extended], study.free_parameters(extended))
-        proposal["error"] = _errors(fit)
-        if fit.heldout.sum() >= diagnosis.best.heldout.sum():
-            proposal = None
+        proposal = _tested(diagnosis, proposal)
     return {
         "fraction": max(0.0, 1 - (conclusion.noise_floor / error) ** 2),
         "where": where,
         "proposal": proposal,
     }
+
+
+def _tested(diagnosis: Diagnosis, proposal: Document) -> Optional[Document]:
+    """The proposal with its errors; None if it does not lower the error on held-out runs, or if runs
+    cannot be simulated with it."""
+    candidate = candidates.from_entry(effect_entry(proposal), "the proposal", diagnosis.best.model)
+    extended = candidate.add(diagnosis.best.model)
+    try:
+        fit = diagnosis.study.refit([extended], study.free_parameters(extended))
+    except GroundError:
+        return None  # the simulation diverges
+    proposal["error"] = _errors(fit)
+    return proposal if fit.heldout.sum() < diagnosis.best.heldout.sum() else None
 
 
 def effect_entry(proposal: Document) -> Document:

@@ -88,11 +88,16 @@ class Folds:
             study.channel_errors(self.runs, self.cut, fit.model),
             np.average(heldout, axis=0, weights=self._samples()),
             heldout.sum(axis=1),
-            tuple(
-                np.concatenate(self.tested[fold].blocks(other))
-                for fold, other in enumerate(refitted)
-            ),
+            tuple(self.each(self._likelihood, range(self.count), refitted)),
         )
+
+    def _likelihood(self, fold: int, fit: Fit) -> Array:
+        """Log-likelihood of a fold's blocks by a Fit to the others. Noise and disturbance are those of
+        the fold itself: what is judged is the motion, and a model that leaves less to the disturbance
+        would else be too sure of runs that differ from those it was fitted to."""
+        tested = self.tested[fold]
+        own = tested.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+        return np.concatenate(tested.blocks(own, own.loudness))
 
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
         """Mean |e|/s (3,) over windows, each by a model that was chosen and fitted without it.

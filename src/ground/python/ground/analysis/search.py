@@ -290,12 +290,18 @@ class Search:
 
     def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
         """Fitted sets, each without one of the effects."""
-        start = self.fits[current]
+        start, nominal = self.fits[current], self.fits[frozenset()]
 
         def refit(name: str) -> Fit:
             model = start.model.copy()
             model.remove_effect(name)
-            return self.likelihood.fit(model, self.free_of(model), start)
+            try:
+                return self.likelihood.fit(model, self.free_of(model), start)
+            except GroundError:  # the others are unstable without it
+                neutral = nominal.model
+                for other in sorted(current - {name}):
+                    neutral = self.candidates[other].neutral(neutral)
+                return self.likelihood.fit(neutral, self.free_of(neutral), nominal)
 
         wanted = [name for name in names if current - {name} not in self.fits]
         for name, fit in zip(wanted, self.each(refit, wanted)):
