@@ -6,7 +6,7 @@ import sys
 from types import ModuleType
 from typing import Iterator, Optional, Sequence
 
-from ground import errors, files, verbs
+from ground import errors, files, terminal, verbs
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -28,7 +28,8 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
     def work() -> int:
         with files.protect(_inputs(arguments)), errors.warnings_as_lines():
             try:
-                result = arguments.run(arguments)
+                with terminal.shown(name, arguments.progress) as arguments.work:
+                    result = arguments.run(arguments)
             except errors.OptionError as error:
                 arguments.refuse(error.as_options)
         if arguments.json:
@@ -68,5 +69,11 @@ def _parser() -> argparse.ArgumentParser:
 def _configure(parser: argparse.ArgumentParser, verb: ModuleType) -> None:
     parser.set_defaults(run=verb.run, refuse=parser.error)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument(
+        "--progress",
+        choices=terminal.HOWS,
+        help="how work of over %g s is shown on standard error (bar on a terminal, else lines)"
+        % terminal.QUIET,
+    )
     errors.add_debug(parser)
     verb.configure(parser)

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     counts = csv_exports.write_bag(
-        arguments.controls, arguments.pose, arguments.output, arguments.force
+        arguments.controls, arguments.pose, arguments.output, arguments.force, arguments.work
     )
     common.say(
         arguments,
