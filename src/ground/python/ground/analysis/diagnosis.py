@@ -22,9 +22,10 @@ from ground.analysis import (
     varying,
 )
 from ground.analysis.candidates import Candidate
+from ground.analysis.criteria import Criteria
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import Criteria, Search
+from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
 from ground.core_types import Estimate

@@ -8,9 +8,6 @@ from ground.annotations import Document
 from ground.api import adding
 from ground.verbs import common
 
-NAME = "add"
-SUMMARY = "adds an effect to a model, refits it, and shows the error before and after"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""

@@ -38,8 +38,6 @@ from ground.api.recordings import Part
 from ground.reports import comparison_files, words
 from ground.verbs import common
 
-NAME = "compare"
-SUMMARY = "models against recordings: errors, where they come from, and pictures"
 DRAWING = "drawing pictures"  # stage
 
 

@@ -3,13 +3,10 @@
 import argparse
 import os
 
-from ground.analysis import candidates, search
+from ground.analysis import candidates, criteria
 from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
-
-NAME = "diagnose"
-SUMMARY = "which physical effect is missing in a model, with evidence, and the model with it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=common.count,
         metavar="N",
         help="number of effects to refit in each step, the most promising by a score test (%d)"
-        % search.Criteria.refitted,
+        % criteria.Criteria.refitted,
     )
     parser.add_argument(
         "--thorough",

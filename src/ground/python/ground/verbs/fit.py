@@ -13,8 +13,6 @@ from ground.api import fitting
 from ground.recordings import windows
 from ground.verbs import common
 
-NAME = "fit"
-SUMMARY = "fits a model's parameters to recordings by simulation error"
 FREE = list(study.NOMINAL)
 
 

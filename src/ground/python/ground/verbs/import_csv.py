@@ -7,9 +7,6 @@ from ground.annotations import Document
 from ground.recordings import csv_exports
 from ground.verbs import common
 
-NAME = "import"
-SUMMARY = "converts CSV written by rostopic echo -p to a bag that the other verbs read"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""

@@ -11,9 +11,6 @@ from ground.errors import GroundError
 from ground.recordings import findings, layouts, mapping, quality, readers
 from ground.verbs import common
 
-NAME = "info"
-SUMMARY = "contents and oddities of recordings, and their usable parts"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""

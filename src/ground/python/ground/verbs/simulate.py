@@ -18,9 +18,7 @@ from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
 from ground.verbs import common, listing
 
-NAME = "simulate"
 SIMULATING = "simulating"  # stage
-SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
 
 DETAILS = (
     "\ninputs:\n"

@@ -13,8 +13,6 @@ from ground.api.models import Model, with_provenance
 from ground.errors import GroundError
 from ground.verbs import common
 
-NAME = "thrust"
-SUMMARY = "fits thrust, its curve and asymmetry to forces measured on a bench (thesis 3.2)"
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}
 MEANS = {

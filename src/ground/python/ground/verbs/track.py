@@ -13,10 +13,6 @@ from ground.simulation import tracking
 from ground.simulation.tracking import PLACES
 from ground.verbs import common, listing
 
-NAME = "track"
-SUMMARY = (
-    "drives a simulated craft along a reference, without ROS running and faster than real time"
-)
 
 DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without

@@ -11,9 +11,7 @@ from ground.recordings.recording import Recording
 from ground.verbs import common
 from ground.verbs.track import effort_lines, metres
 
-NAME = "tracking"
 FOLLOWING = "comparing paths with references"  # stage; unit: a recording
-SUMMARY = "how recorded crafts followed their reference: path, error, saturation, computing time"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -11,8 +11,6 @@ from ground.simulation import gains, tracking, tuning
 from ground.verbs import common, listing
 from ground.verbs.track import metres
 
-NAME = "tune"
-SUMMARY = "searches for the gains of a controller in closed loop, on all cores"
 
 DETAILS = """
 Every candidate follows the references from several starts: with the model as it is, with mocap noise
