@@ -32,3 +32,6 @@ class Criteria:
     # Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio
     # would have a probability of at most 0.4% (its root is the least number of standard deviations).
     exclusion: float = 7.0
+
+
+USUAL = Criteria()

@@ -25,7 +25,7 @@ from scipy import stats
 
 from ground import _core
 from ground.analysis import candidates as effects
-from ground.analysis.criteria import Criteria
+from ground.analysis.criteria import USUAL, Criteria
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.stages import Plan
@@ -47,7 +47,7 @@ class Search:
         model: _core.Model,
         free_of: Callable[[_core.Model], Sequence[str]],
         candidates: Sequence[effects.Candidate],
-        criteria: Criteria = Criteria(),
+        criteria: Criteria = USUAL,
         each: Each = map,
         plan: Optional[Plan] = None,
         kept: Optional[Unfinished] = None,
