@@ -87,13 +87,12 @@ def verbs():
     core()
     from ground import cli
     from ground import verbs as identify
-    from ground.verbs import track, tune
 
     for verb in identify.ALL:
-        yield from ["## identify %s" % verb.NAME, ""]
-        yield from code(in_process(lambda argv, verb=verb: cli.main([verb.NAME] + argv)))
-    for verb in (track, tune):
-        yield from ["## %s" % verb.NAME, ""]
+        yield from ["## identify %s" % verb.name, ""]
+        yield from code(in_process(lambda argv, verb=verb: cli.main([verb.name] + argv)))
+    for verb in (identify.TRACK, identify.TUNE):
+        yield from ["## %s" % verb.name, ""]
         yield from code(in_process(lambda argv, verb=verb: cli.program(verb, argv)))
     for name in PROGRAMS:
         yield from ["## %s" % name, "", *code(help_of(name))]

@@ -21,7 +21,7 @@ with atheris.instrument_imports(include=["ground"]):
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
 OPTIONS = [
-    "--json", "--axes", "--from", "--to", "--all", "--progress", "--holdout", "--only", "--exclude",
+    "--json", "--axes", "--from", "--to", "--all", "--progress", "off", "--holdout", "--only", "--exclude",
     "--effects", "--budget", "--force", "motor_lag", "1", "0.5", "-3", "1e400", "nan", "x, y, z",
 ]  # fmt: skip
 

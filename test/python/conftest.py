@@ -39,10 +39,9 @@ def schema(name):
 def program(name, *arguments):
     """Runs a program of the package with a user's arguments in this process, because a new process takes
     a second to load its libraries. Returns a CompletedProcess."""
-    from ground import cli
-    from ground.verbs import track, tune
+    from ground import cli, verbs
 
-    verb = {"track": track, "tune": tune}.get(name)
+    verb = {"track": verbs.TRACK, "tune": verbs.TUNE}.get(name)
     argv = [str(a) for a in arguments]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

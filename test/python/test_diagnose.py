@@ -324,7 +324,7 @@ def test_an_interrupted_diagnosis_resumes(tmp_path, lagging, whole):
     # A result that cannot be read is computed again.
     next(out.glob(".unfinished/*")).write_bytes(b"half a resu")
 
-    again = diagnose(*options, "-o", out, "--progress")
+    again = diagnose(*options, "-o", out, "--progress", "json")
     assert again.returncode == 0, again.stderr
     taken = re.search(r"(\d+) results of an interrupted diagnosis taken over", again.stderr)
     assert taken and 1 <= int(taken.group(1))

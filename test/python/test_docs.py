@@ -79,13 +79,12 @@ class Parsed(BaseException):
 
 def run_as(program, words):
     """Runs the main function of a program with a user's words."""
-    from ground import cli
-    from ground.verbs import track, tune
+    from ground import cli, verbs
 
     if program == "identify":
         cli.main(words)
     elif program in ("track", "tune"):
-        cli.program({"track": track, "tune": tune}[program], words)
+        cli.program({"track": verbs.TRACK, "tune": verbs.TUNE}[program], words)
     else:
         with mock.patch("sys.argv", [program] + words):
             runpy.run_path(str(SCRIPTS / program), run_name="__main__")

@@ -85,16 +85,25 @@ class IdentificationTest(unittest.TestCase):
         texts = lambda: [m.message for _, m in self.status.all[before:]]  # noqa: E731
         harness.wait_for(
             lambda: self.status.message.state == S.RUNNING
-            and any("refitting" in text for text in texts()),
-            30,
+            and any("searching for missing effects, " in text for text in texts()),
+            60,
             lambda: "progress; %s %s" % (texts(), answers),
         )
+        self.assert_forecast([m for _, m in self.status.all[before:]])
         self.assertIn("busy", self.fit(last=10.0).message)
         self.assertTrue(service(NODE + "cancel", Trigger)().success)
         thread.join(20)
         self.assertEqual([a.success for a in answers], [False])
         self.assertEqual(answers[0].message, "cancelled")
         self.assert_first_model()
+
+    def assert_forecast(self, messages):
+        """What is done, of how much, and the time left."""
+        running = [m for m in messages if m.state == S.RUNNING and m.what]
+        self.assertTrue(all(m.done <= m.of and 0 <= m.share <= 1 for m in running))
+        self.assertEqual(running[0].left, -1)
+        harness.wait_for(lambda: self.status.message.left > 0, 20, "a time left")
+        self.assertRegex(self.status.message.message, r"\d+% done, (about|at most) .* left|^with ")
 
     def find_the_slope(self):
         """Diagnoses the last 10 s, which must find the floor's slope; returns the answer."""

@@ -1,7 +1,7 @@
 """Types for annotations: arrays, documents and callbacks."""
 
 import os
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Optional, Protocol, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Protocol, TypeVar, Union
 
 import numpy as np
 
@@ -21,7 +21,6 @@ Document = Dict[str, Any]  # JSON values
 Message = Any  # a message of ROS, whose classes have no types
 Time = Any  # genpy.Time
 Say = Callable[[str], None]  # called with a sentence on what is being done
-Progress = Optional[Say]
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

@@ -20,10 +20,9 @@ def track() -> int:
     """Exit status of track."""
 
     def work() -> int:
-        from ground import cli
-        from ground.verbs import track as verb
+        from ground import cli, verbs
 
-        return cli.program(verb)
+        return cli.program(verbs.TRACK)
 
     return guarded("track", work)
 
@@ -32,9 +31,8 @@ def tune() -> int:
     """Exit status of tune."""
 
     def work() -> int:
-        from ground import cli
-        from ground.verbs import tune as verb
+        from ground import cli, verbs
 
-        return cli.program(verb)
+        return cli.program(verbs.TUNE)
 
     return guarded("tune", work)

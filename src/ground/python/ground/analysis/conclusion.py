@@ -7,7 +7,7 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import bands, budget, memory, remains, repeats, study, varying
+from ground.analysis import bands, budget, memory, remains, repeats, stages, study, varying
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.search import Search
@@ -68,7 +68,11 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclus
     out and listed as dropped. Without them, each run (each quarter of a single run) is tested by a
     fit to the others.
     """
-    found.say("testing what the model leaves")
+    with found.work.stage(stages.LEAVING):
+        return _conclude(found, heldout)
+
+
+def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData]) -> Conclusion:
     fullest = _with_slight(found)
     history = remains.of_history(found.likelihood, fullest)
     state = remains.of_state(found.likelihood, fullest)

@@ -9,24 +9,27 @@ enough to matter. The last step tests what the grown model leaves (ground.analys
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.analysis import (
     held_out,
     look_alikes,
     memory,
+    stages,
     study,
     trials,
     varying,
 )
 from ground.analysis.candidates import Candidate
+from ground.analysis.criteria import Criteria
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import Criteria, Search
+from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
 from ground.core_types import Estimate
+from ground.progress import Work
 
 # An effect matters if it reaches one of these sizes; more data make it more certain, not larger.
 # Change of the motion, relative to the error that pose noise alone leaves.
@@ -53,7 +56,7 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
-    cores; progress: called with a sentence at each step; kept: Unfinished results of the same call;
+    cores; work: told of what is done; kept: Unfinished results of the same call;
     most: largest number of windows over which the error is taken.
     """
 
@@ -64,7 +67,7 @@ class Diagnosis:
         candidates: List[Candidate],
         budget: Optional[int] = None,
         threads: int = 0,
-        progress: Optional[Callable[[str], None]] = None,
+        work: Optional[Work] = None,
         kept: Optional[Unfinished] = None,
         most: float = study.MAX_WINDOWS,
     ) -> None:
@@ -72,7 +75,8 @@ class Diagnosis:
         self.given = model
         self.candidates = candidates
         self.budget = budget
-        self.say = progress or (lambda text: None)
+        self.work = work or Work()
+        self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
         self.kept = kept or Unfinished()
         threads = threads or os.cpu_count() or 1
         self.pool = ThreadPoolExecutor(threads)
@@ -89,10 +93,11 @@ class Diagnosis:
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
         self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
         self.memory: Optional[memory.Memory] = None  # added to the grown model
-        self.say("fitting %s as it is" % model.name)
-        self.varied = Likelihood(runs, model)  # everything that may differ between runs does
-        fit = self.varied.fit(model, study.free_parameters(model))
-        self._begin(varying.differences(self.varied, fit), fit)
+        self.plan.begin()
+        with self.work.stage(stages.FITTING):
+            self.varied = Likelihood(runs, model)  # everything that may differ between runs does
+            fit = self.varied.fit(model, study.free_parameters(model))
+            self._begin(varying.differences(self.varied, fit), fit)
 
     def _begin(self, differences: Sequence[varying.Difference], near: Fit) -> None:
         """Starts a search in which the differences between runs are random effects."""
@@ -107,7 +112,7 @@ class Diagnosis:
             self.candidates,
             Criteria() if self.budget is None else Criteria(refitted=self.budget),
             self.pool.map,
-            self.say,
+            self.plan,
             self.kept,
             lambda better, current: self._refuted(better, current) is None,
         )
@@ -145,17 +150,23 @@ class Diagnosis:
 
     def grow(self) -> None:
         """Adds the effects that earn their place."""
-        found = self._likeliest_set()
+        with self.work.stage(stages.SEARCHING):
+            found = self._likeliest_set()
+        self.plan.found(len(found))
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
                 why = self._refuted(better, found)
                 if why:
                     self._drop(better, name, why)
-        found = self._without_refuted(found)
-        found = self._with_memory(found)
-        self._order(found)
-        self._mark_equals()
+        with self.work.stage(stages.TESTING):
+            found = self._without_refuted(found)
+        with self.work.stage(stages.REMEMBERING):
+            found = self._with_memory(found)
+        with self.work.stage(stages.ORDERING, len(found)):
+            self._order(found)
+        with self.work.stage(stages.RIVALS, len(found)):
+            self._mark_equals()
 
     def _likeliest_set(self) -> FrozenSet[str]:
         """The likeliest set of effects. Differences between runs are tested again with it: a
@@ -172,7 +183,7 @@ class Diagnosis:
                 self.differences = differences
                 return found
             names = [d.kind.parameter for d in differences]
-            self.say("differs between runs: %s" % (", ".join(names) or "nothing"))
+            self.work.note("differs between runs: %s" % (", ".join(names) or "nothing"))
             self._begin(differences, self.search.nominal())
             found = self.search.run(near=fit)
         return found
@@ -185,9 +196,10 @@ class Diagnosis:
             names = sorted(found)
             self.judge(found)
             self.search.without_each(found, names)
-            objections = self.waiting.map(
-                lambda name, found=found: self._objection(found, name), names
+            objections = list(
+                self.waiting.map(lambda name, found=found: self._objection(found, name), names)
             )
+            self.plan.tested(len(names), sum(why is not None for why in objections))
             refused = [(name, why) for name, why in zip(names, objections) if why]
             if not refused:
                 return found
@@ -200,6 +212,7 @@ class Diagnosis:
         """Reason to leave an effect out of a set; None without one."""
         rest = self.search.without(found, name)
         why = self._refuted(found, rest)
+        self.work.step()
         return why if why or self._matters(found, rest) else "slight"
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
@@ -242,11 +255,10 @@ class Diagnosis:
             self.dropped = [d for d in self.dropped if d.trial.name != name]
             self.dropped.append(Dropped(trial, why))
         reason = "it is too small to matter" if why == "slight" else why
-        self.say("%s is left out: %s" % (name, reason))
+        self.work.note("%s is left out: %s" % (name, reason))
 
     def _with_memory(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """Searches for memory; the set without effects that only imitated it."""
-        self.say("testing whether the motion depends on the past")
         fit = self.search.fits[found]
         remembered = memory.find(self.likelihood, fit)
         if remembered is None:
@@ -269,7 +281,7 @@ class Diagnosis:
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
         if share < MIN_SHARE_RAISED or not self._larger(remembered.fit, self.search.fits[rest]):
             return found
-        self.say("%s: %s" % (remembered.kind.name, remembered.means))
+        self.work.note("%s: %s" % (remembered.kind.name, remembered.means))
         self.memory, self.dropped = remembered, self.dropped + stand_ins
         return rest
 
@@ -288,13 +300,17 @@ class Diagnosis:
             self.chosen.append(self.search.candidates[name])
             judged = self.judge(self.names)
             self.steps.append(Step(name, judged, (name,)))
-            self.say("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
+            self.work.step()
+            self.work.note("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
 
     def _mark_equals(self) -> None:
         """Groups each chosen effect with those that the data cannot distinguish from it."""
-        rivals = self.waiting.map(
-            lambda step: self.search.rivals(self.names, step.added), self.steps
-        )
+        def rivals_of(step: Step) -> List[str]:
+            found = self.search.rivals(self.names, step.added)
+            self.work.step()
+            return found
+
+        rivals = self.waiting.map(rivals_of, self.steps)
         self.steps = [
             replace(step, group=(step.added, *names)) for step, names in zip(self.steps, rivals)
         ]

@@ -13,6 +13,7 @@ from ground.analysis import (
     look_alikes,
     next_experiment,
     remains,
+    stages,
     study,
     unexplained,
 )
@@ -44,7 +45,15 @@ def of(
     """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
-    alike = diagnosis.unseen()
+    work = diagnosis.work
+    with work.stage(stages.REPEATING):
+        nested = conclusion.nested
+    with work.stage(stages.ERRORS):
+        alike = diagnosis.unseen()
+        budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
+        repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
+    proposed = _next_experiment(diagnosis, alike, thorough, room)
+    diagnosis.plan.planned()
     report = {
         "schema": SCHEMA,
         "model": model_name,
@@ -58,10 +67,10 @@ def of(
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(best, conclusion.nested),
+            "error": _errors(best, nested),
         },
         "noise_floor": conclusion.heldout_floor,
-        "candidates": _candidates(diagnosis, alike, thorough),
+        "candidates": described,
         "steps": [
             {"added": step.added, "error": _errors(step.fit, error), "group": list(step.group)}
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
@@ -72,10 +81,10 @@ def of(
         "memory": _memory(conclusion),
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
-        "budget": _budget(conclusion.budget),
-        "repeats": conclusion.repeats and dataclasses.asdict(conclusion.repeats),
-        "bands": bands.coverage(conclusion.bands),
-        "next_experiment": _next_experiment(diagnosis, alike, thorough, room),
+        "budget": _budget(budget_of_error),
+        "repeats": repeated and dataclasses.asdict(repeated),
+        "bands": banded,
+        "next_experiment": proposed,
         "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
     }
     if conclusion.verdict in ("unexplained", "memory"):
@@ -220,13 +229,13 @@ def _next_experiment(
             names = (diagnosis.names - {step.added}) | {name}
             rivals.append(next_experiment.Rival(name, diagnosis.search.fits[names]))
         if len(rivals) > 1:
-            return next_experiment.propose(rivals, runs, each, room)
+            return next_experiment.propose(rivals, runs, each, room, diagnosis.work)
     for other in alike:
         rivals = [
             next_experiment.Rival(other.name, other.fit),
             next_experiment.Rival("", diagnosis.fit),
         ]
-        proposed = next_experiment.propose(rivals, runs, each, room)
+        proposed = next_experiment.propose(rivals, runs, each, room, diagnosis.work)
         if proposed:
             proposed["separates"] = [other.name, *other.moved]
             return proposed

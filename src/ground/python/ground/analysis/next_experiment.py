@@ -12,6 +12,7 @@ from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Document, Each
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.simulation import experiments
 
 DURATION = 8.0  # duration of the thrust [s]
@@ -24,6 +25,9 @@ RATE = 120.0  # rate of the mocap [Hz]
 MAX_REFITTED, BATCH = 12, 4  # experiments that are refitted in all, and in parallel
 MIN_DISAGREEMENT = 1.0  # standard deviations between rivals that an experiment needs to be proposed
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
+
+CHOOSING = "choosing the next experiment"  # stage; unit: an experiment
+REFITTING = "refitting to the best experiments"  # stage; unit: an experiment
 
 Options = Tuple[Tuple[str, Any], ...]  # (name, value) of _core.DesignParams
 
@@ -88,6 +92,7 @@ def propose(
     runs: List[_core.RunData],
     each: Each = map,
     room: Optional[_core.RoomPlan] = None,
+    work: Optional[Work] = None,
 ) -> Optional[Document]:
     """The experiment in which Rivals that explain the same runs would diverge most.
 
@@ -97,7 +102,7 @@ def propose(
     refitted to the old runs and the new one together. Rivals are sqrt(2 (L1 - L0)) standard
     deviations apart, with L the log-likelihood of the poses under a rival's own disturbance
     (ground.analysis.likelihood); the pair that is hardest to distinguish counts. each: maps over
-    experiments, in parallel if it can.
+    experiments, in parallel if it can; work: told of each.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
     `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the
@@ -107,10 +112,17 @@ def propose(
     """
     if not rivals[0].fit.model.is_pair:
         return None  # designs are for a left and a right thruster
-    place = room or _core.RoomPlan()
+    place, told = room or _core.RoomPlan(), work or Work()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())
-    before = list(each(lambda e: _disagreement(rivals, e.schedule(), runs), choice))
+
+    def played(experiment: Experiment) -> Optional[float]:
+        found = _disagreement(rivals, experiment.schedule(), runs)
+        told.step()
+        return found
+
+    with told.stage(CHOOSING, len(choice)):
+        before = list(each(played, choice))
     apart = [(disagreement, e) for disagreement, e in zip(before, choice) if disagreement]
     found = sorted(apart, key=lambda pair: -pair[0])
 
@@ -120,15 +132,19 @@ def propose(
             return _disagreement(rivals, schedule, runs, known)
         except (ValueError, GroundError):
             return None
+        finally:
+            told.step()
 
     best, proposed = 0.0, choice[0]
-    for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
-        some = [experiment for _, experiment in found[at : at + BATCH]]
-        if found[at][0] <= best:
-            break  # a refit brings rivals closer to each other
-        for disagreement, experiment in zip(each(flown, some), some):
-            if disagreement and disagreement > best:
-                best, proposed = disagreement, experiment
+    with told.stage(REFITTING):
+        told.more(min(MAX_REFITTED, len(found)), at_most=True)
+        for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
+            some = [experiment for _, experiment in found[at : at + BATCH]]
+            if found[at][0] <= best:
+                break  # a refit brings rivals closer to each other
+            for disagreement, experiment in zip(each(flown, some), some):
+                if disagreement and disagreement > best:
+                    best, proposed = disagreement, experiment
     if best < MIN_DISAGREEMENT:
         return None
     return {

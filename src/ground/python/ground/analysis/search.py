@@ -7,7 +7,6 @@ number of effects.
 """
 
 import itertools
-from dataclasses import dataclass
 from typing import (
     Callable,
     Dict,
@@ -26,47 +25,19 @@ from scipy import stats
 
 from ground import _core
 from ground.analysis import candidates as effects
+from ground.analysis.criteria import USUAL, Criteria
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
+from ground.analysis.stages import Plan
 from ground.analysis.unfinished import Unfinished
-from ground.annotations import Each, Progress
+from ground.annotations import Each
 from ground.errors import GroundError
 from ground.recordings import windows
 
 
-@dataclass(frozen=True)
-class Criteria:
-    """Thresholds of a search."""
-
-    level: float = 0.01  # probability of choosing an effect although none is missing
-    refitted: int = 4  # effects that are refitted in a step, best by score test first
-    pairs: int = 2  # pairs that are refitted in a step
-    min_gain: float = 3.0  # expected gain per parameter that a refit needs
-    steps: Tuple[float, ...] = (
-        1.0,
-        0.3,
-        0.1,
-    )  # parts of the score test's step that refits start from
-    sizes: Tuple[float, ...] = (
-        0.5,
-        0.2,
-        -0.2,
-    )  # start values of an effect that score tests cannot see, relative to the typical size
-    windows: int = 40  # windows on which far starts are tried by simulation error
-    max_far_error: float = 0.98  # largest error from a far start, relative to the neutral one, for a fit
-    # An effect is tested for removal if its Wald ratio is below this multiple of its threshold. The
-    # Wald ratio is far too large where levels would change with the removal.
-    wald_margin: float = 10.0
-    rivals: int = 3  # effects that are tried in the place of a chosen one
-    min_rival_gain: float = 0.4  # least expected gain of a rival, relative to the chosen effect's
-    # Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio
-    # would have a probability of at most 0.4% (its root is the least number of standard deviations).
-    exclusion: float = 7.0
-
-
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
-    items, in parallel if it can; say: called with a sentence at each step; kept: Unfinished results
+    items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results
     of the same call; holds(better, current): whether a grown set does better on held-out data,
     too."""
 
@@ -76,9 +47,9 @@ class Search:
         model: _core.Model,
         free_of: Callable[[_core.Model], Sequence[str]],
         candidates: Sequence[effects.Candidate],
-        criteria: Criteria = Criteria(),
+        criteria: Criteria = USUAL,
         each: Each = map,
-        say: Progress = None,
+        plan: Optional[Plan] = None,
         kept: Optional[Unfinished] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
     ) -> None:
@@ -90,7 +61,7 @@ class Search:
         self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.criteria = criteria
         self.each = each
-        self.say = say or (lambda text: None)
+        self.plan = plan or Plan()
         self.kept = kept or Unfinished()
         self.holds = holds
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
@@ -121,7 +92,7 @@ class Search:
                 if better == current:
                     return current
             current = self._prune(better)
-            self.say("with %s" % (", ".join(sorted(current)) or "no effect"))
+            self.plan.work.note("with %s" % (", ".join(sorted(current)) or "no effect"))
 
     def ratio(self, names: FrozenSet[str], without: FrozenSet[str]) -> float:
         """Log-likelihood ratio 2 (L1 - L0) of two sets of effects that were fitted."""
@@ -158,6 +129,8 @@ class Search:
     def _grow(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
         """A better set with another effect or pair; None without one."""
         proposals = self._proposals(current)
+        new = sum(current | set(p) not in self.fits for p in proposals)
+        self.plan.round(new, self._coming(current), len(current))
         self._fit_all(current, proposals)
         fitted = [current | set(p) for p in proposals if current | set(p) in self.fits]
         better = [s for s in fitted if self.value(s) > self.value(current)]
@@ -198,6 +171,21 @@ class Search:
         least = max((gains[s] for s in chosen), default=0)
         return chosen + turned + [p for p in best if pairs[p] > least][: criteria.pairs]
 
+    def _coming(self, current: FrozenSet[str]) -> int:
+        """Number of effects that a search is expected to add to a set: those which score tests, one
+        after the other and each beside those before, call significant."""
+        tests, gain = self.test_beside(current), 0.0
+        chosen: Tuple[str, ...] = ()
+        rest = list(tests.columns)
+        while rest:
+            gains = {n: tests.test((*chosen, n))[0] - gain for n in rest}
+            best = max(gains, key=lambda n: gains[n] - self.threshold(n))
+            if gains[best] < self.threshold(best):
+                break
+            chosen, gain = (*chosen, best), gain + gains[best]
+            rest.remove(best)
+        return len(chosen)
+
     def _has_starts(self, name: str) -> bool:
         """Whether an effect has minima far from its neutral parameters."""
         return len(list(self.candidates[name].starts(self.given))) > 1
@@ -205,14 +193,14 @@ class Search:
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
-        if wanted:
-            self.say("refitting with each of %d sets of effects" % len(wanted))
         base, varying = self.fits[current].model.format(), sorted(self.likelihood.varying)
 
         def refit(added: Tuple[str, ...]) -> Optional[Fit]:
-            return self.kept.result(
+            found = self.kept.result(
                 ("fit", varying, base, added), lambda: self._refit(current, added)
             )
+            self.plan.work.step()
+            return found
 
         self.test_beside(current)  # computed before threads need it
         for proposal, fit in zip(wanted, self.each(refit, wanted)):
@@ -325,6 +313,7 @@ class Search:
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with one effect replaced by another; the same set without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
+        self.plan.swaps(len(names))
         self._swapped |= set(names)
         self.without_each(current, names)
         others = [s for name in names for s in self.swaps(current, name)]

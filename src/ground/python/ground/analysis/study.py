@@ -11,6 +11,7 @@ from ground.analysis import candidates
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Random
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.recordings import repair, windows
 
 if TYPE_CHECKING:
@@ -72,16 +73,24 @@ class Study:
             edges = np.arange(count + 1) * len(self.windows) // count
             self.part_of = np.repeat(np.arange(count), np.diff(edges))
 
-    def fit(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Fit:
+    def fit(
+        self,
+        model: _core.Model,
+        free: Sequence[str],
+        also: Sequence[_core.Model] = (),
+        work: Optional[Work] = None,
+    ) -> Fit:
         """Fits the free parameters, and again without each fold in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
         best: parameters fitted without an effect may be far from the right ones with it. It chooses
         the length of windows whose fits have the least held-out error; `refit` uses the same length
-        and outliers.
+        and outliers. work: told of each of len(LENGTHS) + 1 parts.
         """
+        told = work or Work()
         starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
         near = self._best(starts, free, threads=self.threads)["model"]
+        told.step()
         best: Optional[Tuple[Fit, float, float]] = None
         for length in sorted(LENGTHS, key=lambda length: length != self.length):
             self.length, self.width = length, 0.0
@@ -90,6 +99,7 @@ class Study:
             found = self._judged(result, free, self.threads)
             if best is None or found.heldout.sum() < MAX_ERROR_RATIO * best[0].heldout.sum():
                 best = found, self.length, self.width
+            told.step()
         assert best is not None
         fit, self.length, self.width = best
         return fit

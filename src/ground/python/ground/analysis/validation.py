@@ -5,7 +5,8 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core, core_types
-from ground.annotations import Array, Document, Progress
+from ground.annotations import Array, Document
+from ground.progress import Work
 from ground.recordings import windows
 
 BLOCK = 6.0  # length of blocks of time [s]
@@ -13,6 +14,7 @@ FOLDS = 10  # largest number of folds of blocks, whatever the length of the runs
 # Fits to windows, from the windows' initial states if any are given.
 Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
 RUN_FOLDS = 20  # largest number of folds of runs
+BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
 
 
 def leave_runs_out(
@@ -21,18 +23,18 @@ def leave_runs_out(
     whole: core_types.Fit,
     length: float = windows.WINDOW,
     most: int = RUN_FOLDS,
-    say: Progress = None,
+    work: Optional[Work] = None,
 ) -> List[Tuple[core_types.Fit, float]]:
     """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
 
     Each run is held out once: alone, or, with more than `most` runs, together with every `most`-th
     other one. `fit(windows, initial)` fits to windows of `length` seconds of `runs` (_core.RunData)
     from initial states of the windows; `whole` is its result over windows.cut(runs, length).
-    say: called with a sentence at each step.
+    work: told of each fit.
     """
     cut = windows.cut(runs, length)
     folds = [w.run % most for w in cut]
-    results = _refits(cut, folds, fit, whole["initial"], say)
+    results = _refits(cut, folds, fit, whole["initial"], work or Work())
     return [
         (results[i % most], windows.error([run], results[i % most]["model"]))
         for i, run in enumerate(runs)
@@ -46,12 +48,12 @@ def leave_blocks_out(
     block: float = BLOCK,
     length: float = windows.WINDOW,
     most: int = FOLDS,
-    say: Progress = None,
+    work: Optional[Work] = None,
 ) -> Optional[Document]:
     """Errors on blocks of time: of models as they are, and of fits without the blocks.
 
     Up to `most` blocks are held out one by one; of more blocks, every `most`-th one together. `fit`,
-    `length` and `say` as in leave_runs_out; without initial states fits begin at measured ones.
+    `length` and `work` as in leave_runs_out; without initial states fits begin at measured ones.
     Returns {"models": one error per model, "heldout": error, "blocks", "folds": how many}, all
     errors over the same windows; None when a fit without some fold would have no data.
     """
@@ -62,7 +64,7 @@ def leave_blocks_out(
     if len(set(of_fit)) < 2:
         return None
     whole = fit(to_fit, ())
-    results = _refits(to_fit, of_fit, fit, whole["initial"], say)
+    results = _refits(to_fit, of_fit, fit, whole["initial"], work or Work())
     errors, samples = [], []
     for fold in sorted(set(folds)):
         tested = [w for f, (_, test) in zip(folds, blocks) if f == fold for w in test]
@@ -97,13 +99,12 @@ def _refits(
     folds: Sequence[int],
     fit: Refit,
     initial: Sequence[Array],
-    say: Progress,
+    work: Work,
 ) -> Dict[int, core_types.Fit]:
     """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
     results: Dict[int, core_types.Fit] = {}
-    for fold in sorted(set(folds)):
-        if say:
-            say("fitting without part %d of %d" % (len(results) + 1, len(set(folds))))
+    work.more(len(set(folds)))
+    for fold in work.each(sorted(set(folds))):
         rest = [k for k, f in enumerate(folds) if f != fold]
         results[fold] = fit([cut[k] for k in rest], [initial[k] for k in rest])
     return results

@@ -8,7 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, study
-from ground.annotations import Array, Document, Path, Progress
+from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
     ModelLike,
@@ -18,11 +18,16 @@ from ground.api.models import (
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Row, Shown, silent
+from ground.api.values import Row, Shown
+from ground.progress import Progress, Work
 from ground.recordings import windows
 
 if TYPE_CHECKING:
     import pandas
+
+
+FITTING = "fitting without the effect and with it"  # stage
+COST = 3e-3  # usual time of a part of it, for a second of recordings [s]
 
 
 @dataclass(frozen=True)
@@ -120,8 +125,8 @@ def add(
     effect: a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
     run, on the run's clock [s]; everything: includes parts that are not usable. progress: called
-    with a sentence at each step. GroundError when there is no such effect, or the recordings are
-    too short.
+    with a ground.progress.Report at each step. GroundError when there is no such effect, or the
+    recordings are too short.
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
@@ -130,15 +135,17 @@ def add(
     >>> found.error["heldout"].change < -0.5
     True
     """
-    say = progress or silent
+    work = Work.of(progress)
     given, part = Model.of(model), Part(start, end, everything)
     candidate = candidates.named(os.fspath(effect), given.core)
     extended = candidate.add(given.core)
-    say("reading the recordings")
-    seen = measured(recordings, given, part)
-    held = held_out(holdout, given, part, seen)
-    say("fitting %s without %s, and with it" % (given.name, candidate.name))
-    before, after = _fits(given.core, extended, seen.data)
+    work.expect(FITTING, None)
+    seen = measured(recordings, given, part, work)
+    held = held_out(holdout, given, part, work, seen)
+    duration = sum(run.times[-1] - run.times[0] for run in seen.data)
+    work.expect(FITTING, 2 * (1 + len(study.LENGTHS)), COST * duration)
+    with work.stage(FITTING):
+        before, after = _fits(given.core, extended, seen.data, work)
     errors = {
         "fit": _pair(before.error, after.error),
         "heldout": _pair(before.heldout, after.heldout),
@@ -149,13 +156,13 @@ def add(
 
 
 def _fits(
-    model: _core.Model, extended: _core.Model, runs: List[_core.RunData]
+    model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
 ) -> Tuple[study.Fit, study.Fit]:
-    """study.Fits of a _core.Model without the effect and with it."""
+    """study.Fits of a _core.Model without the effect and with it; work: told of each."""
     on_runs = study.Study(runs)
-    before = on_runs.fit(model, study.free_parameters(model))
+    before = on_runs.fit(model, study.free_parameters(model), work=work)
     refitted = candidates.carried_over(before.model, extended)
-    after = on_runs.fit(refitted, study.free_parameters(extended), also=[extended])
+    after = on_runs.fit(refitted, study.free_parameters(extended), also=[extended], work=work)
     return before, after
 
 

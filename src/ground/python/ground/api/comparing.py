@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence,
 from ground import workers
 from ground.analysis import comparison
 from ground.analysis.study import noise_floor
-from ground.annotations import Document, Path, Progress
+from ground.annotations import Document, Path
 from ground.api.models import Model, ModelLike
 from ground.api.recordings import (
     Part,
@@ -15,10 +15,12 @@ from ground.api.recordings import (
     note_differences,
     note_heading_offset,
     note_suspicions,
+    repaired,
     taken,
 )
-from ground.api.values import Row, Shown, number, silent
+from ground.api.values import Row, Shown, number
 from ground.errors import GroundError
+from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
 from ground.reports import inspection, words
 
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 SCHEMA = "ground/compare/1"
 ROLES = ("fit", "held_out")
+COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
+COST = 0.03  # usual time to compare a second of a recording with a model [s]
 Models = Union[ModelLike, Sequence[ModelLike]]
 Files = Optional[Document]  # files of one run: pictures and series, by their subject
 
@@ -196,8 +200,8 @@ def compare(
     models: one or several; recordings: recordings or bags. start, end: the part of every run, on the
     run's clock [s]; everything: includes parts that are not usable. scheduler: address of a Dask
     cluster to work on, tcp://HOST:PORT, in a network you trust; None: all cores of this computer.
-    progress: called with a sentence at each step. GroundError when a file cannot be read or a model
-    cannot be simulated.
+    progress: called with a ground.progress.Report at each step. GroundError when a file
+    cannot be read or a model cannot be simulated.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
@@ -241,8 +245,10 @@ def each_run(
 ) -> Iterator[RunComparison]:
     """The RunComparison of each run, in their order. For the first model it includes how much of
     its missing wrench the last model accounts for."""
-    say = progress or silent
-    runs = [recording.repaired for recording in recordings]
+    work = Work.of(progress)
+    lengths = [1 + int(recording.duration) for recording in recordings]
+    work.expect(COMPARING, sum(lengths), COST * len(models))
+    runs = repaired(recordings, work)
     note_suspicions(recordings)
     for model in models.values():
         note_heading_offset(model, recordings)
@@ -256,8 +262,10 @@ def each_run(
             task.append((part.of(run, model), model.core, label, role, other))
         tasks.append(task)
     with workers.Workers(scheduler) as team:
-        for recording, studies in zip(recordings, team.map(_inspect, tasks)):
-            say("compared on %s" % recording.name)
+        results = iter(zip(recordings, team.map(_inspect, tasks)))
+        for length in lengths:
+            with work.unit(COMPARING, length):
+                recording, studies = next(results)
             yield RunComparison(recording, studies)
 
 

@@ -4,15 +4,15 @@ import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core, origin
-from ground.analysis import candidates, diagnosis, diagnosis_report, study
+from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
 from ground.analysis.conclusion import Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
-from ground.annotations import Array, Document, Path, Progress
+from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
     ModelLike,
@@ -24,8 +24,9 @@ from ground.api.models import (
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Row, Shown, number, silent
+from ground.api.values import Row, Shown, number
 from ground.errors import GroundError
+from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
 from ground.reports import words
 
@@ -174,8 +175,8 @@ def diagnose(
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
     not usable. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
-    resumed. progress: called with a sentence at each step. GroundError when a file cannot be read,
-    there is no such effect or the recordings are too short.
+    resumed. progress: called with a ground.progress.Report at each step. GroundError when a file
+    cannot be read, there is no such effect or the recordings are too short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
@@ -186,6 +187,7 @@ def diagnose(
     >>> found.to_frame().loc["yaw_bias", "selected"]
     True
     """
+    work = Work.of(progress)
     problem = read_problem(
         model,
         recordings,
@@ -195,10 +197,10 @@ def diagnose(
         thorough=thorough,
         room=room,
         part=Part(start, end, everything),
-        progress=progress,
+        work=work,
     )
     kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
-    found = solve(problem, kept, progress)
+    found = solve(problem, kept, work)
     kept.done()
     return found
 
@@ -212,17 +214,18 @@ def read_problem(
     thorough: bool,
     room: Optional[RoomLike],
     part: Part,
-    progress: Progress = None,
+    work: Work,
 ) -> Problem:
-    """Reads all that a diagnosis needs; chosen: only, exclude and effects of `diagnose`."""
+    """Reads all that a diagnosis needs; chosen: only, exclude and effects of `diagnose`;
+    work: told of what is done."""
     given = Model.of(model)
     only, exclude, effects = chosen
     own = [os.fspath(effect) for effect in effects]
     tried = effects_to_try(given, only, exclude, own)
     given_room = None if room is None else Room.of(room)
-    (progress or silent)("reading the recordings")
-    seen = measured(recordings, given, part)
-    held = held_out(holdout, given, part, seen)
+    work.expect(stages.SEARCHING, None)
+    seen = measured(recordings, given, part, work)
+    held = held_out(holdout, given, part, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
     return Problem(given, tried, seen, held, files, budget, thorough, given_room)
 
@@ -263,30 +266,28 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
             raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
 
 
-def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diagnosis:
-    """Diagnoses; kept: results of an interrupted run of this diagnosis."""
-    say = progress or silent
+def solve(problem: Problem, kept: Unfinished, work: Work) -> Diagnosis:
+    """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done."""
     room = problem.room()
-    found = _grown(problem, kept, say)
+    found = _grown(problem, kept, work)
     if kept.taken:
-        say("%d results of an interrupted diagnosis taken over" % kept.taken)
+        work.note("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
     conclusion = conclude(found, held)
-    say("verdict: %s" % conclusion.verdict)
-    say("errors of the best effects, and the next experiment")
+    work.note("verdict: %s" % conclusion.verdict)
     name, walls = problem.model.path or problem.model.name, room.core if room else None
     report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
     return _result(problem, found, conclusion, report)
 
 
-def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> diagnosis.Diagnosis:
+def _grown(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diagnosis:
     """The model with the missing effects."""
     found = diagnosis.Diagnosis(
         problem.runs,
         problem.model.core,
         problem.tried,
         problem.budget,
-        progress=say,
+        work=work,
         kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
     )

@@ -1,13 +1,13 @@
 """fit: a model's parameters from recordings."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core, core_types
 from ground.analysis import comparison, identifiability, study, validation
-from ground.annotations import Array, Document, Path, Progress
+from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
     ModelLike,
@@ -18,8 +18,9 @@ from ground.api.models import (
     parameters_by_name,
 )
 from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Row, Shown, silent
+from ground.api.values import Row, Shown
 from ground.errors import GroundError, OptionError
+from ground.progress import Progress, Work
 from ground.recordings import quality, windows
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
+FITTING = "fitting"  # stage
+# Stages, and the usual time of a fit in each, for a second of recordings [s]
+STAGES = {FITTING: 1e-3, validation.BLOCKS: 5e-4, validation.RUNS: 5e-4}
 
 
 @dataclass(frozen=True)
@@ -203,8 +207,8 @@ def fit(
     model is right). window: length of the windows that are simulated [s]. starts: fits from the
     model's values and starts - 1 others, and keeps the best. block: length of blocks of time that
     are held out [s]. start, end: the part of every run, on the run's clock [s]; everything: includes
-    parts that are not usable. progress: called with a sentence at each step. GroundError when a file
-    cannot be read, a parameter does not exist or there is nothing to fit to.
+    parts that are not usable. progress: called with a ground.progress.Report at each step. GroundError
+    when a file cannot be read, a parameter does not exist or there is nothing to fit to.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])
@@ -214,26 +218,37 @@ def fit(
     >>> found.error.after < found.error.before
     True
     """
-    say = progress or silent
+    work = Work.of(progress)
     given, part = Model.of(model), Part(start, end, everything)
     _check(objective, target)
-    say("reading the recordings")
-    seen = measured(recordings, given, part)
-    held = held_out(holdout, given, part, seen)
-    say("fitting %s" % given.name)
+    for stage in STAGES:
+        work.expect(stage, None)
+    seen = measured(recordings, given, part, work)
+    held = held_out(holdout, given, part, work, seen)
     problem = _Problem(seen.data, list(free), objective, target, window)
-    result = problem.fit(given.core, problem.cut(), starts)
+    _expect(work, seen.data, starts)
+    with work.stage(FITTING):
+        result = problem.fit(given.core, problem.cut(), starts)
     refit = problem.refit_near(result)
-    say("holding out blocks of time")
-    blocks = _blocks(problem, given.core, result, refit, block, say)
+    with work.stage(validation.BLOCKS):
+        blocks = _blocks(problem, given.core, result, refit, block, work)
     tested = _change(held.data, given.core, result["model"]) if held.data else None
     runs: List[RunFit] = []
     if len(seen.data) > 1:
-        say("holding out runs")
-        runs = _each(problem, result, refit, say)
+        with work.stage(validation.RUNS):
+            runs = _each(problem, result, refit, work)
     whole = _change(seen.data, given.core, result["model"])
     errors = Errors(whole.before, whole.after, _pooled(problem, runs), blocks, tested)
     return _result(given, seen, starts, result, errors, runs)
+
+
+def _expect(work: Work, runs: List[_core.RunData], starts: int) -> None:
+    """Tells work to expect the stages of a fit to runs."""
+    duration = sum(run.times[-1] - run.times[0] for run in runs)
+    folds = min(len(runs), validation.RUN_FOLDS) + len(runs) if len(runs) > 1 else 0
+    units = {FITTING: starts, validation.BLOCKS: validation.FOLDS + 1, validation.RUNS: folds}
+    for stage, cost in STAGES.items():
+        work.expect(stage, units[stage], cost * duration)
 
 
 def _check(objective: str, target: str) -> None:
@@ -253,10 +268,10 @@ def _blocks(
     result: core_types.Fit,
     refit: validation.Refit,
     block: float,
-    say: Callable[[str], None],
+    work: Work,
 ) -> Optional[BlockErrors]:
     models = start, result["model"]
-    found = validation.leave_blocks_out(problem.runs, models, refit, block, problem.window, say=say)
+    found = validation.leave_blocks_out(problem.runs, models, refit, block, problem.window, work=work)
     if found is None:
         return None
     before, after = found["models"]
@@ -267,11 +282,12 @@ def _each(
     problem: _Problem,
     result: core_types.Fit,
     refit: validation.Refit,
-    say: Callable[[str], None],
+    work: Work,
 ) -> List[RunFit]:
     """Every run by itself, and held out."""
     rows = []
-    held = validation.leave_runs_out(problem.runs, refit, result, problem.window, say=say)
+    held = validation.leave_runs_out(problem.runs, refit, result, problem.window, work=work)
+    work.more(len(problem.runs))
     for i, (others, error) in enumerate(held):
         alone = problem.alone(i, result["model"])
         rows.append(
@@ -284,6 +300,7 @@ def _each(
                 validation.disagreements(alone, others),
             )
         )
+        work.step()
     return rows
 
 

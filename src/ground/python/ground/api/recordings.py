@@ -4,12 +4,16 @@ import os
 from dataclasses import dataclass, replace
 from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
+import numpy as np
+
 from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
+from ground.progress import Work
 from ground.recordings import findings, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
+from ground.recordings.messages import Tell
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -48,16 +52,30 @@ def read(
     return tuple(reading([os.fspath(path) for path in paths], given))
 
 
+READING = "reading recordings (kB)"  # stage; unit: a kilobyte
+REPAIRING = "repairing recordings"  # stage
+READ = 2e-4  # usual time to read a kilobyte [s]
+# usual time to repair a recording [s], and what adds to it for each of its poses or kilobytes [s]
+REPAIR, REPAIR_POSE, REPAIR_KILOBYTE = 0.3, 3e-5, 6e-5
+
+
 def reading(
-    paths: Sequence[str], mapping: FieldMapping = DEFAULT
+    paths: Sequence[str], mapping: FieldMapping = DEFAULT, work: Optional[Work] = None
 ) -> Iterator[Recording]:
-    """The recordings in bags and folders, all read before the first one is returned."""
-    found = []
+    """The recordings in bags and folders, all read before the first one is returned; work: told of
+    each that is read."""
+    found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
-    for path in bags:
-        found.append(readers.read(path, mapping))
-        for warning in found[-1].warnings:
-            warn("%s: %s" % (path, warning), RecordingWarning)
+    ends = np.cumsum([readers.size(path) // 1000 for path in bags]).tolist()
+    size = ends[-1] if ends else 0
+    work.expect(READING, size, READ)
+    work.expect(REPAIRING, len(bags), REPAIR + REPAIR_KILOBYTE * size / max(1, len(bags)))
+    with work.stage(READING):
+        for path, begin, end in zip(bags, [0, *ends], ends):
+            found.append(readers.read(path, mapping, _teller(work, begin, end)))
+            work.reach(end)
+            for warning in found[-1].warnings:
+                warn("%s: %s" % (path, warning), RecordingWarning)
     names = [r.name for r in found]
     for i, path in enumerate(bags):
         if names.count(names[i]) > 1:
@@ -89,6 +107,18 @@ def taken(given: Recordings) -> List[Recording]:
     if len({r.name for r in found}) < len(found):
         raise GroundError("two recordings have the same name")
     return found
+
+
+def _teller(work: Work, begin: int, end: int) -> Tell:
+    return lambda share: work.reach(begin + int(share * (end - begin)))
+
+
+def repaired(found: Sequence[Recording], work: Work) -> List[quality.Run]:
+    """The recordings with their motion repaired, which takes time; work: told of each."""
+    poses = float(np.mean([len(recording.eta) for recording in found] or [0]))
+    work.expect(REPAIRING, len(found), REPAIR + REPAIR_POSE * poses)
+    with work.stage(REPAIRING, len(found)):
+        return [recording.repaired for recording in work.each(found)]
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
@@ -153,16 +183,17 @@ class Measured:
 
 
 def measured(
-    given: Recordings, model: Model, part: Part, others: Sequence[Recording] = ()
+    given: Recordings, model: Model, part: Part, work: Work, others: Sequence[Recording] = ()
 ) -> Measured:
-    """Recordings to fit to or to test on. Warns of possible errors of a recording's repair, and of
-    settings that differ among these and `others`. GroundError when a recording cannot be used.
+    """Recordings to fit to or to test on; work: told of what is done. Warns of possible errors of a
+    recording's repair, and of settings that differ among these and `others`. GroundError when a
+    recording cannot be used.
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
     found = taken(given)
     note_differences(found, others)
-    runs = [recording.repaired for recording in found]
+    runs = repaired(found, work)
     for run in runs:
         for finding in findings.grave(run.describe()):
             warn("%s: %s" % (run.recording.name, finding))
@@ -170,9 +201,12 @@ def measured(
     return Measured(found, [part.of(run, model) for run in runs])
 
 
-def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:
-    """Recordings to test on, measured. GroundError when one of them is fitted to as well."""
-    found = measured(given, model, part, fitted.recordings)
+def held_out(
+    given: Recordings, model: Model, part: Part, work: Work, fitted: Measured
+) -> Measured:
+    """Recordings to test on, measured; work: told of what is done. GroundError when one
+    of them is fitted to as well."""
+    found = measured(given, model, part, work, fitted.recordings)
     names = {recording.name for recording in fitted.recordings}
     if names & {recording.name for recording in found.recordings}:
         raise GroundError("a run is given both to fit to and to hold out")

@@ -12,12 +12,15 @@ from ground.api.models import Model, ModelLike
 from ground.api.values import Row, Shown
 from ground.core_types import EffectUse
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.simulation import gains as gain_files
 from ground.simulation import tracking
 from ground.simulation.tracking import Tracked
 
 if TYPE_CHECKING:
     import pandas
+
+DRIVING = "simulating drives"  # stage; unit: a drive
 
 Gains = Union[Path, Mapping[str, float]]
 Start = Tuple[
@@ -175,13 +178,16 @@ class Loop:
         seed: Optional[int] = None,
         rate: float = 50.0,
         max_error: float = 0.0,
+        work: Optional[Work] = None,
     ) -> Tracking:
-        """Runs from every start."""
+        """Runs from every start; work: told of each."""
+        work = work or Work()
         first = 1 if seed is None else seed
         crafts = self.truth.core, self.believed.core
         loop = (*crafts, self.choice, self.task, starts, conditions, first, rate, max_error)
         try:
-            runs = tracking.many(*loop)
+            with work.stage(DRIVING, len(starts)):
+                runs = tracking.many(*loop, work=work)
         except ValueError as error:
             raise GroundError(str(error))
         return Tracking(

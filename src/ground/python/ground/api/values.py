@@ -6,10 +6,6 @@ from typing import Iterable, List, Optional, Sequence, Tuple
 Row = Sequence[str]
 
 
-def silent(text: str) -> None:
-    """A Progress that says nothing."""
-
-
 def table(head: Row, rows: Iterable[Row], title: str = "") -> str:
     """An HTML table; the first column is of names, the others are of numbers."""
 

@@ -34,10 +34,14 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from ground import files
 from ground.annotations import Document, Message
 from ground.errors import GroundError, sentence
+from ground.nodes import reception
+from ground.progress import Report
 from ground.recordings import codecs, readers, topics
 from ground.reports import words
 
 Status = IdentificationStatus
+FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]
+CHECK_PERIOD = 1.0  # period of later looks, until all are heard [s]
 PATIENCE = 5.0  # timeout of a process that was asked to end [s]
 MAX_SETTINGS = 1000  # changes of the mocap's settings that are kept
 
@@ -77,6 +81,13 @@ class LiveBuffer:
             self._messages.append((now, topic, message))
             while (now - self._messages[0][0]).to_sec() > self.seconds:
                 self._messages.popleft()
+
+    def missing(self) -> Optional[str]:
+        """Why nothing has come on required topics, and what to do; None when all are heard."""
+        with self._lock:
+            heard = {rospy.resolve_name(topic) for _, topic, _ in self._messages}
+        wanted = {rospy.resolve_name(t): str(self.TOPICS[t]._type) for t in self.REQUIRED}
+        return reception.missing(wanted, sorted(heard), dict(rospy.get_published_topics()))
 
     def covered(self) -> float:
         """Time for which there are both poses and commands [s]."""
@@ -139,6 +150,7 @@ class IdentificationNode:
         self._busy = threading.Lock()
         self._child: Optional["subprocess.Popen[str]"] = None
         self._cancelled = False
+        self._stage = ""  # of the task that runs, as it was told last
         self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
         self._result = rospy.Publisher("~result", String, queue_size=1, latch=True)
         self._newest = rospy.Publisher("~model", String, queue_size=1, latch=True)
@@ -149,6 +161,30 @@ class IdentificationNode:
         rospy.Service("~cancel", Trigger, self._cancel)
         rospy.Service("~offer", OfferModel, self._offer)
         rospy.on_shutdown(self._end)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        """Says why live topics are silent, until they are heard."""
+        rospy.rostime.wallsleep(FIRST_CHECK)
+        said: Optional[str] = None
+        while not rospy.is_shutdown():
+            with contextlib.suppress(OSError, rospy.ROSException):  # the master has gone
+                found = self.live.missing()
+                if found != said:
+                    self._say_idle(found or "poses and commands arrive")
+                if found is None:
+                    return
+                said = found
+            rospy.rostime.wallsleep(CHECK_PERIOD)
+
+    def _say_idle(self, text: str) -> None:
+        """Logs a state of the live topics, and publishes it unless a task runs."""
+        rospy.logwarn("%s", text)
+        if self._busy.acquire(blocking=False):
+            try:
+                self._say(Status.IDLE, "", text)
+            finally:
+                self._busy.release()
 
     def serve(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         """Runs a task to its end."""
@@ -191,7 +227,7 @@ class IdentificationNode:
             {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}[task],
         )
         command = [self._program, task] + ([request.effect] if task == "add" else []) + recordings
-        command += ["--model", model, "--json", "--progress"] + self._settings
+        command += ["--model", model, "--json", "--progress", "json"] + self._settings
         command += ["-o", folder if task == "diagnose" else made]
         result = json.loads(self._execute(task, command, began))
         if task != "diagnose":
@@ -241,8 +277,9 @@ class IdentificationNode:
         def listen() -> None:
             for line in child.stderr or ():
                 line = line.strip()
-                if line.startswith("... "):
-                    self._say(Status.RUNNING, task, line[4:], began)
+                report = _reported(line)
+                if report:
+                    self._report(task, report, began)
                 elif line:
                     lines.append(line)
                     rospy.logwarn("%s", line)
@@ -292,13 +329,36 @@ class IdentificationNode:
                 answers.append("%s: does not answer (%s)" % (name, error))
         return OfferModelResponse(success=taken and bool(answers), answers=answers)
 
+    def _report(self, task: str, report: Report, began: float) -> None:
+        """Publishes the progress of a task; logs what is found and new stages."""
+        status = Status(state=Status.RUNNING, task=task, message=str(report))
+        status.header.stamp = rospy.Time.now()
+        status.elapsed = time.monotonic() - began
+        status.what, status.done, status.of = report.what, report.done, report.of
+        status.share, status.at_most = report.share, report.at_most
+        status.left = -1.0 if report.left is None else report.left
+        self._status.publish(status)
+        if report.note or report.what != self._stage:
+            rospy.loginfo("%s: %s", task, report)
+        self._stage = report.what
+
     def _say(self, state: int, task: str, message: str, began: Optional[float] = None) -> None:
-        status = Status(state=state, task=task, message=message)
+        status = Status(state=state, task=task, message=message, left=-1.0)
         status.header.stamp = rospy.Time.now()
         status.elapsed = 0.0 if began is None else time.monotonic() - began
         self._status.publish(status)
         if task:
             rospy.loginfo("%s: %s", task, message)
+
+
+def _reported(line: str) -> Optional[Report]:
+    """The Report in a line of a command's standard error; None for other lines."""
+    if not line.startswith('{"progress"'):
+        return None
+    try:
+        return Report(**json.loads(line)["progress"])
+    except (ValueError, TypeError, KeyError):
+        return None
 
 
 def _existing(path: str, what: str, exists: Callable[[str], bool] = os.path.isfile) -> str:

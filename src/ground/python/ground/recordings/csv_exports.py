@@ -2,13 +2,14 @@
 
 import csv
 import math
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
 from ground import files
 from ground.annotations import Array
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.recordings import codecs
 from ground.recordings.recording import checked
 
@@ -63,11 +64,19 @@ def read_csv(path: str) -> Tuple[List[int], List[int], Array]:
 
 
 def write_bag(
-    controls_path: str, pose_path: str, bag_path: str, force: bool = False
+    controls_path: str,
+    pose_path: str,
+    bag_path: str,
+    force: bool = False,
+    work: Optional[Work] = None,
 ) -> Dict[str, int]:
-    """Writes a pair of CSV exports to a bag; returns the number of messages by topic."""
-    codec = codecs.installed()
-    series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
+    """Writes a pair of CSV exports to a bag; returns the number of messages by topic. work: told of
+    what is read and written."""
+    codec, told = codecs.installed(), work or Work()
+    series = {}
+    with told.stage("reading tables", 2):
+        for topic, path in told.each((("pose", pose_path), ("controls", controls_path))):
+            series[topic] = read_csv(path)
     for topic, path in (("pose", pose_path), ("controls", controls_path)):
         stamps, _, points = series[topic]
         rows = np.column_stack([np.array(stamps) * 1e-9, points])
@@ -80,8 +89,8 @@ def write_bag(
             "%s and %s do not overlap in time: they are from different runs" % (controls_path, pose_path)
         )
     with files.new_file(bag_path, force) as temporary:
-        with codec.bag_writer(temporary) as bag:
-            for topic, columns in series.items():
+        with codec.bag_writer(temporary) as bag, told.stage("writing topics", len(series)):
+            for topic, columns in told.each(series.items()):
                 for sequence, (stamp, receipt, point) in enumerate(zip(*columns)):
                     message = codec.new("geometry_msgs/PointStamped")
                     message.header.seq = sequence

@@ -1,9 +1,14 @@
 """What gives messages: a bag of ROS 1 or 2, an MCAP file, tables; and its messages of one type."""
 
-from typing import Iterable, Iterator, List, Protocol, Tuple
+from typing import Callable, Iterable, Iterator, List, Protocol, Tuple
 
 from ground.annotations import Message, Time
 from ground.recordings.bag_reader import Topics
+
+
+Tell = Callable[[float], None]
+TOLD = 1000  # messages between calls of a Tell
+MANY = 5000  # messages whose reading takes so long that it is worth telling
 
 
 class MessageSource(Protocol):
@@ -33,3 +38,25 @@ def of_type(bag: MessageSource, kind: str) -> Iterator[Message]:
     """Yields all messages of type `kind`, in the order of receipt."""
     for _, message, _ in bag.read_messages(topics_of(bag, kind)):
         yield message
+
+
+class Told:
+    """A MessageSource that tells which share of its messages has been read, 0..1."""
+
+    def __init__(self, source: MessageSource, tell: Tell) -> None:
+        self._source = source
+        self._tell = tell
+        self.warnings = source.warnings
+
+    def get_type_and_topic_info(self) -> Topics:
+        """See MessageSource."""
+        return self._source.get_type_and_topic_info()
+
+    def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
+        """See MessageSource."""
+        info, wanted = self.get_type_and_topic_info().topics, set(topics)
+        total = sum(entry.message_count for topic, entry in info.items() if topic in wanted)
+        for count, row in enumerate(self._source.read_messages(wanted)):
+            if count % TOLD == 0 and total > MANY:
+                self._tell(min(1.0, count / total))
+            yield row

@@ -6,13 +6,13 @@ To support another kind of file, add a Reader to READERS.
 import glob
 import os
 import re
-from typing import ContextManager, Dict, Iterable, List, Protocol, Tuple
+from typing import ContextManager, Dict, Iterable, List, Optional, Protocol, Tuple
 
 from ground.errors import GroundError
 from ground.recordings import bag_reader, drafts
 from ground.recordings.bag_reader import BagReader
 from ground.recordings.mapping import DEFAULT, FieldMapping
-from ground.recordings.messages import MessageSource
+from ground.recordings.messages import MessageSource, Tell, Told
 from ground.recordings.recording import Recording, read_source
 from ground.recordings.ros2_reader import Ros2Reader
 from ground.recordings.tables import SUFFIXES, TableReader
@@ -46,10 +46,10 @@ class OfMessages:
         """All that is in a file, of which a mapping may choose. Raises GroundError."""
         return self.open(path, DEFAULT)
 
-    def read(self, path: str, mapping: FieldMapping) -> Recording:
-        """See Reader."""
+    def read(self, path: str, mapping: FieldMapping, tell: Optional[Tell] = None) -> Recording:
+        """See Reader; tell: called with the share that has been read."""
         with self.open(path, mapping) as source:
-            return read_source(source, path, mapping)
+            return read_source(Told(source, tell) if tell else source, path, mapping)
 
 
 class Bag(OfMessages):
@@ -102,8 +102,8 @@ class Table(OfMessages):
         """See OfMessages."""
         return TableReader(_tables(path) if os.path.isdir(path) else [path])
 
-    def read(self, path: str, mapping: FieldMapping) -> Recording:
-        """See Reader."""
+    def read(self, path: str, mapping: FieldMapping, tell: Optional[Tell] = None) -> Recording:
+        """See OfMessages."""
         if not mapping.of_tables:
             raise GroundError(
                 "%s: which columns are times, poses and commands is not known; identify info %s "
@@ -113,7 +113,7 @@ class Table(OfMessages):
         poses, commands = _pair(path, mapping)
         with self.open(path, mapping) as source:
             named = mapping.with_options(os.path.basename(poses), os.path.basename(commands))
-            return read_source(source, path, named)
+            return read_source(Told(source, tell) if tell else source, path, named)
 
 
 READERS: List[Reader] = [Bag(), Ros2Bag(), Table()]
@@ -132,9 +132,20 @@ def reader_of(path: str) -> Reader:
     raise GroundError("%s: not a %s" % (path, kinds))
 
 
-def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
-    """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
-    return reader_of(path).read(path, mapping)
+def read(path: str, mapping: FieldMapping = DEFAULT, tell: Optional[Tell] = None) -> Recording:
+    """The Recording in a file of any kind, by what the mapping says; tell: called with the share of it
+    that has been read, 0..1. Raises GroundError."""
+    reader = reader_of(path)
+    if isinstance(reader, OfMessages):
+        return reader.read(path, mapping, tell)
+    return reader.read(path, mapping)
+
+
+def size(path: str) -> int:
+    """Size of a file, or of the files in a folder [bytes]; 0 where there is none."""
+    if os.path.isdir(path):
+        return sum(entry.stat().st_size for entry in os.scandir(path) if entry.is_file())
+    return os.path.getsize(path) if os.path.exists(path) else 0
 
 
 def drafted(path: str) -> str:

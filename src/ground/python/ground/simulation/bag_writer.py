@@ -1,11 +1,12 @@
 """Simulated runs as bags, like those that launch/record.launch records."""
 
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from ground import _core, files
 from ground.annotations import Array, Message, Time
+from ground.progress import Work
 from ground.recordings import codecs
 from ground.recordings.settings import AXES
 from ground.recordings.topics import (
@@ -27,6 +28,9 @@ from ground.recordings.topics import (
 if TYPE_CHECKING:
     from ground.simulation.experiments import SimulatedRun
 
+WRITING = "writing the bag (thousands of messages)"  # stage
+TOLD = 1000  # messages that are a unit of it
+MESSAGES, MESSAGE = 260.0, 3e-5  # usual messages per second of a run, and time to write one [s]
 DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
 STATUS_PERIOD = 0.5  # period at which an unchanged status is repeated [s]
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
@@ -41,6 +45,7 @@ def write(
     axes: str = AXES,
     heading_offset: float = 0.0,
     force: bool = False,
+    work: Optional[Work] = None,
 ) -> Dict[str, int]:
     """Writes a SimulatedRun to a bag. The same run gives the same bytes, except for the computing times
     of a controller.
@@ -48,17 +53,26 @@ def write(
     Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
     the craft; the bag contains both settings. Header stamps are times of measurement, record times
     those of delivery. Returns the number of messages by topic; raises GroundError when the file
-    exists.
+    exists. work: told of what is written.
     """
     counts: Dict[str, int] = {}
+    told = work or Work()
     with files.new_file(path, force) as temporary:
-        with codecs.installed().bag_writer(temporary) as bag:
-            for received, topic, stamp, message in _in_order(run, axes, heading_offset):
+        with told.stage(WRITING), codecs.installed().bag_writer(temporary) as bag:
+            total, rows = _in_order(run, axes, heading_offset)
+            told.more(total // TOLD + 1)  # the last one: the index
+            for number, (received, topic, stamp, message) in enumerate(rows):
+                told.reach(number // TOLD)
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = _time(stamp)
                 bag.write(topic, message, _time(received))
                 counts[topic] = counts.get(topic, 0) + 1
     return counts
+
+
+def expect(work: Work, duration: float) -> None:
+    """Tells work to expect that a run of some duration [s] will be written."""
+    work.expect(WRITING, 1 + int(MESSAGES * duration / TOLD), TOLD * MESSAGE)
 
 
 def _time(seconds: float) -> Time:
@@ -71,8 +85,9 @@ def _new(kind: str, **fields: Any) -> Message:
 
 def _in_order(
     run: "SimulatedRun", axes: str, heading_offset: float
-) -> Iterator[Tuple[float, str, float, Message]]:
-    """Record time, topic, stamp and message of everything in a run, in the order of recording."""
+) -> Tuple[int, Iterator[Tuple[float, str, float, Message]]]:
+    """Number of all messages of a run; record time, topic, stamp and message of each, in the order of
+    recording."""
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
@@ -100,9 +115,14 @@ def _in_order(
     received = np.concatenate([s[1] for s in series])
     source = np.repeat(np.arange(len(series)), [len(s[1]) for s in series])
     rows = [zip(s[1], s[2], s[3]) for s in series]
-    for which in source[np.argsort(received, kind="stable")]:
-        at, stamp, message = next(rows[which])
-        yield at, series[which][0], stamp, message
+    order = source[np.argsort(received, kind="stable")]
+
+    def ordered() -> Iterator[Tuple[float, str, float, Message]]:
+        for which in order:
+            at, stamp, message = next(rows[which])
+            yield at, series[which][0], stamp, message
+
+    return len(order), ordered()
 
 
 def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Message]:

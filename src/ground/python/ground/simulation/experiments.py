@@ -13,6 +13,7 @@ import numpy as np
 from ground import _core, core_types
 from ground.annotations import Array
 from ground.errors import GroundError
+from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
 from ground.recordings.settings import AXES
 
@@ -80,12 +81,19 @@ class SimulatedRun(Recording):
         off = self.truth_eta[at, :2] - self.references[:, 1:3]
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
-    def save(self, path: "Union[str, os.PathLike[str]]", force: bool = False) -> Dict[str, int]:
+    def save(
+        self,
+        path: "Union[str, os.PathLike[str]]",
+        force: bool = False,
+        progress: Progress = None,
+    ) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Returns the number of messages by
-        topic. GroundError when it cannot be written, or exists and `force` is not set."""
+        topic. progress: called with a ground.progress.Report at each step. GroundError when
+        it cannot be written, or exists and `force` is not set."""
         from ground.simulation import bag_writer
 
-        return bag_writer.write(self, os.fspath(path), self.axes, self.heading_offset, force)
+        told = self.axes, self.heading_offset, force, Work.of(progress)
+        return bag_writer.write(self, os.fspath(path), *told)
 
 
 @dataclass

@@ -9,6 +9,7 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.core_types import EffectUse, ExperimentLog
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.recordings import tracking_error
 from ground.simulation import gains
 from ground.workers import Workers
@@ -240,12 +241,16 @@ def many(
     seed: int = 1,
     rate: float = 50.0,
     max_error: float = 0.0,
+    work: Optional[Work] = None,
 ) -> List[Tracked]:
-    """The Tracked of every start, each with its own seed."""
+    """The Tracked of every start, each with its own seed; work: told of each."""
+    told = work or Work()
 
     def one(i: int) -> Tracked:
         loop = (truth, believed, controller, task, starts[i], conditions)
-        return run(*loop, seed + i, rate, max_error)
+        found = run(*loop, seed + i, rate, max_error)
+        told.step()
+        return found
 
     with Workers() as team:
         return list(team.map(one, range(len(starts))))

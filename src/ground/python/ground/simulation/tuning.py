@@ -15,7 +15,7 @@ used.
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.core_types import Setting
 from ground.errors import GroundError
+from ground.progress import Work
 from ground.simulation import gains, tracking
 from ground.workers import Workers
 
@@ -116,8 +117,11 @@ def evaluate(
     weights: Weights,
     seed: int,
     rate: float = 50.0,
+    work: Optional[Work] = None,
 ) -> List[Candidate]:
-    """A Candidate of every _core.ControllerChoice; workers: ground.workers.Workers."""
+    """A Candidate of every _core.ControllerChoice; workers: ground.workers.Workers; work: told of each
+    drive that is simulated."""
+    told = work or Work()
     plan = list(itertools.product(range(len(choices)), cells, range(len(starts))))
     runs = [
         (
@@ -134,7 +138,10 @@ def evaluate(
         for count, cell, start in plan
     ]
     parts = [runs[i : i + BATCH] for i in range(0, len(runs), BATCH)]
-    numbers = list(itertools.chain.from_iterable(workers.map(_numbers, parts)))
+    numbers: List[Document] = []
+    for found_in_part in workers.map(_numbers, parts):
+        numbers += found_in_part
+        told.step(len(found_in_part))
     found = [Candidate(gains.get(choice)) for choice in choices]
     for (count, cell, _), result in zip(plan, numbers):
         found[count].errors.setdefault(cell.name, []).append(result["rms"])
@@ -179,19 +186,21 @@ def search(
     evaluations: int,
     seed: int,
     rate: float = 50.0,
-    progress: Optional[Callable[[int, Candidate], None]] = None,
+    work: Optional[Work] = None,
 ) -> List[Candidate]:
     """All Candidates that were tried, in order. first: _core.ControllerChoices to start from.
 
-    progress(count, best) is called after every generation. Raises GroundError when the optimiser
-    is not installed.
+    work: told of each drive that is simulated, and of the best candidates. Raises GroundError
+    when the optimiser is not installed.
     """
     CMA = _optimizer()
     kind = first[0].kind
     names = list(SPACE[kind])
     bounds = _bounds(kind)
     random = np.random.default_rng(seed)
-    tried = evaluate(workers, first, believed, cells, starts, weights, seed, rate)
+    told, drives = work or Work(), len(cells) * len(starts)
+    told.more(drives * max(evaluations, len(first)))
+    tried = evaluate(workers, first, believed, cells, starts, weights, seed, rate, told)
     weights.limits = {
         cell.name: min(max(candidate.errors[cell.name]) for candidate in tried) for cell in cells
     }
@@ -201,11 +210,9 @@ def search(
 
     def attempt(generation: Sequence[Array]) -> List[float]:
         choices = [_choice(first[0], kind, place) for place in generation]
-        found = evaluate(workers, choices, believed, cells, starts, weights, seed, rate)
+        found = evaluate(workers, choices, believed, cells, starts, weights, seed, rate, told)
         tried.extend(found)
         places.extend(generation)
-        if progress:
-            progress(len(tried), min(tried, key=lambda c: c.score))
         return [candidate.score for candidate in found]
 
     population = 4 + 2 * len(names)
@@ -222,6 +229,12 @@ def search(
         while len(tried) < end and not optimizer.should_stop():
             generation = [optimizer.ask() for _ in range(population)]
             optimizer.tell(list(zip(generation, attempt(generation))))
+        told.more(drives * max(0, evaluations - end))
+        best = min(tried, key=lambda c: c.score)
+        told.note(
+            "best of %d candidates: score %.3f, saturated %.0f%%, effort %.3f"
+            % (len(tried), best.score, 100 * best.saturated, best.effort)
+        )
     return tried
 
 
@@ -248,14 +261,16 @@ def choose(
     weights: Weights,
     seed: int,
     rate: float = 50.0,
+    work: Optional[Work] = None,
 ) -> List[Candidate]:
-    """The finalists as Candidates on other starts than the search's, best first."""
+    """The finalists as Candidates on other starts than the search's, best first; work: told of each
+    drive."""
     kind = first[0].kind
     bounds = _bounds(kind)
     places = [_coordinates(kind, c.gains, bounds) for c in tried]
     choices = [_with(first[0], tried[i].gains) for i in _apart(places, tried, FINALISTS, 0.1)]
     return sorted(
-        evaluate(workers, choices, believed, cells, starts, weights, seed, rate),
+        evaluate(workers, choices, believed, cells, starts, weights, seed, rate, work),
         key=lambda c: c.score,
     )
 

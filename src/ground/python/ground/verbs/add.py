@@ -8,9 +8,6 @@ from ground.annotations import Document
 from ground.api import adding
 from ground.verbs import common
 
-NAME = "add"
-SUMMARY = "adds an effect to a model, refits it, and shows the error before and after"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
@@ -21,7 +18,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     common.add_bag_arguments(parser)
     common.add_span_arguments(parser)
-    common.add_progress_argument(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="model that it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
     common.add_holdout_argument(parser)
@@ -39,7 +35,7 @@ def run(arguments: argparse.Namespace) -> Document:
         start=arguments.start,
         end=arguments.end,
         everything=arguments.all,
-        progress=common.teller(arguments),
+        progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)
     for line in _lines(arguments, found):

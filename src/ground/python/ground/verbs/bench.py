@@ -15,8 +15,6 @@ from ground.api.models import Model, with_provenance
 from ground.errors import GroundError
 from ground.verbs import common
 
-NAME = "bench"
-SUMMARY = "fits thrust, its curve and gains to forces measured on a bench (thesis 3.2)"
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
 CURVES = ("linear", "power", "polynomial", "table")
@@ -62,7 +60,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="recorded runs, to say how the bench agrees with motion",
     )
     common.add_reading_arguments(parser)
-    common.add_progress_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
@@ -190,7 +187,7 @@ def _motion(arguments: argparse.Namespace, model: _core.Model) -> fitting.Fit:
     return fitting.fit(
         Model(model),
         common.reading(arguments, arguments.runs),
-        progress=common.teller(arguments),
+        progress=arguments.work,
     )
 
 

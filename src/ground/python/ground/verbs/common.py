@@ -2,17 +2,18 @@
 
 import argparse
 import contextlib
-import sys
 from typing import Any, Iterator, List, Optional, Sequence
 
 import numpy as np
 
 from ground import errors
-from ground.annotations import Say
 from ground.api import recordings as api
 from ground.errors import GroundError
 from ground.recordings import mapping, readers, settings
 from ground.recordings.recording import Recording
+
+
+PAGE = "writing the page"  # stage
 
 
 class Bags(argparse.Action):
@@ -89,21 +90,6 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_progress_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds --progress."""
-    parser.add_argument(
-        "--progress",
-        action="store_true",
-        help="print each step on standard error (default on a terminal)",
-    )
-
-
-def progress(arguments: argparse.Namespace, text: str) -> None:
-    """Prints a step of the work to standard error, if wanted."""
-    if arguments.progress or (not arguments.json and sys.stderr.isatty()):
-        print("... " + text, file=sys.stderr, flush=True)
-
-
 def positive(text: str) -> float:
     """A finite number above zero."""
     value = float(text)
@@ -150,14 +136,9 @@ def say(arguments: argparse.Namespace, text: str = "") -> None:
         print(text)
 
 
-def teller(arguments: argparse.Namespace) -> Say:
-    """The progress function for the API."""
-    return lambda text: progress(arguments, text)
-
-
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
     """The recordings in the bags, read when the first one is asked for."""
-    return api.reading(bags, mapped(arguments))
+    return api.reading(bags, mapped(arguments), arguments.work)
 
 
 def mapped(arguments: argparse.Namespace) -> mapping.FieldMapping:

@@ -38,15 +38,13 @@ from ground.api.recordings import Part
 from ground.reports import comparison_files, words
 from ground.verbs import common
 
-NAME = "compare"
-SUMMARY = "models against recordings: errors, where they come from, and pictures"
+DRAWING = "drawing pictures"  # stage
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     common.add_bag_arguments(parser)
     common.add_span_arguments(parser)
-    common.add_progress_argument(parser)
     workers.add_scheduler_argument(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
@@ -64,17 +62,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     models = comparing.labelled(arguments.model)
+    arguments.work.expect(comparing.COMPARING, None)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(
         arguments.output, list(models), not arguments.numbers, arguments.format, arguments.force
     )
     folder.prepare([recording.name for recording in recordings])
     part = Part(arguments.start, arguments.end, arguments.all)
+    if not arguments.numbers:
+        arguments.work.expect(DRAWING, len(recordings), 1.5 * (1 + len(models)))
+        arguments.work.expect(common.PAGE, 1, 2.0)
     runs = []
     for compared in comparing.each_run(
-        models, recordings, part, arguments.scheduler, common.teller(arguments)
+        models, recordings, part, arguments.scheduler, arguments.work
     ):
-        folder.write_run(compared)
+        with arguments.work.unit(DRAWING):
+            folder.write_run(compared)
         _say_run(arguments, compared)
         runs.append(compared)
     found = comparing.conclude(models, runs)
@@ -85,7 +88,7 @@ def run(arguments: argparse.Namespace) -> Document:
     if arguments.numbers:
         common.say(arguments, "written to %s" % folder.numbers)
         return result
-    with common.page(folder.page, folder.numbers):
+    with arguments.work.stage(common.PAGE), common.page(folder.page, folder.numbers):
         folder.write_page(found, result)
     common.say(arguments, "to look at: %s; pictures and numbers beside it" % folder.page)
     return result

@@ -3,13 +3,10 @@
 import argparse
 import os
 
-from ground.analysis import candidates, search
+from ground.analysis import candidates, criteria
 from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
-
-NAME = "diagnose"
-SUMMARY = "which physical effect is missing in a model, with evidence, and the model with it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +14,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     on_request = ", ".join(candidates.on_request())
     common.add_bag_arguments(parser)
     common.add_span_arguments(parser)
-    common.add_progress_argument(parser)
     parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to diagnose")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
     common.add_holdout_argument(parser)
@@ -43,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=common.count,
         metavar="N",
         help="number of effects to refit in each step, the most promising by a score test (%d)"
-        % search.Criteria.refitted,
+        % criteria.Criteria.refitted,
     )
     parser.add_argument(
         "--thorough",
@@ -65,9 +61,9 @@ def run(arguments: argparse.Namespace) -> Document:
     from ground.api import diagnosing
     from ground.reports import diagnosis_files
 
-    say, folder = common.teller(arguments), diagnosis_files.Folder(
-        arguments.output, arguments.force
-    )
+    work = arguments.work
+    folder = diagnosis_files.Folder(arguments.output, arguments.force)
+    work.expect(common.PAGE, 1, 7.0)
     problem = diagnosing.read_problem(
         arguments.model,
         common.reading(arguments, arguments.bags),
@@ -77,16 +73,15 @@ def run(arguments: argparse.Namespace) -> Document:
         thorough=arguments.thorough,
         room=arguments.room,
         part=Part(arguments.start, arguments.end, arguments.all),
-        progress=say,
+        work=work,
     )
     folder.prepare()
     kept = problem.unfinished(os.path.join(arguments.output, ".unfinished"))
-    found = diagnosing.solve(problem, kept, say)
+    found = diagnosing.solve(problem, kept, work)
     folder.write_numbers(found)
     for line in found.sentences:
         common.say(arguments, line)
-    say("drawing")
-    with common.page(folder.page, folder.numbers):
+    with work.stage(common.PAGE), common.page(folder.page, folder.numbers):
         folder.write_page(found)
     kept.done()
     common.say(arguments, "")

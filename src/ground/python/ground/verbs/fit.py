@@ -13,8 +13,6 @@ from ground.api import fitting
 from ground.recordings import windows
 from ground.verbs import common
 
-NAME = "fit"
-SUMMARY = "fits a model's parameters to recordings by simulation error"
 FREE = list(study.NOMINAL)
 
 
@@ -22,7 +20,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     common.add_bag_arguments(parser)
     common.add_span_arguments(parser)
-    common.add_progress_argument(parser)
     parser.add_argument(
         "--model", metavar="M.yaml", required=True, help="model, with the start values"
     )
@@ -87,7 +84,7 @@ def run(arguments: argparse.Namespace) -> Document:
         start=arguments.start,
         end=arguments.end,
         everything=arguments.all,
-        progress=common.teller(arguments),
+        progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)
     if not found.converged:

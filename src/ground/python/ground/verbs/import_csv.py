@@ -7,9 +7,6 @@ from ground.annotations import Document
 from ground.recordings import csv_exports
 from ground.verbs import common
 
-NAME = "import"
-SUMMARY = "converts CSV written by rostopic echo -p to a bag that the other verbs read"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
@@ -27,7 +24,7 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     counts = csv_exports.write_bag(
-        arguments.controls, arguments.pose, arguments.output, arguments.force
+        arguments.controls, arguments.pose, arguments.output, arguments.force, arguments.work
     )
     common.say(
         arguments,

@@ -5,13 +5,11 @@ from typing import List
 
 from ground import files
 from ground.annotations import Document
+from ground.api import recordings as api
 from ground.api.models import Model
 from ground.errors import GroundError
 from ground.recordings import findings, layouts, mapping, quality, readers
 from ground.verbs import common
-
-NAME = "info"
-SUMMARY = "contents and oddities of recordings, and their usable parts"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +34,7 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     if arguments.output:
         return _write_mapping(arguments)
     recordings = common.read(arguments)
-    described = quality.describe([r.repaired for r in recordings])
+    described = quality.describe(api.repaired(recordings, arguments.work))
     for d in described:
         common.say(arguments, d["name"])
         for name, value in findings.facts(d):
@@ -45,7 +43,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
             common.say(arguments, "  - %s" % finding)
     if arguments.model:
         thrusters = layouts.thrusters_of(Model.load(arguments.model).core)
-        verdict = layouts.judge(recordings, thrusters)
+        with arguments.work.stage("judging which channel drives which thruster"):
+            verdict = layouts.judge(recordings, thrusters)
         common.say(arguments, verdict.sentence(thrusters))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
@@ -55,7 +54,8 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
     """Drafts a mapping file."""
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)
-    text = readers.drafted(path)
+    with arguments.work.stage("drafting"):
+        text = readers.drafted(path)
     with files.new_file(output, arguments.force) as temporary:
         with open(temporary, "w", encoding="utf-8") as file:
             file.write(text)

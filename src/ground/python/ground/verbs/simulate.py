@@ -13,12 +13,12 @@ from ground.api import simulating
 from ground.api.models import Model
 from ground.api.simulating import DESIGNS, DURATION, GAINS, KINDS, REFERENCE
 from ground.recordings.settings import AXES
+from ground.simulation import bag_writer
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
 from ground.verbs import common, listing
 
-NAME = "simulate"
-SUMMARY = "records a simulated experiment to a bag, without ROS running and faster than real time"
+SIMULATING = "simulating"  # stage
 
 DETAILS = (
     "\ninputs:\n"
@@ -226,22 +226,25 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
-    run = simulating.simulate(
-        model,
-        arguments.input,
-        duration=arguments.duration,
-        seed=arguments.seed,
-        name=os.path.splitext(os.path.basename(arguments.output))[0],
-        start_pose=arguments.start_pose,
-        start_velocity=arguments.start_velocity,
-        mocap=_given(arguments, simulating.MOCAP),
-        disturbance=_disturbance(arguments.disturbance),
-        trim=arguments.trim,
-        axes=arguments.axes,
-        heading_offset=arguments.heading_offset,
-        **_given(arguments, OPTIONS),
-    )
-    counts = run.save(arguments.output, arguments.force)
+    arguments.work.expect(SIMULATING, 1, 0.2)
+    bag_writer.expect(arguments.work, arguments.duration or DURATION)
+    with arguments.work.stage(SIMULATING):
+        run = simulating.simulate(
+            model,
+            arguments.input,
+            duration=arguments.duration,
+            seed=arguments.seed,
+            name=os.path.splitext(os.path.basename(arguments.output))[0],
+            start_pose=arguments.start_pose,
+            start_velocity=arguments.start_velocity,
+            mocap=_given(arguments, simulating.MOCAP),
+            disturbance=_disturbance(arguments.disturbance),
+            trim=arguments.trim,
+            axes=arguments.axes,
+            heading_offset=arguments.heading_offset,
+            **_given(arguments, OPTIONS),
+        )
+    counts = run.save(arguments.output, arguments.force, arguments.work)
     for line in _lines(arguments, model, run):
         common.say(arguments, line)
     if run.stopped:

@@ -13,10 +13,6 @@ from ground.simulation import tracking
 from ground.simulation.tracking import PLACES
 from ground.verbs import common, listing
 
-NAME = "track"
-SUMMARY = (
-    "drives a simulated craft along a reference, without ROS running and faster than real time"
-)
 
 DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
@@ -127,6 +123,7 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.seed,
         arguments.rate,
         arguments.max_error,
+        arguments.work,
     )
     result = {
         "controller": arguments.controller,
@@ -136,17 +133,23 @@ def run(arguments: argparse.Namespace) -> Document:
         **found.to_dict(),
     }
     if arguments.picture:
-        from ground.reports import picture, tracking_figures
-
-        name = "%s, %s" % (found.controller, found.reference)
-        caption = tracking_figures.caption(name, found.runs[0].numbers)
-        shown = tracking_figures.driven(found.runs[0], caption, found.window)
-        picture.write(arguments.picture, [shown], arguments.force)
+        with arguments.work.stage("drawing the picture"):
+            _draw(arguments, found)
         result["picture"] = arguments.picture
     _say(arguments, result)
     if found.stopped:
         raise GroundError("the controller stopped: %s" % _stop(found.stops[0]))
     return result
+
+
+def _draw(arguments: argparse.Namespace, found: api.Tracking) -> None:
+    """Draws the first run."""
+    from ground.reports import picture, tracking_figures
+
+    name = "%s, %s" % (found.controller, found.reference)
+    caption = tracking_figures.caption(name, found.runs[0].numbers)
+    shown = tracking_figures.driven(found.runs[0], caption, found.window)
+    picture.write(arguments.picture, [shown], arguments.force)
 
 
 def _settings(arguments: argparse.Namespace) -> Document:

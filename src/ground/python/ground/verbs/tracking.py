@@ -11,8 +11,7 @@ from ground.recordings.recording import Recording
 from ground.verbs import common
 from ground.verbs.track import effort_lines, metres
 
-NAME = "tracking"
-SUMMARY = "how recorded crafts followed their reference: path, error, saturation, computing time"
+FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,9 +42,13 @@ def run(arguments: argparse.Namespace) -> Document:
     room = Room.load(arguments.room) if arguments.room else None
     runs: List[Document] = []
     longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
-    for recording in common.read(arguments):
+    recordings = common.read(arguments)
+    arguments.work.expect(FOLLOWING, len(recordings), 0.5)
+    for recording in recordings:
         drives = []
-        for track in tracks.read(recording.path, recording):
+        with arguments.work.unit(FOLLOWING):
+            read = list(tracks.read(recording.path, recording))
+        for track in read:
             numbers = tracks.numbers(track, arguments.settled)
             numbers["kind"] = recording.flown_by.get("controller")
             drives.append(numbers)
@@ -65,7 +68,8 @@ def run(arguments: argparse.Namespace) -> Document:
         counts = arguments.settled, track.times[-1]
         room = room or Room.of_recording(recording)
         shown = tracking_figures.driven(track, caption, counts, room.core if room else None)
-        picture.write(arguments.picture, [shown], arguments.force)
+        with arguments.work.stage("drawing the picture"):
+            picture.write(arguments.picture, [shown], arguments.force)
         result["picture"] = arguments.picture
         common.say(arguments, "written to %s" % arguments.picture)
     return result

@@ -1,7 +1,6 @@
 """tune: search for the gains of a controller."""
 
 import argparse
-import sys
 from typing import Dict, List, Mapping, Sequence, Tuple
 
 from ground import _core, files, workers
@@ -12,8 +11,6 @@ from ground.simulation import gains, tracking, tuning
 from ground.verbs import common, listing
 from ground.verbs.track import metres
 
-NAME = "tune"
-SUMMARY = "searches for the gains of a controller in closed loop, on all cores"
 
 DETAILS = """
 Every candidate follows the references from several starts: with the model as it is, with mocap noise
@@ -33,6 +30,9 @@ REFERENCES = [
     "circle:size=1.2,rate_of_turn=0.9",
     "sinusoid:speed=0.3,size=0.8,rate_of_turn=0.4",
 ]
+# Stages; unit: a drive that is simulated
+STAGES = ("drives of the search", "drives of the finalists", "drives of the test")
+DRIVE = 0.005  # usual time of one [s]
 HELD_OUT = ["rhodonea", "circle:size=1.5,rate_of_turn=0.8"]
 THESIS = {
     "TrajectoryTracking": {
@@ -119,8 +119,9 @@ def run(arguments: argparse.Namespace) -> Document:
     if arguments.picture:
         from ground.reports import picture, tracking_figures
 
-        shown = tracking_figures.tuned(compared, tried, result)
-        picture.write(arguments.picture, [shown], arguments.force)
+        with arguments.work.stage("drawing the picture"):
+            shown = tracking_figures.tuned(compared, tried, result)
+            picture.write(arguments.picture, [shown], arguments.force)
     _say(arguments, result)
     return result
 
@@ -139,27 +140,37 @@ def _search(
     counts = (arguments.starts, 5 * arguments.starts, arguments.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
     first, rate = list(before.values()), arguments.rate
-    report = None if arguments.json else _progress
+    work, drives = arguments.work, [
+        len(seen) * counts[0] * arguments.evaluations,
+        len(seen) * counts[1] * tuning.FINALISTS,
+        len(seen + unseen) * counts[2] * (len(first) + 1),
+    ]
+    for stage, units in zip(STAGES, drives):
+        work.expect(stage, units, DRIVE)
     try:
-        tried = tuning.search(
-            team,
-            first,
-            model,
-            seen,
-            places[0],
-            weights,
-            arguments.evaluations,
-            seeds[0],
-            rate,
-            report,
-        )
-        print(file=sys.stderr)
-        chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate)
+        with work.stage(STAGES[0]):
+            tried = tuning.search(
+                team,
+                first,
+                model,
+                seen,
+                places[0],
+                weights,
+                arguments.evaluations,
+                seeds[0],
+                rate,
+                work,
+            )
+        with work.stage(STAGES[1]):
+            chosen = tuning.choose(
+                team, tried, first, model, seen, places[1], weights, seeds[1], rate, work
+            )
         tuned = gains.choice(arguments.controller)
         gains.put(tuned, chosen[0].gains)
-        compared = tuning.evaluate(
-            team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate
-        )
+        with work.stage(STAGES[2]):
+            compared = tuning.evaluate(
+                team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate, work
+            )
     except ValueError as error:
         raise GroundError(str(error))
     return tuned, tried, dict(zip([*before, "tuned"], compared))
@@ -190,16 +201,6 @@ def _starting(arguments: argparse.Namespace) -> Dict[str, _core.ControllerChoice
         found[name] = gains.choice(arguments.controller)
         gains.put(found[name], values)
     return found or {"default": gains.choice(arguments.controller)}
-
-
-def _progress(count: int, best: tuning.Candidate) -> None:
-    print(
-        "\r%5d candidates; best: score %.3f, saturated %.0f%%, effort %.3f "
-        % (count, best.score, 100 * best.saturated, best.effort),
-        end="",
-        file=sys.stderr,
-        flush=True,
-    )
 
 
 def _result(
