@@ -166,13 +166,14 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls], names)
     found = checked(
         path,
-        [(row[0] + mapping.clock_offset,) + row[1:] for row in rows.rows["poses"]],
+        _shifted(rows.rows["poses"], mapping),
         controls,
         ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values()),
         warnings,
         names,
         {channel.name: channel.range for channel in channels},
     )
+    mends_clock = bool(mapping.clock_offset or mapping.clock_drift)
     # Sorted by the last message on each, so that the next message overrules a damaged one.
     ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
@@ -184,8 +185,15 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        clock_offset=0.0 if mapping.clock_offset else rows.delay("poses") - rows.delay("controls"),
+        clock_offset=0.0 if mends_clock else rows.delay("poses") - rows.delay("controls"),
     )
+
+
+def _shifted(rows: List[Tuple[float, ...]], mapping: FieldMapping) -> List[Tuple[float, ...]]:
+    """Rows that begin with a stamp, on the clock that a mapping says."""
+    first = rows[0][0] if rows else 0.0
+    offset, drift = mapping.clock_offset, mapping.clock_drift
+    return [(row[0] + offset + drift * (row[0] - first),) + row[1:] for row in rows]
 
 
 @dataclass
@@ -418,6 +426,7 @@ def _check_ranges(
                     least,
                     most,
                     seem,
-                    "; a thruster that can be reversed has range: [-1, 1]" if -1 <= low < 0 else "",
+                    "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at "
+                    "-1 has off: -1, full: 1" if -1 <= low < 0 else "",
                 )
             )

@@ -1,0 +1,164 @@
+"""Which hypotheses recordings support, and which they cannot distinguish."""
+
+import functools
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground.annotations import Document
+from ground.recordings.layouts import evidence, hypotheses
+from ground.recordings.layouts.hypotheses import Class, Hypothesis, Thruster
+
+if TYPE_CHECKING:
+    from ground.recordings.quality import Run
+    from ground.recordings.recording import Recording
+
+CHANCE = 0.01  # that any wrong class is preferred to the right one, over all of them
+MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
+ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
+MAX_NAMED = 4  # hypotheses of a class that are named
+SAME_COST = 2  # additional cost up to which they are
+IDLE = 0.1  # a channel whose commands vary by less, relative to the liveliest one, hardly changes
+TOGETHER = 0.95  # correlation of channels that change together
+
+
+@dataclass(frozen=True)
+class Found:
+    """A hypothesis, with what commands explain under it."""
+
+    hypothesis: Hypothesis
+    force: float  #: share of the forces that the commands explain
+    turn: float  #: share of the turns
+    ratio: float  #: of the accelerations that it leaves unexplained to those of the best one
+    ratio95: Tuple[float, float]  #: interval of that ratio
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Which hypotheses recordings support."""
+
+    recorded: Found  #: channels by their names, heading as it is
+    best: Found
+    same: List[Hypothesis]  #: under which the motion is exactly that of the best one
+    undecided: List[Found]  #: others that the recordings do not refute
+    open_share: float  #: their share of all classes of hypotheses
+    why: str  #: why not; empty where there are none
+
+    @property
+    def is_as_recorded(self) -> bool:
+        """Whether the recordings do not refute the recorded channels and heading."""
+        return self.best.hypothesis == self.recorded.hypothesis
+
+    def describe(self) -> Document:
+        """As plain values."""
+        return asdict(self)
+
+
+def judge(recordings: Sequence["Recording"], thrusters: Sequence[Thruster]) -> Verdict:
+    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels.
+
+    GroundError when a recording has no such channel or the commands change too little.
+    """
+    return of_runs([recording.repaired for recording in recordings], thrusters)
+
+
+def of_runs(runs: Sequence["Run"], thrusters: Sequence[Thruster]) -> Verdict:
+    """The same of repaired recordings.
+
+    GroundError when a recording has no such channel or the commands change too little.
+    """
+    groups = _classes(tuple(thrusters))
+    names = [thruster.name for thruster in thrusters]
+    found = evidence.gathered(runs, groups, names)
+    logs, _ = found.log_ratios(0)
+    likeliest = int(np.argmin(logs))
+    open_still = _not_refuted(found, likeliest)
+    # Classes come in the order of their costs: the first one supposes least.
+    best = open_still[0] if 0 in open_still else _cheapest(groups, open_still, logs, names)
+    kept = _found(found, best, best)
+    turned = _turned(found, best, thrusters, _limit(found))
+    most = groups[best].first.cost(names) + SAME_COST
+    same = [h for h in groups[best].members[1:MAX_NAMED] if h.cost(names) <= most]
+    return Verdict(
+        replace(_found(found, 0, best), hypothesis=hypotheses.recorded(thrusters)),
+        replace(kept, hypothesis=turned) if turned else kept,
+        [] if turned else same,
+        [_found(found, i, best) for i in open_still if i != best],
+        len(open_still) / len(groups),
+        _why(found, best, [i for i in open_still if i != best], names),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _classes(thrusters: Tuple[Thruster, ...]) -> List[Class]:
+    return hypotheses.classes(thrusters)
+
+
+def _limit(found: evidence.Evidence) -> float:
+    """Standard errors by which a class is worse than the likeliest one if it is wrong."""
+    from scipy.special import stdtrit  # slow to load
+
+    return float(stdtrit(found.blocks - 1, 1 - CHANCE / len(found.classes)))
+
+
+def _not_refuted(found: evidence.Evidence, likeliest: int) -> List[int]:
+    """Indices of the classes that are not significantly worse than the likeliest one."""
+    logs, errors = found.log_ratios(likeliest)
+    return [int(i) for i in np.flatnonzero(logs <= _limit(found) * errors)]
+
+
+def _cheapest(
+    groups: Sequence[Class], some: Sequence[int], logs: np.ndarray, names: Sequence[str]
+) -> int:
+    """The class that supposes least, and of several the likeliest."""
+    return min(some, key=lambda i: (groups[i].first.cost(names), float(logs[i])))
+
+
+def _found(found: evidence.Evidence, index: int, best: int) -> Found:
+    logs, errors = found.log_ratios(best)
+    log, error = float(logs[index]), float(errors[index])
+    force, turn = found.shares(index)
+    interval = math.exp(log - 1.96 * error), math.exp(log + 1.96 * error)
+    return Found(found.classes[index].first, force, turn, math.exp(log), interval)
+
+
+def _turned(
+    found: evidence.Evidence, index: int, thrusters: Sequence[Thruster], limit: float
+) -> Optional[Hypothesis]:
+    """The first hypothesis of a class with the heading's offset as the forces have it; None where it is
+    near the quarter turn, or no more likely."""
+    first = found.classes[index].first
+    angle, error = found.angle(index)
+    if abs(angle) - limit * error < (ROUNDED if first.heading_offset else MISALIGNED):
+        return None
+    offset = math.remainder(first.heading_offset + angle, 2 * math.pi)
+    other = replace(first, heading_offset=offset)
+    log, uncertain = found.log_ratio_of(Class((other,), other.effects(thrusters)), index)
+    return other if -log > limit * uncertain else None
+
+
+def _why(
+    found: evidence.Evidence, best: int, others: Sequence[int], names: Sequence[str]
+) -> str:
+    """Why some classes are not distinguished from the best one."""
+    if not others:
+        return ""
+    sizes = found.moments[found.classes[best].twisted].sizes.sum(axis=0)
+    spread = np.sqrt(np.diag(sizes))
+    own = found.classes[best].effects
+    differ = np.any([np.abs(found.classes[i].effects - own).max(axis=1) > 1e-6 for i in others], axis=0)
+    idle = [n for n, s, d in zip(names, spread, differ) if d and s < IDLE * spread.max()]
+    if idle:
+        return "%s hardly changes" % " and ".join(idle)
+    correlation = sizes / np.maximum(np.outer(spread, spread), 1e-300)
+    pairs = [
+        (names[i], names[j], correlation[i, j])
+        for i in range(len(names))
+        for j in range(i)
+        if differ[i] and differ[j] and abs(correlation[i, j]) > TOGETHER
+    ]
+    if pairs:
+        return "%s and %s always change together (correlation %.2f)" % pairs[0]
+    return "their accelerations differ by less than disturbances and noise over so short a recording"
