@@ -33,9 +33,16 @@ def versions() -> Dict[str, str]:
 
 
 def fingerprint(path: str) -> str:
-    """The first half of a file's SHA-256, which identifies its contents."""
+    """The first half of a SHA-256 that identifies the contents of a file, or the names and contents of the
+    files in a folder."""
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        for part in iter(lambda: file.read(1 << 20), b""):
-            digest.update(part)
+    inside = sorted(
+        os.path.join(folder, name) for folder, _, names in os.walk(path) for name in names
+    )
+    for name in inside:
+        digest.update(os.path.relpath(name, path).encode())
+    for name in inside or [path]:
+        with open(name, "rb") as file:
+            for part in iter(lambda: file.read(1 << 20), b""):
+                digest.update(part)
     return digest.hexdigest()[:32]

@@ -243,7 +243,7 @@ def each_run(
     its missing wrench the last model accounts for."""
     say = progress or silent
     runs = [recording.repaired for recording in recordings]
-    note_suspicions(recordings)
+    note_suspicions(recordings, next(iter(models.values())))
     for model in models.values():
         note_heading_offset(model, recordings)
     last = list(models.values())[-1].core if len(models) > 1 else None

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 class Diagnosis(Shown):
     """Which effects are missing in a model, by how much they improve it, and the model with them."""
 
-    verdict: str  #: complete, missing, varies, memory or unexplained
+    verdict: str  #: complete, missing, varies, memory, unexplained or misread
     effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
     improved: Model  #: the model with them, refitted
     parameters: Dict[str, Parameter]  #: its parameters, by name
@@ -108,11 +108,22 @@ class Problem:
     budget: Optional[int]
     thorough: bool
     given_room: Optional[Room]
+    as_recorded: bool = False  #: diagnoses recordings that look misread, too
 
     @property
     def runs(self) -> List[_core.RunData]:
         """_core.RunData fitted to."""
         return self.seen.data
+
+    @property
+    def findings(self) -> List[Document]:
+        """Mistakes that the recordings look like, as diagnosis.json has them."""
+        return [finding.describe() for finding in self.seen.findings + self.held.findings]
+
+    @property
+    def misread(self) -> bool:
+        """Whether effects are not looked for, because the recordings look misread."""
+        return not self.as_recorded and any(finding["misread"] for finding in self.findings)
 
     @property
     def inputs(self) -> List[str]:
@@ -143,7 +154,7 @@ class Problem:
             (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
             for r in self.runs
         ]
-        options = self.budget, self.thorough
+        options = self.budget, self.thorough, self.misread
         identity = (measured_in, self.model.format(), neutral, options, origin.versions())
         return Unfinished(folder, identity)
 
@@ -162,6 +173,7 @@ def diagnose(
     start: float = 0.0,
     end: Optional[float] = None,
     everything: bool = False,
+    as_recorded: bool = False,
     resume: Optional[Path] = None,
     progress: Progress = None,
 ) -> Diagnosis:
@@ -173,7 +185,8 @@ def diagnose(
     or as YAML files with one effect each. budget: number of effects that are refitted in each step,
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
-    not usable. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
+    not usable. as_recorded: diagnoses recordings that look misread (swapped channels, wrong signs, units
+    or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
     resumed. progress: called with a sentence at each step. GroundError when a file cannot be read,
     there is no such effect or the recordings are too short.
 
@@ -195,6 +208,7 @@ def diagnose(
         thorough=thorough,
         room=room,
         part=Part(start, end, everything),
+        as_recorded=as_recorded,
         progress=progress,
     )
     kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
@@ -212,6 +226,7 @@ def read_problem(
     thorough: bool,
     room: Optional[RoomLike],
     part: Part,
+    as_recorded: bool = False,
     progress: Progress = None,
 ) -> Problem:
     """Reads all that a diagnosis needs; chosen: only, exclude and effects of `diagnose`."""
@@ -224,7 +239,7 @@ def read_problem(
     seen = measured(recordings, given, part)
     held = held_out(holdout, given, part, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
-    return Problem(given, tried, seen, held, files, budget, thorough, given_room)
+    return Problem(given, tried, seen, held, files, budget, thorough, given_room, as_recorded)
 
 
 def effects_to_try(
@@ -271,11 +286,13 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     if kept.taken:
         say("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
-    conclusion = conclude(found, held)
+    conclusion = conclude(found, held, problem.misread)
     say("verdict: %s" % conclusion.verdict)
     say("errors of the best effects, and the next experiment")
     name, walls = problem.model.path or problem.model.name, room.core if room else None
-    report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
+    report = diagnosis_report.of(
+        found, conclusion, name, held, problem.thorough, walls, problem.findings
+    )
     return _result(problem, found, conclusion, report)
 
 
@@ -290,7 +307,8 @@ def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> di
         kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
     )
-    found.grow()
+    if not problem.misread:
+        found.grow()
     return found
 
 

@@ -2,12 +2,13 @@
 
 import os
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
-from ground.errors import GroundError, GroundNote, RecordingWarning, warn
+from ground.errors import GroundError, GroundNote, OptionError, RecordingWarning, warn
 from ground.recordings import findings, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
@@ -98,11 +99,10 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
         warn(different, GroundNote)
 
 
-def note_suspicions(found: Sequence[Recording]) -> None:
-    """Warns of mistakes that recordings look like."""
-    for recording in found:
-        for suspicion in recording.repaired.suspicions:
-            warn("%s: %s" % (recording.name, suspicions.sentence(suspicion.describe())))
+def note_suspicions(found: Sequence[Recording], model: Model) -> None:
+    """Warns of mistakes that recordings of a model's craft look like."""
+    for finding in suspicions.findings(found, model.core):
+        warn(finding.sentence)
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
@@ -145,11 +145,25 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
+    model: Model
 
     @property
     def runs(self) -> List[quality.Run]:
         """The recordings with their motion repaired."""
         return [recording.repaired for recording in self.recordings]
+
+    @cached_property
+    def findings(self) -> List[suspicions.Finding]:
+        """Mistakes that the recordings look like."""
+        return suspicions.findings(self.recordings, self.model.core)
+
+    def refuse_misread(self) -> None:
+        """GroundError when the recordings look misread, so that a model of them would be wrong."""
+        for finding in self.findings:
+            if finding.describe()["misread"]:
+                raise OptionError(
+                    "{finding}; {0} uses it as it is", "as_recorded", finding=finding.sentence
+                )
 
 
 def measured(
@@ -166,8 +180,10 @@ def measured(
     for run in runs:
         for finding in findings.grave(run.describe()):
             warn("%s: %s" % (run.recording.name, finding))
+    for one in suspicions.of_thrusters(found, model.core):
+        warn(one.sentence)
     note_heading_offset(model, found)
-    return Measured(found, [part.of(run, model) for run in runs])
+    return Measured(found, [part.of(run, model) for run in runs], model)
 
 
 def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:

@@ -140,6 +140,10 @@ def findings(d: Document) -> Iterator[str]:
     yield from _overlap(d["controls"])
     if d["rest"] > 0.2:
         yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
+    if d["rest_at_end"] > 0.2:
+        yield "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)" % (
+            d["rest_at_end"]
+        )
     if d["contacts"]:
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
             d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])

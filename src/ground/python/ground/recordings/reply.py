@@ -130,7 +130,7 @@ class _Following:
 
     @classmethod
     def of(cls, recording: "Recording", motion: Motion) -> Optional["_Following"]:
-        """Of FAR_SAMPLES samples at most; None where there are few."""
+        """Of FAR_SAMPLES samples at most; None where there are few or the craft rests."""
         inside = middle(motion.times)
         spread = slice(None, None, 1 + int(inside.sum()) // FAR_SAMPLES)
         times, nu = motion.times[inside][spread], motion.nu[inside][spread]
@@ -139,6 +139,8 @@ class _Following:
         base = np.linalg.qr(smooth_terms(nu))[0]
         wanted = _clipped(accelerations(motion)[inside][spread])
         wanted = wanted - base @ (base.T @ wanted)
+        if not (wanted**2).sum() > 0:
+            return None
         return cls(recording, times, wanted / np.maximum(wanted.std(axis=0), 1e-12), base)
 
     def left(self, times: Array, tau: float = 0.0) -> Array:

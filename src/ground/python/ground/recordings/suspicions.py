@@ -12,7 +12,7 @@ import numpy as np
 from ground import _core
 from ground.annotations import Document
 from ground.errors import GroundError
-from ground.recordings import layouts, reply, units
+from ground.recordings import layouts, repair, reply, units
 from ground.recordings.layouts import verdicts, words
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ DRIFTING = 5.0  # least drift of two clocks, in its standard errors
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
+# Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust.
+EXPLAINED = ("offset", "delay", "command")
 # A left and a right thruster; the moments of any lever are the same but for a factor.
 PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0, 1.0, 0.0))
 
@@ -63,7 +65,8 @@ def of(run: "Run") -> List[Suspicion]:
 def lengths(run: "Run") -> Iterator[Suspicion]:
     """Positions in millimetres, centimetres or inches, by speeds that no craft in a room has."""
     recording = run.recording
-    noise = run.motion.noise[0]
+    scatter = repair.scatter(run.motion.times, run.motion.measured)
+    noise = run.motion.noise[0] if scatter is None else float(np.hypot(*scatter[:2]) / np.sqrt(2))
     likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
     if likely:
         yield Suspicion(
@@ -115,15 +118,16 @@ def clocks(run: "Run") -> Iterator[Suspicion]:
     lag = run.reply["lag"] if run.reply else reply.far_lag(run.recording, run.motion)
     if lag is None or EARLIEST <= lag <= DELAYED:
         return
-    if DELAYED < lag <= LATEST and reply.delay(run.recording, run.motion) <= DELAYED:
+    late = DELAYED < lag <= LATEST
+    if late and reply.delay(run.recording, run.motion) <= DELAYED:
         return  # slow motors
     yield Suspicion(
-        "clock",
+        "delay" if late else "clock",
         "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"
         % (
             1e3 * abs(lag),
             "BEFORE" if lag < 0 else "after",
-            "" if lag < 0 or lag > LATEST else " and all at once, as no motor's lag explains",
+            " and all at once, as no motor's lag explains" if late else "",
         ),
         "clock_offset: %.2f in a mapping, which leaves the craft's own delay open" % -lag,
     )
@@ -148,24 +152,48 @@ def directions(run: "Run") -> Iterator[Suspicion]:
         yield from _of_layout([run], PAIR)
 
 
-def of_craft(
-    recordings: Sequence["Recording"], model: _core.Model
-) -> List[Tuple[List["Recording"], Suspicion]]:
-    """The same of a craft with any thrusters, with the recordings that a suspicion is about."""
+@dataclass(frozen=True)
+class Finding:
+    """A Suspicion about some recordings."""
+
+    runs: Tuple[str, ...]  #: their names
+    suspicion: Suspicion
+
+    def describe(self) -> Document:
+        """As plain values."""
+        return {
+            "runs": list(self.runs),
+            **self.suspicion.describe(),
+            "misread": self.suspicion.kind not in EXPLAINED,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return "%s: %s" % (", ".join(self.runs), sentence(self.suspicion.describe()))
+
+
+def of_thrusters(recordings: Sequence["Recording"], model: _core.Model) -> List[Finding]:
+    """Findings about the channels and headings of a craft with other thrusters than a left and a right
+    one; those of a pair are among the Suspicions of each Run."""
     if model.is_pair:
-        return [
-            ([recording], suspicion)
-            for recording in recordings
-            for suspicion in recording.repaired.suspicions
-        ]
+        return []
     thrusters = layouts.thrusters_of(model)
-    alone = [(r, one) for r in recordings for one in _of_layout([r.repaired], thrusters)]
-    together = list(_of_layout([r.repaired for r in recordings], thrusters))
-    if {one.what for _, one in alone} - {one.what for one in together}:
-        found = [([r], one) for r, one in alone]
-    else:
-        found = [(list(recordings), one) for one in together]
-    return [([r], one) for r in recordings for one in r.repaired.suspicions] + found
+    alone = [
+        Finding((r.name,), one) for r in recordings for one in _of_layout([r.repaired], thrusters)
+    ]
+    every = [r.repaired for r in recordings]
+    together = [
+        Finding(tuple(r.name for r in recordings), one) for one in _of_layout(every, thrusters)
+    ]
+    said = {finding.suspicion.what for finding in together}
+    return together if {finding.suspicion.what for finding in alone} <= said else alone
+
+
+def findings(recordings: Sequence["Recording"], model: _core.Model) -> List[Finding]:
+    """All Findings about recordings of a model's craft."""
+    of_runs = [Finding((r.name,), one) for r in recordings for one in r.repaired.suspicions]
+    return of_runs + of_thrusters(recordings, model)
 
 
 def _of_layout(

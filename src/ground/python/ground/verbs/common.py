@@ -84,6 +84,15 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_misread_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds --as-recorded."""
+    parser.add_argument(
+        "--as-recorded",
+        action="store_true",
+        help="use recordings that look misread (swapped channels, wrong signs, units or clocks), too",
+    )
+
+
 def add_progress_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --progress."""
     parser.add_argument(

@@ -56,6 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="ROOM.yaml",
         help="room of the next experiment (that of the first run that has one, else 4 x 4 m)",
     )
+    common.add_misread_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -77,6 +78,7 @@ def run(arguments: argparse.Namespace) -> Document:
         thorough=arguments.thorough,
         room=arguments.room,
         part=Part(arguments.start, arguments.end, arguments.all),
+        as_recorded=arguments.as_recorded,
         progress=say,
     )
     folder.prepare()

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     if arguments.model:
         thrusters = layouts.thrusters_of(Model.load(arguments.model).core)
         verdict = layouts.judge(recordings, thrusters)
-        common.say(arguments, verdict.sentence(thrusters))
+        common.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
 

@@ -3,7 +3,8 @@
 Accelerations and commands are compared without what velocities, a constant wrench and the slope of the floor
 explain. The log of the unexplained acceleration (root mean square, geometric mean of both forces and the
 yaw moment) is a log-likelihood per sample. Residuals are correlated in time, so the error of a
-difference comes from the scatter of its blocks, which are longer than their correlation (Vuong 1989).
+difference comes from the scatter of its blocks and the correlation of neighbours (Vuong 1989; Newey and
+West 1987).
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from ground.recordings.layouts.hypotheses import Class
 if TYPE_CHECKING:
     from ground.recordings.quality import Run
 
-BLOCK = 1.0  # length of the blocks [s]
+BLOCK = 0.5  # length of the blocks [s]
 MIN_BLOCKS = 6  # blocks that an error can be determined from
 CHUNK = 2000  # hypotheses that are evaluated at a time
 
@@ -87,8 +88,7 @@ class Evidence:
     def _log_ratios(self, unexplained: Array, index: int) -> Tuple[Array, Array]:
         one, own_parts = _logs(self.unexplained[index : index + 1])
         every, parts = _logs(unexplained)
-        spread = ((parts - own_parts) ** 2).sum(axis=1)
-        return every - one, np.sqrt(self.blocks / (self.blocks - 1) * spread)
+        return every - one, _error_of_sum(parts - own_parts)
 
     def angle(self, index: int) -> Tuple[float, float]:
         """Angle [rad] by which the measured forces are turned from those of a class, to which the
@@ -103,7 +103,15 @@ class Evidence:
             across = -across
         total = complex(along.sum(), across.sum())
         parts = ((along + 1j * across) / total).imag  # influence of each block on the angle
-        return float(np.angle(total)), float(np.sqrt(len(parts) / (len(parts) - 1) * (parts**2).sum()))
+        return float(np.angle(total)), float(_error_of_sum(parts[None])[0])
+
+
+def _error_of_sum(parts: Array) -> Array:
+    """Standard errors (h,) of sums of parts (h, B) of mean 0, of which neighbours may be correlated."""
+    squares = (parts**2).sum(axis=1)
+    neighbours = (parts[:, 1:] * parts[:, :-1]).sum(axis=1)
+    count = parts.shape[1]
+    return np.asarray(np.sqrt(count / (count - 1) * (squares + np.maximum(neighbours, 0))))
 
 
 def _logs(unexplained: Array) -> Tuple[Array, Array]:
@@ -143,7 +151,8 @@ def _moments(runs: Sequence["Run"], names: Sequence[str], twisted: bool) -> Mome
             sizes.append(C.T @ C)
             totals.append((A**2).sum(axis=0))
     found = Moments(np.array(products), np.array(sizes), np.array(totals), samples)
-    if len(totals) < MIN_BLOCKS or not np.trace(found.sizes.sum(axis=0)) > 1e-9 * samples:
+    moves = len(totals) and (found.totals.sum(axis=0) > 0).all()
+    if len(totals) < MIN_BLOCKS or not moves or not np.trace(found.sizes.sum(axis=0)) > 1e-9 * samples:
         raise GroundError("the commands change too little to distinguish the thrusters")
     return found
 

@@ -63,11 +63,11 @@ class Hypothesis:
         """How much it supposes to be other than recorded."""
         frame = UPSIDE_DOWN if self.upside_down else OTHER_FRAME if self.twisted else 0
         exchanged = sum(a != b for a, b in zip(self.channels, names))
-        signs = sum(sign != 1 for sign in self.signs)
-        if signs > 1 and set(self.signs) == {-1}:
-            signs = 1  # another convention, for all of them
+        signs = CHANGED_SIGN * sum(sign != 1 for sign in self.signs)
+        if set(self.signs) == {-1}:  # another convention, for all of them
+            signs = CHANGED_SIGN + EXCHANGED * (len(names) - 1)
         turned = TURNED * (self.heading_offset != 0)
-        return EXCHANGED * exchanged + CHANGED_SIGN * signs + turned + frame
+        return EXCHANGED * exchanged + signs + turned + frame
 
     def effects(self, thrusters: Sequence[Thruster], offset: float = 0.0) -> Array:
         """Force along and across the measured body's x axis, and yaw moment, that a unit of each channel

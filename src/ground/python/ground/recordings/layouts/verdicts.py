@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Document
+from ground.annotations import Array, Document
 from ground.recordings.layouts import evidence, hypotheses
 from ground.recordings.layouts.hypotheses import Class, Hypothesis, Thruster
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 CHANCE = 0.01  # that any wrong class is preferred to the right one, over all of them
 MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
 ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
+ROUND_ERRORS = 3.0  # so is one that is nearer than so many of its standard errors
+MAX_LISTED = 20  # hypotheses that are listed as undecided
 MAX_NAMED = 4  # hypotheses of a class that are named
 SAME_COST = 2  # additional cost up to which they are
 IDLE = 0.1  # a channel whose commands vary by less, relative to the liveliest one, hardly changes
@@ -42,8 +44,8 @@ class Verdict:
     recorded: Found  #: channels by their names, heading as it is
     best: Found
     same: List[Hypothesis]  #: under which the motion is exactly that of the best one
-    undecided: List[Found]  #: others that the recordings do not refute
-    open_share: float  #: their share of all classes of hypotheses
+    undecided: List[Found]  #: others that the recordings do not refute, the likeliest ones
+    open_share: float  #: share of all classes of hypotheses that are not refuted
     why: str  #: why not; empty where there are none
 
     @property
@@ -71,23 +73,27 @@ def of_runs(runs: Sequence["Run"], thrusters: Sequence[Thruster]) -> Verdict:
     """
     groups = _classes(tuple(thrusters))
     names = [thruster.name for thruster in thrusters]
-    found = evidence.gathered(runs, groups, names)
-    logs, _ = found.log_ratios(0)
+    gathered = evidence.gathered(runs, groups, names)
+    limit = _limit(gathered)
+    logs, errors = gathered.log_ratios(0)
     likeliest = int(np.argmin(logs))
-    open_still = _not_refuted(found, likeliest)
-    # Classes come in the order of their costs: the first one supposes least.
-    best = open_still[0] if 0 in open_still else _cheapest(groups, open_still, logs, names)
-    kept = _found(found, best, best)
-    turned = _turned(found, best, thrusters, _limit(found))
+    logs, errors = gathered.log_ratios(likeliest)
+    open_still = [int(i) for i in np.flatnonzero(logs <= limit * errors)]
+    # Classes come in the order of their costs: the first one is that of what is recorded.
+    best = min(open_still, key=lambda i: (i != 0, groups[i].first.cost(names), float(logs[i])))
+    others = sorted(set(open_still) - {best}, key=lambda i: float(logs[i]))
+    turned = _turned(gathered, best, thrusters, limit)
     most = groups[best].first.cost(names) + SAME_COST
     same = [h for h in groups[best].members[1:MAX_NAMED] if h.cost(names) <= most]
+    ratios = gathered.log_ratios(best)
+    kept = _found(gathered, best, ratios)
     return Verdict(
-        replace(_found(found, 0, best), hypothesis=hypotheses.recorded(thrusters)),
+        replace(_found(gathered, 0, ratios), hypothesis=hypotheses.recorded(thrusters)),
         replace(kept, hypothesis=turned) if turned else kept,
         [] if turned else same,
-        [_found(found, i, best) for i in open_still if i != best],
+        [_found(gathered, i, ratios) for i in others[:MAX_LISTED]],
         len(open_still) / len(groups),
-        _why(found, best, [i for i in open_still if i != best], names),
+        _why(gathered, best, others, names),
     )
 
 
@@ -103,22 +109,9 @@ def _limit(found: evidence.Evidence) -> float:
     return float(stdtrit(found.blocks - 1, 1 - CHANCE / len(found.classes)))
 
 
-def _not_refuted(found: evidence.Evidence, likeliest: int) -> List[int]:
-    """Indices of the classes that are not significantly worse than the likeliest one."""
-    logs, errors = found.log_ratios(likeliest)
-    return [int(i) for i in np.flatnonzero(logs <= _limit(found) * errors)]
-
-
-def _cheapest(
-    groups: Sequence[Class], some: Sequence[int], logs: np.ndarray, names: Sequence[str]
-) -> int:
-    """The class that supposes least, and of several the likeliest."""
-    return min(some, key=lambda i: (groups[i].first.cost(names), float(logs[i])))
-
-
-def _found(found: evidence.Evidence, index: int, best: int) -> Found:
-    logs, errors = found.log_ratios(best)
-    log, error = float(logs[index]), float(errors[index])
+def _found(found: evidence.Evidence, index: int, ratios: Tuple[Array, Array]) -> Found:
+    """A class; ratios: Evidence.log_ratios to the best one."""
+    log, error = (float(values[index]) for values in ratios)
     force, turn = found.shares(index)
     interval = math.exp(log - 1.96 * error), math.exp(log + 1.96 * error)
     return Found(found.classes[index].first, force, turn, math.exp(log), interval)
@@ -131,12 +124,13 @@ def _turned(
     near the quarter turn, or no more likely."""
     first = found.classes[index].first
     angle, error = found.angle(index)
-    if abs(angle) - limit * error < (ROUNDED if first.heading_offset else MISALIGNED):
-        return None
     offset = math.remainder(first.heading_offset + angle, 2 * math.pi)
     other = replace(first, heading_offset=offset)
+    if first.heading_offset:
+        return other if abs(angle) > max(ROUNDED, ROUND_ERRORS * error) else None
     log, uncertain = found.log_ratio_of(Class((other,), other.effects(thrusters)), index)
-    return other if -log > limit * uncertain else None
+    certain = abs(angle) - limit * error > MISALIGNED and -log > limit * uncertain
+    return other if certain else None
 
 
 def _why(

@@ -119,7 +119,7 @@ def sentence(verdict: Verdict) -> str:
     elif open_still:
         named = "; or ".join(_each(open_still[:MAX_OPEN], names))
         more = len(open_still) - MAX_OPEN
-        others = "; or one of %d others" % more if more > 0 else ""
+        others = "; or another" if more > 0 else ""
         parts.append("it cannot be decided whether %s%s, because %s" % (named, others, verdict.why))
     return "; ".join(parts)
 
