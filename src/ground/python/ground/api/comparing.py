@@ -242,8 +242,10 @@ def each_run(
     """The RunComparison of each run, in their order. For the first model it includes how much of
     its missing wrench the last model accounts for."""
     say = progress or silent
+    first = next(iter(models.values()))
+    recordings = [recording.with_lift_of(first.core) for recording in recordings]
     runs = [recording.repaired for recording in recordings]
-    note_suspicions(recordings, next(iter(models.values())))
+    note_suspicions(recordings, first)
     for model in models.values():
         note_heading_offset(model, recordings)
     last = list(models.values())[-1].core if len(models) > 1 else None

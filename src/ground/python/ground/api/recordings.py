@@ -8,7 +8,7 @@ from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
-from ground.errors import GroundError, GroundNote, OptionError, RecordingWarning, warn
+from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.recordings import findings, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
@@ -161,8 +161,8 @@ class Measured:
         """GroundError when the recordings look misread, so that a model of them would be wrong."""
         for finding in self.findings:
             if finding.describe()["misread"]:
-                raise OptionError(
-                    "{finding}; {0} uses it as it is", "as_recorded", finding=finding.sentence
+                raise GroundError(
+                    "%s; --as-recorded (as_recorded in Python) uses it as it is" % finding.sentence
                 )
 
 
@@ -174,7 +174,7 @@ def measured(
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
-    found = taken(given)
+    found = [recording.with_lift_of(model.core) for recording in taken(given)]
     note_differences(found, others)
     runs = [recording.repaired for recording in found]
     for run in runs:

@@ -5,7 +5,6 @@ from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
 
 from ground.annotations import Document
 from ground.recordings import quality, suspicions
-from ground.recordings.recording import LIFT
 
 _T = TypeVar("_T")
 
@@ -57,7 +56,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         1e3 * noise["position"],
         1e3 * noise["heading"],
     )
-    thrusters = [name for name in controls["channels"] if name != LIFT]
+    thrusters = controls["thrusters"]
     yield "commands", "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g" % (
         controls["count"],
         controls["rate"],

@@ -22,6 +22,7 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180}  # [rad]
 TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
+LIFT = "lift"  # default name of the channel that is no thruster
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
 MAX_DRIFT = 0.1  # [s/s]
@@ -85,6 +86,7 @@ class Commands:
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""
     channels: Tuple[Channel, ...] = ()  #: empty: left, right, lift as the type has them
+    lift: str = LIFT  #: the channel of the lift fan
     time: Clock = Clock()
 
 
@@ -306,11 +308,15 @@ def _commands(node: _Node) -> Commands:
     names = list(channels.content)
     if len(names) > MAX_CHANNELS:
         raise node.wrong("channels", "are %d, but there may be at most %d" % (len(names), MAX_CHANNELS))
+    lift = node.text("lift", LIFT)
+    if lift != LIFT and lift not in names:
+        raise node.wrong("lift", "is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
     found = Commands(
         topic,
         file,
         kind,
         tuple(_channel(channels.child(name), name) for name in names),
+        lift,
         _clock(node),
     )
     node.finish()

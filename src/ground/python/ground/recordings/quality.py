@@ -263,6 +263,7 @@ class Run:
             "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
             "changes": int(changes.sum()),
             "channels": list(recording.channels),
+            "thrusters": list(recording.thrusters),
             "levels": [float(f(thrust)) for f in (np.min, np.max)],
             "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
             "start_after_poses": float(controls[0] - motion.times[0]),

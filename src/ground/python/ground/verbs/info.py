@@ -35,7 +35,10 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
-    recordings = common.read(arguments)
+    model = Model.load(arguments.model).core if arguments.model else None
+    recordings = list(common.read(arguments))
+    if model:
+        recordings = [recording.with_lift_of(model) for recording in recordings]
     described = quality.describe([r.repaired for r in recordings])
     for d in described:
         common.say(arguments, d["name"])
@@ -43,9 +46,8 @@ def run(arguments: argparse.Namespace) -> List[Document]:
             common.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
             common.say(arguments, "  - %s" % finding)
-    if arguments.model:
-        thrusters = layouts.thrusters_of(Model.load(arguments.model).core)
-        verdict = layouts.judge(recordings, thrusters)
+    if model:
+        verdict = layouts.judge(recordings, layouts.thrusters_of(model))
         common.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
