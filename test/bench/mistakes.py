@@ -360,14 +360,14 @@ def main():
         folder = pathlib.Path(place)
         for base in arguments.base:
             # A base takes up where the one before it ends in the tables, so that all kinds have a turn.
-            for number in range(arguments.count if kinds else 0):
+            for _ in range(arguments.count if kinds else 0):
                 at = sum(tried.values())
                 name, found, said = mistaken(at, folder / ("mistake%d" % at), kinds, base)
                 named[name] += found
                 tried[name] += 1
                 if not found:
                     print("MISSED %s (base %d)\n    %s" % (name, base, said.replace("\n", "\n    ")))
-            for number in range(arguments.honest if runs else 0):
+            for _ in range(arguments.honest if runs else 0):
                 at = sum(quiet.values())
                 name, lines, _ = honest(at, folder / ("honest%d" % at), runs, base)
                 false[name] += bool(lines)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core, origin
 from ground.analysis import candidates, diagnosis, diagnosis_report, study
-from ground.analysis.conclusion import Conclusion, conclude
+from ground.analysis.conclusion import MISREAD, Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
 from ground.annotations import Array, Document, Path, Progress
 from ground.api.models import (
@@ -126,6 +126,11 @@ class Problem:
         return not self.as_recorded and any(finding["misread"] for finding in self.findings)
 
     @property
+    def is_turned(self) -> bool:
+        """Whether the heading looks off by a constant, which is an effect of the library, too."""
+        return not self.as_recorded and any(f["kind"] == "offset" for f in self.findings)
+
+    @property
     def inputs(self) -> List[str]:
         """Paths of all that was read."""
         bags = [r.path for r in self.seen.recordings + self.held.recordings]
@@ -186,9 +191,10 @@ def diagnose(
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
     not usable. as_recorded: diagnoses recordings that look misread (swapped channels, wrong signs, units
-    or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
-    resumed. progress: called with a sentence at each step. GroundError when a file cannot be read,
-    there is no such effect or the recordings are too short.
+    or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps
+    finished parts, so that an interrupted diagnosis can be resumed. progress: called with a sentence at
+    each step. GroundError when a file cannot be read, there is no such effect or the recordings are too
+    short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
@@ -282,11 +288,16 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     """Diagnoses; kept: results of an interrupted run of this diagnosis."""
     say = progress or silent
     room = problem.room()
-    found = _grown(problem, kept, say)
+    found, misread = _diagnosis(problem, kept, say), problem.misread
+    if not misread:
+        found.grow()
+        if problem.is_turned and "heading_offset" not in found.model.effects:
+            # The search has not found what the commands show: what it found instead is not physics.
+            found, misread = _diagnosis(problem, kept, say), True
     if kept.taken:
         say("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
-    conclusion = conclude(found, held, problem.misread)
+    conclusion = conclude(found, held, misread)
     say("verdict: %s" % conclusion.verdict)
     say("errors of the best effects, and the next experiment")
     name, walls = problem.model.path or problem.model.name, room.core if room else None
@@ -296,9 +307,11 @@ def solve(problem: Problem, kept: Unfinished, progress: Progress = None) -> Diag
     return _result(problem, found, conclusion, report)
 
 
-def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> diagnosis.Diagnosis:
-    """The model with the missing effects."""
-    found = diagnosis.Diagnosis(
+def _diagnosis(
+    problem: Problem, kept: Unfinished, say: Callable[[str], None]
+) -> diagnosis.Diagnosis:
+    """The model as it is, refitted."""
+    return diagnosis.Diagnosis(
         problem.runs,
         problem.model.core,
         problem.tried,
@@ -307,9 +320,6 @@ def _grown(problem: Problem, kept: Unfinished, say: Callable[[str], None]) -> di
         kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
     )
-    if not problem.misread:
-        found.grow()
-    return found
 
 
 def _result(
@@ -322,7 +332,7 @@ def _result(
     return Diagnosis(
         verdict=conclusion.verdict,
         effects=tuple(report["improved"]["effects"]),
-        improved=fitted_model(
+        improved=problem.model if conclusion.verdict == MISREAD else fitted_model(
             conclusion.improved,
             problem.seen.recordings,
             report["nominal"]["error"],

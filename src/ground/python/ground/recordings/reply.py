@@ -172,8 +172,10 @@ def delay(recording: "Recording", motion: Motion) -> float:
     following = _Following.of(recording, motion)
     if following is None:
         return 0.0
-    ways = [(delay, tau) for delay in DELAYS for tau in TAUS]
-    return max(ways, key=lambda way: following.share(following.times - way[0], way[1]))[0]
+    shares = {
+        (delay, tau): following.share(following.times - delay, tau) for delay in DELAYS for tau in TAUS
+    }
+    return float(max(shares, key=lambda way: shares[way])[0])
 
 
 def drift(recording: "Recording", motion: Motion) -> Tuple[float, float]:
@@ -188,11 +190,13 @@ def drift(recording: "Recording", motion: Motion) -> Tuple[float, float]:
         return 0.0, np.inf
     times = following.times
     middle_time = 0.5 * (times[0] + times[-1])
-    coarse = max(
-        ((lag, rate) for rate in RATES for lag in DRIFT_LAGS),
-        key=lambda way: following.share(times - way[0] - way[1] * (times - middle_time)),
-    )
-    if following.share(times - coarse[0] - coarse[1] * (times - middle_time)) < DRIFT_SHARE:
+    shares = {
+        (lag, rate): following.share(times - lag - rate * (times - middle_time))
+        for rate in RATES
+        for lag in DRIFT_LAGS
+    }
+    coarse = max(shares, key=lambda way: shares[way])
+    if shares[coarse] < DRIFT_SHARE:
         return 0.0, np.inf
     straight = times - coarse[1] * (times - middle_time)
     part = ((times - times[0]) / DRIFT_PART).astype(int)

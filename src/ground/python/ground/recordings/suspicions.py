@@ -110,8 +110,8 @@ def clocks(run: "Run") -> Iterator[Suspicion]:
     if abs(drift) > max(DRIFTING * error, MIN_DRIFT / run.end):
         yield Suspicion(
             "drift",
-            "the motion falls behind its commands by %.1f ms a second (+- %.1f): the stamps seem to be of two "
-            "computers' clocks that run at different rates" % (1e3 * drift, 1e3 * error),
+            "the motion falls behind its commands by %.1f ms a second (+- %.1f): the stamps seem to be of "
+            "two computers' clocks that run at different rates" % (1e3 * drift, 1e3 * error),
             "clock_drift: %.5f in a mapping" % -drift,
         )
         return

@@ -8,11 +8,11 @@ West 1987).
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Dict, List, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Flags
+from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import reply
 from ground.recordings.layouts.hypotheses import Class
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from ground.recordings.quality import Run
 
 BLOCK = 0.5  # length of the blocks [s]
+MAX_BLOCKS = 400  # of all recordings together
 MIN_BLOCKS = 6  # blocks that an error can be determined from
-CHUNK = 2000  # hypotheses that are evaluated at a time
+MAX_COMPARED = 1000  # classes that are compared by blocks; others explain less in all
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,18 @@ class Moments:
             factors[:, 0, some] = (product / np.where(size > 0, size, np.inf))[:, None]
         return np.asarray(self.totals - 2 * factors * p + factors**2 * s)
 
+    def together(self) -> "Moments":
+        """The same of one block."""
+        products, sizes, totals = (
+            blocks.sum(axis=0, keepdims=True) for blocks in (self.products, self.sizes, self.totals)
+        )
+        return Moments(products, sizes, totals, self.samples)
+
     def _noise(self) -> Array:
         """Variances (3,) of what no linear function of the commands explains."""
         P, S, t = self.products.sum(axis=0), self.sizes.sum(axis=0), self.totals.sum(axis=0)
         left = t - (P * (np.linalg.pinv(S, rcond=1e-6) @ P)).sum(axis=0)
-        return np.maximum(left, 1e-6 * t + 1e-300) / self.samples
+        return np.asarray(np.maximum(left, 1e-6 * t + 1e-300) / self.samples)
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,7 @@ class Evidence:
     """What recordings say about the Classes of hypotheses for a craft."""
 
     classes: Sequence[Class]
+    tried: int  # number of classes, with those that are left out because they explain far less
     unexplained: Array  # (h, B, 3) sums of squares, as Moments.unexplained
     totals: Dict[bool, Array]  # (3,) sums of squares, by whether headings and positions contradict
     moments: Dict[bool, Moments]
@@ -127,16 +136,29 @@ def gathered(
     """The Evidence of runs. GroundError when one has no such channels, or the commands change too
     little."""
     moments = {twisted: _moments(runs, names, twisted) for twisted in (False, True)}
-    unexplained: List[Array] = []
-    for start in range(0, len(classes), CHUNK):
-        some = classes[start : start + CHUNK]
-        found = np.empty((len(some), len(moments[False].totals), 3))
-        for twisted, own in moments.items():
-            rows = [i for i, group in enumerate(some) if group.twisted == twisted]
-            found[rows] = own.unexplained(np.array([some[i].effects for i in rows]))
-        unexplained.append(found)
+    kept = _screened(classes, moments)
     totals = {twisted: own.totals.sum(axis=0) for twisted, own in moments.items()}
-    return Evidence(classes, np.concatenate(unexplained), totals, moments)
+    return Evidence(kept, len(classes), _unexplained(kept, moments), totals, moments)
+
+
+def _screened(classes: Sequence[Class], moments: Dict[bool, Moments]) -> List[Class]:
+    """The first class and, of very many, those that leave least unexplained in all."""
+    if len(classes) <= MAX_COMPARED:
+        return list(classes)
+    whole = {twisted: own.together() for twisted, own in moments.items()}
+    logs, _ = _logs(_unexplained(classes, whole))
+    least = set(np.argsort(logs)[:MAX_COMPARED].tolist()) | {0}
+    return [classes[i] for i in sorted(least)]
+
+
+def _unexplained(classes: Sequence[Class], moments: Dict[bool, Moments]) -> Array:
+    """Moments.unexplained of classes, each by the moments of its frame."""
+    found = np.empty((len(classes), len(moments[False].totals), 3))
+    for twisted, own in moments.items():
+        rows = [i for i, group in enumerate(classes) if group.twisted == twisted]
+        if rows:
+            found[rows] = own.unexplained(np.array([classes[i].effects for i in rows]))
+    return found
 
 
 def _moments(runs: Sequence["Run"], names: Sequence[str], twisted: bool) -> Moments:
@@ -145,7 +167,7 @@ def _moments(runs: Sequence["Run"], names: Sequence[str], twisted: bool) -> Mome
         lag = reply.USUAL_LAG if run.reply is None else float(run.reply["lag"])
         rest = reply.rest(run.recording, run.motion, lag, names, twisted)
         samples += len(rest.times)
-        for inside in _blocks(rest.times):
+        for inside in _blocks(rest.times, max(1, MAX_BLOCKS // len(runs))):
             A, C = rest.accelerations[inside], rest.commands[inside]
             products.append(C.T @ A)
             sizes.append(C.T @ C)
@@ -157,9 +179,12 @@ def _moments(runs: Sequence["Run"], names: Sequence[str], twisted: bool) -> Mome
     return found
 
 
-def _blocks(times: Array) -> List[Flags]:
-    """Which samples (n,) are in each block."""
-    if not len(times):
-        return []
-    index = ((times - times[0]) / BLOCK).astype(int)
-    return [index == i for i in np.unique(index)]
+def _blocks(times: Array, most: int) -> Iterator[slice]:
+    """The samples of each block; most: their largest number, beyond which blocks are longer."""
+    if len(times) < 2:
+        return
+    length = max(BLOCK, (times[-1] - times[0]) / most)
+    edges = np.searchsorted(times, np.arange(times[0], times[-1] + length, length))
+    for first, last in zip(edges, np.append(edges[1:], len(times))):
+        if last > first:
+            yield slice(int(first), int(last))

@@ -3,7 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def classes(thrusters: Sequence[Thruster]) -> List[Class]:
     ]
     effects = np.array([hypothesis.effects(thrusters) for hypothesis in found])
     keys = np.round(_normalised(effects), SAME) + 0.0  # no -0
-    members: "dict[Tuple[bool, bytes], List[int]]" = {}
+    members: Dict[Tuple[bool, bytes], List[int]] = {}
     for i, hypothesis in enumerate(found):
         members.setdefault((hypothesis.twisted, keys[i].tobytes()), []).append(i)
     grouped = [

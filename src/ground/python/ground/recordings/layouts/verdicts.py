@@ -71,15 +71,15 @@ def of_runs(runs: Sequence["Run"], thrusters: Sequence[Thruster]) -> Verdict:
 
     GroundError when a recording has no such channel or the commands change too little.
     """
-    groups = _classes(tuple(thrusters))
     names = [thruster.name for thruster in thrusters]
-    gathered = evidence.gathered(runs, groups, names)
+    gathered = evidence.gathered(runs, _classes(tuple(thrusters)), names)
     limit = _limit(gathered)
     logs, errors = gathered.log_ratios(0)
     likeliest = int(np.argmin(logs))
     logs, errors = gathered.log_ratios(likeliest)
     open_still = [int(i) for i in np.flatnonzero(logs <= limit * errors)]
     # Classes come in the order of their costs: the first one is that of what is recorded.
+    groups = gathered.classes
     best = min(open_still, key=lambda i: (i != 0, groups[i].first.cost(names), float(logs[i])))
     others = sorted(set(open_still) - {best}, key=lambda i: float(logs[i]))
     turned = _turned(gathered, best, thrusters, limit)
@@ -106,7 +106,7 @@ def _limit(found: evidence.Evidence) -> float:
     """Standard errors by which a class is worse than the likeliest one if it is wrong."""
     from scipy.special import stdtrit  # slow to load
 
-    return float(stdtrit(found.blocks - 1, 1 - CHANCE / len(found.classes)))
+    return float(stdtrit(found.blocks - 1, 1 - CHANCE / found.tried))
 
 
 def _found(found: evidence.Evidence, index: int, ratios: Tuple[Array, Array]) -> Found:
