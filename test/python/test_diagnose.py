@@ -405,6 +405,7 @@ def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, o
     page = (tmp_path / "out" / "report.html").read_text()
     assert "The recordings look misread, so no effect is blamed" in page
     assert html.escape(finding["evidence"]) in page
+    assert "distinguish all effects" not in page and "Parts of its squared error" not in page
     assert not (tmp_path / "out" / "improved.yaml").exists()
 
 

@@ -56,9 +56,9 @@ def diagnosis(
     winner = " + ".join(report["improved"]["effects"])
     banded = {id(band.run): band for band in conclusion.bands}
     _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
-    if report["candidates"]:
+    if report["verdict"] != "misread":
         _evidence(sheet, report)
-    _open_questions(sheet, report)
+        _open_questions(sheet, report)
     _quality(sheet, described)
     seeds = "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"
     _origin(sheet, inputs, [_held_out(report["runs"]), seeds])
@@ -86,7 +86,10 @@ def _verdict(sheet: page.Page, report: Document) -> None:
     """The verdict in a sentence, the parts of the error, and how it falls."""
     sheet.add("<h1>What is missing in %s?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
-    sheet.points(list(words.findings(report)))
+    if report["findings"]:
+        sheet.points(list(words.findings(report)))
+    if report["verdict"] == "misread":
+        return
     sheet.paragraph(words.budget(report))
     bands = words.bands(report)
     if bands:
