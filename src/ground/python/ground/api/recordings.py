@@ -2,7 +2,6 @@
 
 import os
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
@@ -101,7 +100,7 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
 
 def note_suspicions(found: Sequence[Recording], model: Model) -> None:
     """Warns of mistakes that recordings of a model's craft look like."""
-    for finding in suspicions.findings(found, model.core):
+    for finding in suspicions.of_runs(found) + suspicions.of_thrusters(found, model.core):
         warn(finding.sentence)
 
 
@@ -145,22 +144,17 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
-    model: Model
+    findings: List[suspicions.Finding]  #: mistakes that the recordings look like
 
     @property
     def runs(self) -> List[quality.Run]:
         """The recordings with their motion repaired."""
         return [recording.repaired for recording in self.recordings]
 
-    @cached_property
-    def findings(self) -> List[suspicions.Finding]:
-        """Mistakes that the recordings look like."""
-        return suspicions.findings(self.recordings, self.model.core)
-
     def refuse_misread(self) -> None:
         """GroundError when the recordings look misread, so that a model of them would be wrong."""
         for finding in self.findings:
-            if finding.describe()["misread"]:
+            if finding.misread:
                 raise GroundError(
                     "%s; --as-recorded (as_recorded in Python) uses it as it is" % finding.sentence
                 )
@@ -180,10 +174,12 @@ def measured(
     for run in runs:
         for finding in findings.grave(run.describe()):
             warn("%s: %s" % (run.recording.name, finding))
-    for one in suspicions.of_thrusters(found, model.core):
+    of_thrusters = suspicions.of_thrusters(found, model.core)
+    for one in of_thrusters:
         warn(one.sentence)
     note_heading_offset(model, found)
-    return Measured(found, [part.of(run, model) for run in runs], model)
+    data = [part.of(run, model) for run in runs]
+    return Measured(found, data, suspicions.of_runs(found) + of_thrusters)
 
 
 def held_out(given: Recordings, model: Model, part: Part, fitted: Measured) -> Measured:

@@ -161,11 +161,12 @@ class Finding:
 
     def describe(self) -> Document:
         """As plain values."""
-        return {
-            "runs": list(self.runs),
-            **self.suspicion.describe(),
-            "misread": self.suspicion.kind not in EXPLAINED,
-        }
+        return {"runs": list(self.runs), **self.suspicion.describe(), "misread": self.misread}
+
+    @property
+    def misread(self) -> bool:
+        """Whether a model of such recordings would be wrong."""
+        return self.suspicion.kind not in EXPLAINED
 
     @property
     def sentence(self) -> str:
@@ -190,10 +191,9 @@ def of_thrusters(recordings: Sequence["Recording"], model: _core.Model) -> List[
     return together if {finding.suspicion.what for finding in alone} <= said else alone
 
 
-def findings(recordings: Sequence["Recording"], model: _core.Model) -> List[Finding]:
-    """All Findings about recordings of a model's craft."""
-    of_runs = [Finding((r.name,), one) for r in recordings for one in r.repaired.suspicions]
-    return of_runs + of_thrusters(recordings, model)
+def of_runs(recordings: Sequence["Recording"]) -> List[Finding]:
+    """The Suspicions of each Run as Findings."""
+    return [Finding((r.name,), one) for r in recordings for one in r.repaired.suspicions]
 
 
 def _of_layout(
