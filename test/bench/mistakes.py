@@ -2,10 +2,11 @@
 """Recordings read with a mistake (units, axes, signs, clocks, swaps), and honest ones: how many mistakes
 identify info names with the remedy, and how many it sees where there are none.
 
-mistakes.py [--count 30] [--honest 10] [--only NAME ...]
+mistakes.py [--count 30] [--honest 10] [--base 0 ...] [--only NAME ...]
 """
 
 import argparse
+import collections
 import math
 import pathlib
 import re
@@ -37,12 +38,20 @@ commands:
 PLANAR = MAPPING.replace("px, py, pz", "x, y").replace(
     "  orientation: [qx, qy, qz, qw]\n  axes: \"%s\"\n", "  heading: {field: psi}\n"
 )
+INCH = 0.0254
 
 
 class Recorded:
-    """A simulated run as its files have it; what is done to it is a mistake."""
+    """A simulated run as its files have it; what is done to it is a mistake.
 
-    def __init__(self, seed, duration=20.0):
+    duration: [s]; rate: of the mocap [Hz], None: any; levels: least and most command, None: any; effects:
+    values of parameters of effects; push: standard deviation of a random force, relative to full thrust;
+    dead: number of a thruster that does nothing.
+    """
+
+    def __init__(
+        self, seed, duration=20.0, rate=None, levels=None, effects=None, push=0.0, dead=None
+    ):
         random = np.random.default_rng(seed)
         model = _core.load_model(str(MODELS / "tiny_whoover.yaml"))
         for name in ("X_u", "Y_v", "N_r", "I_z", "k"):
@@ -51,20 +60,27 @@ class Recorded:
         edges = np.arange(int(duration * clock)) / clock
         bits = np.array(_core.make_prbs(9, int(random.integers(1, 500))), float)
         low, high = random.uniform(0, 0.3), random.uniform(0.6, 1.0)
-        levels = low + (high - low) * np.resize(np.roll(bits, seed), (len(edges), 2))
-        inputs = np.column_stack([edges, levels, np.ones(len(edges))])
-        times = np.arange(0, duration, 1 / random.choice([50.0, 100.0, 120.0]))
-        lag = random.uniform(0.0, 0.06)
-        late = inputs + [lag, 0, 0, 0]
+        low, high = levels or (low, high)
+        thrust = low + (high - low) * np.resize(np.roll(bits, seed), (len(edges), 2))
+        inputs = np.column_stack([edges, thrust, np.ones(len(edges))])
+        times = np.arange(0, duration, 1 / (rate or random.choice([50.0, 100.0, 120.0])))
+        late = inputs + [random.uniform(0.0, 0.06), 0, 0, 0]
         late[0, 0] = 0
+        if dead is not None:
+            late[:, 1 + dead] = 0
+        for name, value in (effects or {}).items():
+            if name.split(".")[0] not in model.effects:
+                model.add_effect(name.split(".")[0])
+            model.set_value(name, value)
+        wrench = _pushes(random, times, push * 2 * model.value("k") * np.array([1, 1, model.value("l")]))
         start = [0, 0, random.uniform(-3, 3)]
-        run = _core.simulate(model, late, times, np.array(start), np.zeros(3))
+        run = _core.simulate(model, late, times, np.array(start), np.zeros(3), [0.0], wrench)
         noise = random.uniform(0.5, 2) * np.array([3e-4, 3e-4, 4e-3])
         self.times, self.eta = 1000 + times, run["eta"] + random.normal(0, noise, (len(times), 3))
         self.commands = np.column_stack([1000 + inputs[:, 0], inputs[:, 1:]])
-        self.random, self.mapping, self.axes = random, MAPPING, OPTITRACK
+        self.random, self.noise, self.mapping, self.axes = random, noise, MAPPING, OPTITRACK
         self.scale, self.offset, self.planar_scale = 1.0, 0.0, np.ones(3)
-        self.read_as = OPTITRACK
+        self.read_as, self.left_handed, self.turns = OPTITRACK, False, False
 
     def planar(self):
         """Its tables have x, y, psi in place of a quaternion."""
@@ -75,7 +91,10 @@ class Recorded:
         rows = []
         for time, eta in zip(self.times, self.eta):
             p, q = in_mocap(eta + [0, 0, self.offset], self.axes)
+            if self.left_handed:  # the third axis points the other way
+                p, q = p * [1, 1, -1], q * [-1, -1, 1, 1]
             psi = math.remainder(eta[2] + self.offset, 2 * math.pi)
+            psi = psi % (2 * math.pi) if self.turns else psi
             planar = self.planar_scale * [eta[0], eta[1], psi]
             rows.append((time, *(self.scale * np.asarray(p)), *q, *planar))
         columns = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "x", "y", "psi"]
@@ -85,6 +104,15 @@ class Recorded:
         text = self.mapping % self.read_as if "%s" in self.mapping else self.mapping
         mapping.write_text(text)
         return folder, mapping
+
+
+def _pushes(random, times, sigma, correlation=0.1):
+    """A random wrench (n, 3) of some standard deviations, an Ornstein-Uhlenbeck process."""
+    wrench = np.zeros((len(times), 3))
+    decay = np.exp(-np.diff(times) / correlation)
+    for i, a in enumerate(decay, 1):
+        wrench[i] = a * wrench[i - 1] + math.sqrt(1 - a * a) * random.normal(0, sigma)
+    return wrench
 
 
 def length(scale):
@@ -99,6 +127,11 @@ def degrees(run):
     run.planar_scale = np.array([1, 1, 180 / math.pi])
 
 
+def degrees_of_a_turn(run):
+    degrees(run)
+    run.turns = True
+
+
 def mirrored(run):
     run.planar()
     run.planar_scale = np.array([1, -1, 1])
@@ -107,6 +140,10 @@ def mirrored(run):
 def wrong_yaw(run):
     run.planar()
     run.planar_scale = np.array([1, 1, -1])
+
+
+def left_handed(run):
+    run.left_handed = True
 
 
 def commands(factor, shift=0.0):
@@ -118,6 +155,10 @@ def commands(factor, shift=0.0):
 
 def z_up(run):
     run.axes = Z_UP
+
+
+def y_up(run):
+    run.read_as = Z_UP
 
 
 def swapped(run):
@@ -139,31 +180,120 @@ def turned(angle):
     return change
 
 
-def clock(shift):
+def clock(shift, drift=0.0):
     def change(run):
-        run.times = run.times + shift
+        run.times = run.times + shift + drift * (run.times - run.times[0])
 
     return change
 
 
-# name, what is done, and what info has to say
+def late_commands(run):
+    run.commands[:, 0] += 0.6
+
+
+def idle(at_start):
+    """As long a rest before or after the run, without thrust."""
+
+    def change(run):
+        length, rate = np.ptp(run.times), len(run.times) / np.ptp(run.times)
+        rest = np.arange(0, length, 1 / rate)
+        poses = run.eta[0 if at_start else -1] + run.random.normal(0, run.noise, (len(rest), 3))
+        zeros = np.zeros(4)
+        if at_start:
+            run.times = np.concatenate([run.times[0] + rest, run.times + rest[-1] + 1 / rate])
+            run.eta = np.concatenate([poses, run.eta])
+            zeros[0], zeros[3] = run.commands[0, 0], 1
+            run.commands[:, 0] += rest[-1] + 1 / rate
+            run.commands = np.concatenate([[zeros], run.commands])
+        else:
+            run.times = np.concatenate([run.times, run.times[-1] + rest + 1 / rate])
+            run.eta = np.concatenate([run.eta, poses])
+            zeros[0], zeros[3] = run.times[len(run.times) // 2], 1
+            run.commands = np.concatenate([run.commands, [zeros], [zeros + [length, 0, 0, 0]]])
+
+    return change
+
+
+def without_lift(run):
+    run.mapping = MAPPING.replace(", lift: {field: lift}", "")
+
+
+def nothing(run):
+    """No mistake."""
+
+
+Case = collections.namedtuple("Case", "name change wanted options")
+
+
+def case(name, change, wanted=None, **options):
+    return Case(name, change, wanted, options)
+
+
+SWAPPED = r"left and right seem to be swapped"
+# name, what is done, what info has to say, and what the run is like
 MISTAKES = [
-    ("millimetres", length(1e3), r"unit: mm"),
-    ("centimetres", length(1e2), r"unit: cm"),
-    ("degrees", degrees, r"unit: deg"),
-    ("percent", commands(100), r"in percent: give their channels a unit"),
-    ("microseconds", commands(1000, 1000), r"in microseconds: give their channels a unit"),
-    ("axes", z_up, r'--axes "x, -y, -z" fits 100%'),
-    ("swapped", swapped, r"left and right seem to be swapped"),
-    ("inverted", inverted(1, 2), r"both thrusters seem to be inverted"),
-    ("left inverted", inverted(1), r"left seems to be inverted"),
-    ("right inverted", inverted(2), r"right seems to be inverted"),
-    ("half a turn", turned(math.pi), r"--heading-offset -?3\.14"),
-    ("quarter turn", turned(math.pi / 2), r"--heading-offset 1\.57"),
-    ("yaw", wrong_yaw, r"heading: \{sign: -1\}"),
-    ("mirror", mirrored, r"positions seem to be mirrored"),
-    ("late clock", clock(1.7), r"clock_offset: -1\.[67]"),
-    ("early clock", clock(-0.25), r"clock_offset: 0\.[12]"),
+    case("millimetres", length(1e3), r"unit: mm"),
+    case("centimetres", length(1e2), r"unit: cm"),
+    case("degrees", degrees, r"unit: deg"),
+    case("percent", commands(100), r"in percent: give their channels a unit"),
+    case("microseconds", commands(1000, 1000), r"in microseconds: give their channels a unit"),
+    case("axes", z_up, r'--axes "x, -y, -z" fits 100%'),
+    case("swapped", swapped, SWAPPED + ".*exchange the fields of left and right"),
+    case("inverted", inverted(1, 2), r"both thrusters seem to be inverted.*off and full of both"),
+    case("left inverted", inverted(1), r"left seems to be inverted.*off and full of left"),
+    case("right inverted", inverted(2), r"right seems to be inverted.*off and full of right"),
+    case("half a turn", turned(math.pi), r"--heading-offset -?3\.[01]\d"),
+    case("quarter turn", turned(math.pi / 2), r"--heading-offset 1\.[56]\d"),
+    case("yaw", wrong_yaw, r"heading: \{sign: -1\}"),
+    case("mirror", mirrored, r"positions seem to be mirrored.*a minus before one"),
+    case("late clock", clock(1.7), r"clock_offset: -1\.[67]"),
+    case("early clock", clock(-0.25), r"clock_offset: 0\.[12]"),
+]
+# Kinds that the thresholds were not chosen with.
+OTHERS = [
+    case("inches", length(1 / INCH), r"unit: in"),
+    case("cm, slow craft", length(1e2), r"unit: cm", levels=(0.1, 0.3)),
+    case("degrees 0..360", degrees_of_a_turn, r"unit: deg"),
+    case("y up", y_up, r'--axes "x, z, -y" fits 100%'),
+    case("left-handed", left_handed, r'vertical axis is upside down.*--axes "x, -z, y"'),
+    case("drift 1%", clock(0, 0.01), r"clock_drift: -0\.0(1[012]|0[89])"),
+    case("drift 0.5%, 40 s", clock(0, -0.005), r"clock_drift: 0\.00[456]", duration=40.0),
+    case("0.3 s late", clock(0.3), r"clock_offset: -0\.3"),
+    case("late commands", late_commands, r"clock_offset: 0\.[56]"),
+    case("-1..1", commands(2, -1), r"off: -1, full: 1"),
+    case("newtons", commands(0.062), r"in newtons"),
+    case("left dead", nothing, r"left seems to do nothing.*motor of left", dead=0),
+    case("right dead", nothing, r"right seems to do nothing.*motor of right", dead=1),
+    case("100 degrees", turned(1.75), r"--heading-offset 1\.[678]"),
+    case("40 degrees", turned(-0.7), r"--heading-offset -0\.[67]"),
+    case("idle start", idle(True), r"rests for (19|20)\.\d+ s at the start, left out"),
+    case("idle end", idle(False), r"rests, for (19|20)\.\d+ s at the end, left out"),
+    case("swapped, pushes", swapped, SWAPPED, push=0.1),
+    case("swapped, 8 s", swapped, SWAPPED, duration=8.0),
+    case("left inverted, asymmetry", inverted(1), r"left seems to be inverted",
+         effects={"thrust_asymmetry.a": 0.15}),
+]  # fmt: skip
+HONEST = [
+    case("honest", nothing),
+    case("drafts", nothing, effects={"wind.wx": 0.3, "wind.wy": -0.2}),
+    case("pushes 10%", nothing, push=0.1),
+    case("cross-flow", nothing, effects={"sway_yaw_damping.nv": 2e-4, "thrust_sway_moment.c": 0.02}),
+    case("tilted floor", nothing, effects={"floor_tilt.sx": 0.02, "floor_tilt.sy": -0.015}),
+    case("slow craft", nothing, levels=(0.1, 0.25)),
+    case("8 s", nothing, duration=8.0),
+    case("8 s, pushes", nothing, duration=8.0, push=0.1),
+    case("50 Hz", nothing, rate=50.0),
+    case("asymmetry 10%", nothing, effects={"thrust_asymmetry.a": 0.1}),
+    case("asymmetry 30%", nothing, effects={"thrust_asymmetry.a": -0.3}),
+    case("misalignment", nothing, effects={"thrust_misalignment.angle": 0.27}),
+    case("yaw moment", nothing, effects={"yaw_bias.n0": 4e-4}),
+    case("motor lag", nothing, effects={"motor_lag.tau": 0.15}),
+    case("delay", nothing, effects={"input_delay.delay": 0.06}),
+    case("lift left out", without_lift),
+    case("drift 100 ppm", clock(0, 1e-4)),
+    case("quadratic drag", nothing, effects={"quadratic_drag.cx": 0.03, "quadratic_drag.cy": 0.06}),
+    case("marker offset", nothing, effects={"marker_offset.dx": 0.02, "marker_offset.dy": -0.01}),
+    case("side force", nothing, effects={"differential_side_force.c": 0.4}),
 ]
 SUSPECTS = re.compile(r"seem|if so:|do not fit|in percent|in microseconds")
 
@@ -175,53 +305,83 @@ def info(run, folder):
     return result.stdout + result.stderr
 
 
-def mistaken(number, folder, table=MISTAKES):
+def mistaken(number, folder, table=MISTAKES, base=0):
     """Name of the mistake of a case, whether it is named with its remedy, and what is said."""
-    name, change, wanted = table[number % len(table)]
-    run = Recorded(number)
-    change(run)
+    chosen = table[number % len(table)]
+    run = Recorded(base + number, **chosen.options)
+    chosen.change(run)
     said = info(run, folder)
-    return name, bool(re.search(wanted, said)), said
+    return chosen.name, bool(re.search(chosen.wanted, said)), said
 
 
-def honest(number, folder):
-    """Suspicions about a run without a mistake."""
-    run = Recorded(1000 + number)
-    if number % 3 == 0:
+def honest(number, folder, table=HONEST, base=0):
+    """Name of an honest case, suspicions about it, and what is said."""
+    chosen = table[number % len(table)]
+    run = Recorded(base + 1000 + number, **chosen.options)
+    chosen.change(run)
+    if number % 3 == 0 and run.mapping == MAPPING:
         run.planar()
     elif number % 3 == 1:
         run.axes = run.read_as = Z_UP
     said = info(run, folder)
-    return [line for line in said.splitlines() if SUSPECTS.search(line)], said
+    return chosen.name, [line for line in said.splitlines() if SUSPECTS.search(line)], said
+
+
+def wilson(count, of, z=1.96):
+    """95% interval of a share (Wilson 1927)."""
+    if not of:
+        return 0.0, 1.0
+    share = count / of
+    middle = (share + z * z / (2 * of)) / (1 + z * z / of)
+    half = z * math.sqrt(share * (1 - share) / of + z * z / (4 * of * of)) / (1 + z * z / of)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def counted(words, count, of):
+    return "%d of %d %s (95%%: %.0f to %.0f%%)" % (
+        count, of, words, *(100 * share for share in wilson(count, of)))  # fmt: skip
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=30, help="mistakes")
-    parser.add_argument("--honest", type=int, default=10, help="runs without one")
-    parser.add_argument("--only", nargs="+", help="names of mistakes")
+    parser.add_argument("--count", type=int, default=30, help="mistakes for each base")
+    parser.add_argument("--honest", type=int, default=10, help="runs without one for each base")
+    parser.add_argument("--base", type=int, nargs="+", default=[0], help="first seeds")
+    parser.add_argument("--only", nargs="+", help="names of mistakes and honest runs")
     arguments = parser.parse_args()
-    table = [m for m in MISTAKES if not arguments.only or m[0] in arguments.only]
-    named = false = 0
+
+    def chosen(table):
+        return [m for m in table if not arguments.only or m.name in arguments.only]
+
+    kinds, runs = chosen(MISTAKES + OTHERS), chosen(HONEST)
+    named, false = collections.Counter(), collections.Counter()
+    tried, quiet = collections.Counter(), collections.Counter()
     with tempfile.TemporaryDirectory() as place:
         folder = pathlib.Path(place)
-        for number in range(arguments.count):
-            name, found, said = mistaken(number, folder / ("mistake%d" % number), table)
-            named += found
-            print("%-15s %s" % (name, "named" if found else "MISSED"))
-            if not found:
-                print("    " + said.replace("\n", "\n    "))
-        for number in range(arguments.honest):
-            lines, said = honest(number, folder / ("honest%d" % number))
-            false += bool(lines)
-            print("%-15s %s" % ("honest", "FALSE ALARM" if lines else "quiet"))
-            if lines:
-                print("    " + "\n    ".join(lines))
-    print(
-        "%d of %d mistakes named with the remedy, %d of %d honest runs suspected"
-        % (named, arguments.count, false, arguments.honest)
-    )
-    return 0 if named >= 0.9 * arguments.count and not false else 1
+        for base in arguments.base:
+            # A base takes up where the one before it ends in the tables, so that all kinds have a turn.
+            for _ in range(arguments.count if kinds else 0):
+                at = sum(tried.values())
+                name, found, said = mistaken(at, folder / ("mistake%d" % at), kinds, base)
+                named[name] += found
+                tried[name] += 1
+                if not found:
+                    print("MISSED %s (base %d)\n    %s" % (name, base, said.replace("\n", "\n    ")))
+            for _ in range(arguments.honest if runs else 0):
+                at = sum(quiet.values())
+                name, lines, _ = honest(at, folder / ("honest%d" % at), runs, base)
+                false[name] += bool(lines)
+                quiet[name] += 1
+                if lines:
+                    print("FALSE ALARM %s (base %d)\n    %s" % (name, base, "\n    ".join(lines)))
+    for name in tried:
+        print("%-26s %d of %d named" % (name, named[name], tried[name]))
+    for name in quiet:
+        print("%-26s %d of %d suspected" % (name, false[name], quiet[name]))
+    mistakes, runs = sum(tried.values()), sum(quiet.values())
+    print(counted("mistakes named with the remedy", sum(named.values()), mistakes))
+    print(counted("honest runs suspected", sum(false.values()), runs))
+    return 0 if sum(named.values()) >= 0.9 * mistakes and not sum(false.values()) else 1
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from conftest import MODEL, simulate_run
 
 from ground import _core
 from ground.errors import GroundError
-from ground.recordings import findings
+from ground.recordings import findings, mapping
 from ground.recordings.recording import checked
 
 NAMES = ("lift", "back_right", "back_left", "front")
@@ -44,3 +44,28 @@ def test_a_reversible_thruster_has_a_range_of_its_own():
     recording = recorded(front=-0.5, ranges={"front": (-1, 1)})
     assert recording.thrust[:, 2].max() == -0.5
     assert recording.repaired.contacts == []
+
+
+def test_a_lift_channel_may_have_another_name(tmp_path):
+    table = _core.load_model(str(MODEL.parents[1] / "craft" / "air_table.yaml"))
+    names = table.channels
+    rows = np.column_stack([1000 + np.arange(20), np.zeros((20, 8)), np.arange(20) > 5])
+    poses = np.column_stack([1000 + 0.1 * np.arange(190), np.zeros((190, 3))])
+    recording = checked("run.bag", poses, rows, "a test", [], names)
+    assert "air" in recording.thrusters and not recording.lift.any()
+    known = recording.with_lift_of(table)
+    assert known.thrusters == tuple(names[:-1]) and known.lift.sum() == 14
+    assert known.repaired.drives == [6.0] and known.repaired.drives_by == "lift"
+    assert recorded().with_lift_of(table).lift_channel == "lift"  # the model's is not there
+    given = mapping.load(written(tmp_path, "lift: front"))
+    assert given.commands.lift == "front"
+    with pytest.raises(GroundError, match="commands.lift is fan, which is none of the channels: front"):
+        mapping.load(written(tmp_path, "lift: fan"))
+
+
+def written(folder, line):
+    path = folder / "mapping.yaml"
+    path.write_text(
+        "schema: ground/mapping/1\ncommands:\n  channels: {front: {field: f}}\n  %s\n" % line
+    )
+    return str(path)

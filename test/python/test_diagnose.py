@@ -1,14 +1,22 @@
 """identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
+import html
 import json
 import os
 import re
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
 import yaml
-from conftest import MODEL, SHARED, identify, write_bag
+from conftest import MODEL, ROOT, SHARED, identify, write_bag
+
+import ground
+from ground.errors import GroundError
+
+sys.path.insert(0, str(ROOT / "test" / "bench"))
+import mistakes
 
 WASHBOARD = """
 name: washboard
@@ -361,3 +369,86 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
     assert conclude(found).verdict == verdict, [(t.name, t.gain) for t in found.tried]
     if delay == 0.001:
         assert found.slight.name == "input_delay"
+
+
+def written(folder, change, seed=3, **options):
+    """Options of a diagnosis for a run of the mistakes' bench in tables."""
+    folder.mkdir(exist_ok=True)
+    run = mistakes.Recorded(seed, duration=12.0, **options)
+    change(run)
+    path, mapping = run.write(folder / "run")
+    return [path, "--mapping", mapping, "--model", MODEL]
+
+
+SOME = ["--only", "thrust_asymmetry", "thrust_misalignment", "yaw_bias", "motor_lag", "input_delay"]
+
+
+@pytest.mark.parametrize(
+    "change, kind, options",
+    [
+        (mistakes.swapped, "swap", {}),
+        (mistakes.inverted(1), "invert", {}),
+        (mistakes.wrong_yaw, "yaw", {}),
+        (mistakes.clock(-0.25), "clock", {}),
+        (mistakes.nothing, "dead", {"dead": 1}),
+    ],
+    ids=["swap", "invert", "yaw", "clock", "dead"],
+)
+def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, options, tmp_path):
+    result = diagnose(*written(tmp_path, change, **options), *SOME, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["verdict"] == "misread" and report["improved"]["effects"] == []
+    assert report["candidates"] == [] and report["steps"] == []
+    (finding,) = report["findings"]
+    assert finding["kind"] == kind and finding["misread"] and finding["runs"] == ["run"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The recordings look misread, so no effect is blamed" in page
+    assert html.escape(finding["evidence"]) in page
+    assert "distinguish all effects" not in page and "Parts of its squared error" not in page
+    assert not (tmp_path / "out" / "improved.yaml").exists()
+
+
+def test_add_refuses_misread_recordings_unless_told_otherwise(tmp_path):
+    command = ["add", "motor_lag", *written(tmp_path, mistakes.swapped), "-o", tmp_path / "new.yaml"]
+    refused = identify(*command)
+    assert refused.returncode == 1 and not (tmp_path / "new.yaml").exists()
+    assert "left and right seem to be swapped" in refused.stderr
+    assert "--as-recorded (as_recorded in Python) uses it as it is" in refused.stderr
+    assert identify(*command, "--as-recorded").returncode == 0
+    with pytest.raises(GroundError, match="as_recorded in Python"):
+        path, _, mapping, _, model = written(tmp_path / "again", mistakes.swapped)
+        ground.add(model, "motor_lag", ground.read(path, mapping=mapping))
+
+
+def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path):
+    options = written(tmp_path, mistakes.inverted(1)) + ["--only", "motor_lag", "-o", tmp_path / "out"]
+    report = json.loads(diagnose(*options, "--as-recorded").stdout)
+    assert report["verdict"] != "misread" and report["findings"][0]["kind"] == "invert"
+    assert [c["effect"] for c in report["candidates"]] == ["motor_lag"]
+
+
+@pytest.mark.parametrize(
+    "parameter, value",
+    [
+        ("thrust_asymmetry.a", 0.25),
+        ("thrust_misalignment.angle", 0.3),
+        ("yaw_bias.n0", 4e-4),
+    ],
+)
+def test_a_strong_effect_is_missing_and_not_misread(parameter, value, tmp_path):
+    options = written(tmp_path, mistakes.nothing, effects={parameter: value})
+    report = json.loads(diagnose(*options, *SOME, "-o", tmp_path / "out").stdout)
+    assert report["findings"] == [] and report["verdict"] == "missing"
+    assert parameter.split(".")[0] in report["improved"]["effects"]
+    assert report["improved"]["parameters"][parameter]["value"] == pytest.approx(value, rel=0.1)
+
+
+def test_a_turned_heading_is_not_taken_for_another_effect(tmp_path):
+    """At a quarter turn the fit gives up on thrust, so that no search by derivatives finds the offset."""
+    options = written(tmp_path, mistakes.turned(1.57)) + ["--only", "heading_offset", "motor_lag"]
+    report = json.loads(diagnose(*options, "-o", tmp_path / "out").stdout)
+    (finding,) = report["findings"]
+    assert finding["kind"] == "offset" and "--heading-offset 1.57" in finding["remedy"]
+    assert report["verdict"] == "misread" and report["improved"]["effects"] == []
+    assert report["memory"]["kind"] is None

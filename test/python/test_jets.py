@@ -98,11 +98,29 @@ def test_effects_of_each_jet_are_tried(table):
 
 
 def test_kinds_of_memory_act_on_every_jet(table):
+    pair = _core.load_model(PAIR)
     kinds = {kind.name: kind for kind in memory.kinds_of(table)}
-    assert "battery_droop" in kinds and "spin_up" not in kinds
+    assert list(kinds) == [kind.name for kind in memory.kinds_of(pair)]
     for kind in kinds.values():
         kind.at(0.5, table).add(table)  # its formulas are those of the craft
-    assert memory.kinds_of(_core.load_model(PAIR)) == memory.KINDS
+    droop = kinds["thrust_droop"]
+    assert len(droop.states) == len(droop.expression) == 8
+    assert droop.expression["thrust_back_left_right"] == "-c*past_8*u_8"
+    assert "u_1 + u_2 + " in kinds["battery_droop"].states["p"]
+
+
+def test_the_past_of_each_jet_is_its_own(table):
+    model = memory.kinds_of(table)[0].at(0.5, table).add(table)
+    model.set_value("thrust_droop_500.c", 0.2)
+    steps = np.zeros((3, 10))
+    steps[:, 0] = [0.0, 2.0, 4.0]
+    steps[0, 5] = steps[1, [5, 7]] = 1  # back_right_forward for 4 s, back_left_forward for the last 2 s
+    times = np.array([1.999, 2.0, 2.001, 3.999])
+    nu = _core.simulate(model, steps, times, np.zeros(3), np.zeros(3))["nu"]
+    before, after = ((nu[i + 1, 0] - nu[i, 0]) / 1e-3 for i in (0, 1))
+    # The jet that is driven already has drooped by 0.2 N, the other one begins with its full 0.5 N.
+    assert before == pytest.approx((0.5 - 0.2) / 4, rel=0.1)
+    assert after - before == pytest.approx(0.5 / 4, rel=0.05)
 
 
 def recorded(channels):
@@ -148,3 +166,17 @@ def test_a_diagnosis_names_the_effect_and_the_jet(table, seed):
     ((name, value),) = result["values"].items()
     expected = jets.WEAK if name.startswith("thruster_gain") else jets.TURNED
     assert value == pytest.approx(expected, rel=0.1)
+
+
+def test_asymmetry_is_of_left_against_right(table):
+    """By their places, not by the way they turn the craft."""
+    model = _core.with_effect(table, "{name: thrust_asymmetry, a: 0.2}", "test")
+    start = np.zeros(3)
+    for i, jet in enumerate(table.thrusters):
+        steps = np.zeros((1, 10))
+        steps[0, 1 + i] = 1
+        with_it, without = (
+            _core.simulate(one, steps, [0.0, 0.05], start, start)["nu"][-1] for one in (model, table)
+        )
+        weight = 0.8 if jet["position"][1] > 0 else 1.2
+        assert with_it == pytest.approx(weight * without, rel=0.01, abs=1e-5), jet["name"]

@@ -13,19 +13,20 @@ import ground
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
 
-NAMES = [name for name, _, _ in mistakes.MISTAKES]
+CASES = mistakes.MISTAKES + mistakes.OTHERS
+NAMES = [case.name for case in CASES]
 
 
 @pytest.mark.parametrize("number", range(len(NAMES)), ids=NAMES)
 def test_a_mistake_is_named_with_its_remedy(number, tmp_path):
-    name, named, said = mistakes.mistaken(number, tmp_path / "run")
+    name, named, said = mistakes.mistaken(number, tmp_path / "run", CASES)
     assert name == NAMES[number]
     assert named, said
 
 
-@pytest.mark.parametrize("number", range(4))
-def test_an_honest_run_is_not_suspected(number, tmp_path):
-    lines, said = mistakes.honest(number, tmp_path / "run")
+@pytest.mark.parametrize("case", mistakes.HONEST, ids=lambda case: case.name)
+def test_an_honest_run_is_not_suspected(case, tmp_path):
+    _, lines, said = mistakes.honest(mistakes.HONEST.index(case), tmp_path / "run")
     assert lines == [] and "reply" in said
 
 
@@ -43,28 +44,34 @@ REMEDIES = {
     "mirror": ("[x, y]", '[x, "-y"]'),
     "millimetres": ("[px, py, pz]", "[px, py, pz], unit: mm"),
     "degrees": ("field: psi", "field: psi, unit: deg"),
-    "percent": ("field: left", "field: left, unit: percent"),
+    "percent": ("{field: left}", "{field: left, unit: percent}"),
     "axes": ('"x, z, -y"', '"x, -y, -z"'),
+    "inches": ("[px, py, pz]", "[px, py, pz], unit: in"),
+    "left-handed": ('"x, z, -y"', '"x, -z, y"'),
+    "drift 1%": ("schema", "clock_drift: -0.00990099\nschema"),
+    "newtons": ("{field: left}", "{field: left, full: 0.062}"),
+    "-1..1": ("{field: left}", "{field: left, off: -1, full: 1}"),
 }
 
 
 @pytest.mark.parametrize("name", REMEDIES)
 def test_the_remedy_mends_it(name, tmp_path):
     number = NAMES.index(name)
-    run = mistakes.Recorded(number)
-    mistakes.MISTAKES[number][1](run)
+    run = mistakes.Recorded(number, **CASES[number].options)
+    CASES[number].change(run)
     folder, mapping = run.write(tmp_path / "run")
     text = mapping.read_text()
     before, after = REMEDIES[name]
     assert before in text
-    text = text.replace(before, after)
-    if name == "percent":
-        text = re.sub(r"field: (right|lift)", r"field: \1, unit: percent", text)
+    text = text.replace(before, after, 1)
+    if name in ("percent", "newtons", "-1..1"):  # all channels alike
+        text = re.sub(r"{field: (right|lift)}", after.replace("left", r"\1"), text)
     mapping.write_text(text)
     (found,) = ground.read(folder, mapping=mapping)
     assert found.repaired.suspicions == []
-    honest = mistakes.Recorded(number)
+    honest = mistakes.Recorded(number, **CASES[number].options)
     assert found.eta[:, :2] == pytest.approx(honest.eta[:, :2], abs=1e-9)
+    assert np.diff(found.pose_times) == pytest.approx(np.diff(honest.times), abs=1e-6)
     assert found.controls == pytest.approx(honest.commands[:, 1:], abs=1e-9)
 
 
@@ -86,15 +93,25 @@ def test_fit_and_compare_say_it_and_change_nothing(tmp_path):
 def test_units_are_told_by_speed_and_noise():
     times = np.arange(0, 10, 0.01)
     path = 0.8 * np.column_stack([np.cos(times), np.sin(times)])
-    assert units.length_unit(times, path, 3e-4)[0] is None
-    assert units.length_unit(times, 1e3 * path, 0.3)[0] == "mm"
-    assert units.length_unit(times, 1e2 * path, 0.03)[0] == "cm"
-    assert units.length_unit(times, 300 * path, 0.3)[0] == "mm"
+    assert units.length_units(times, path, 3e-4)[0] == ()
+    assert units.length_units(times, 8 * path, 3e-4)[0] == ()  # a fast craft
+    assert units.length_units(times, 1e3 * path, 0.3)[0][0] == "mm"
+    assert units.length_units(times, 1e2 * path, 0.03)[0][0] == "cm"
+    assert units.length_units(times, 300 * path, 0.3)[0][0] == "mm"
+    assert "in" in units.length_units(times, path / 0.0254, 3e-4 / 0.0254)[0]
     assert units.command_unit(np.array([1000.0, 1500])) == "microseconds"
     assert units.command_unit(np.array([0.0, 80])) == "percent"
     assert units.command_unit(np.array([-1.0, 0.5])) == "normalised"
     assert units.command_unit(np.array([0.0, 255])) is None
     assert units.upside_down("x, z, -y") == "x, -z, y"
+
+
+def test_slow_motors_are_not_another_clock(tmp_path):
+    effects = {"motor_lag.tau": 0.15, "input_delay.delay": 0.07}
+    run = mistakes.Recorded(4, effects=effects, duration=30.0)
+    path, mapping = run.write(tmp_path / "run")
+    (found,) = ground.read(path, mapping=mapping)
+    assert found.repaired.reply["lag"] > 0.15 and found.repaired.suspicions == []
 
 
 def test_the_real_runs_of_a_turned_mocap_are_suspected_and_the_others_are_not(tmp_path, recordings):

@@ -638,9 +638,10 @@ TEST(StatesOfEffects, RefusesBadStatesWithTheReason) {
        "its derivative by time is not finite at c = 0, tau = 0"},
       {refusal([](D& d) { d.X = "p"; }), "it is not zero at the neutral values"},
       {refusal([](D& d) {
-         for (const char* name : {"a", "b", "d", "e"}) d.states.push_back({name, "-p", 0});
+         for (const char* name : {"a", "b", "d", "e", "f", "g", "h", "i"})
+           d.states.push_back({name, "-p", 0});
        }),
-       "more than 4 states"},
+       "more than 8 states"},
   };
   for (const auto& [error, expected] : cases)
     EXPECT_NE(error.find(expected), std::string::npos) << expected << " not in: " << error;

@@ -79,32 +79,7 @@ bool sound(const Ratio& ratio, const Body<double>& body) {
   return value >= ratio.lower && value <= ratio.upper;
 }
 
-/// A unit in which a user may have typed a value by mistake.
-struct Unit {
-  const char* key;
-  const char* name;
-  double factor;  ///< to SI
-};
-
-constexpr Unit kUnits[] = {
-    {"m", "g", 1e-3},
-    {"l", "cm", 1e-2},
-    {"l", "mm", 1e-3},
-    {"I_z", "g m^2", 1e-3},
-    {"I_z", "kg cm^2", 1e-4},
-    {"I_z", "kg mm^2", 1e-6},
-    {"I_z", "g cm^2", 1e-7},
-    {"I_z", "g mm^2", 1e-9},
-    {"X_u", "mN s/m", 1e-3},
-    {"Y_v", "mN s/m", 1e-3},
-    {"N_r", "mN m s", 1e-3},
-    {"N_r", "mN mm s", 1e-6},
-    {"k", "mN", 1e-3},
-    {"k", "grams of force", 9.81e-3},
-    {"input_max", "per cent", 1e-2},
-};
-
-Body<double> converted(Body<double> body, const Unit& unit) {
+Body<double> converted(Body<double> body, const MistakenUnit& unit) {
   body.*keyNamed(unit.key).place *= unit.factor;
   return body;
 }
@@ -128,11 +103,11 @@ double strangeness(const Body<double>& body, const Key& key) {
 
 /// The unit whose conversion brings the most ratios into their ranges and none out of its range.
 /// Among equals, the one with the smallest strangeness after conversion. nullptr if there is none.
-const Unit* probableUnit(const Body<double>& body) {
-  const Unit* best = nullptr;
+const MistakenUnit* probableUnit(const Body<double>& body) {
+  const MistakenUnit* best = nullptr;
   int best_repaired = 0;
   double best_strangeness = kInfinity;
-  for (const Unit& unit : kUnits) {
+  for (const MistakenUnit& unit : mistakenUnits()) {
     const Body<double> other = converted(body, unit);
     int repaired = 0, spoiled = 0;
     for (const Ratio& ratio : ratios()) {
@@ -167,7 +142,7 @@ std::string withUnit(double value, const char* unit) {
 }
 
 Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& body,
-                        const Unit* unit) {
+                        const MistakenUnit* unit) {
   std::ostringstream text;
   const double value = body.*key.place;
   text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning
@@ -185,6 +160,27 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
 
 }  // namespace
 
+const std::vector<MistakenUnit>& mistakenUnits() {
+  static const std::vector<MistakenUnit> all = {
+      {"m", "g", 1e-3},
+      {"l", "cm", 1e-2},
+      {"l", "mm", 1e-3},
+      {"I_z", "g m^2", 1e-3},
+      {"I_z", "kg cm^2", 1e-4},
+      {"I_z", "kg mm^2", 1e-6},
+      {"I_z", "g cm^2", 1e-7},
+      {"I_z", "g mm^2", 1e-9},
+      {"X_u", "mN s/m", 1e-3},
+      {"Y_v", "mN s/m", 1e-3},
+      {"N_r", "mN m s", 1e-3},
+      {"N_r", "mN mm s", 1e-6},
+      {"k", "mN", 1e-3},
+      {"k", "grams of force", 9.81e-3},
+      {"input_max", "per cent", 1e-2},
+  };
+  return all;
+}
+
 std::vector<Implausibility> implausibilities(const Body<double>& given,
                                              const ThrusterLayout& layout) {
   Body<double> body = given;
@@ -193,7 +189,7 @@ std::vector<Implausibility> implausibilities(const Body<double>& given,
   // Each unit is searched for after the conversions already found. Messages about ratios that no
   // unit explains quote the original values.
   Body<double> repaired = body;
-  while (const Unit* unit = probableUnit(repaired)) {
+  while (const MistakenUnit* unit = probableUnit(repaired)) {
     const Body<double> next = converted(repaired, *unit);
     const auto back = std::find_if(ratios().begin(), ratios().end(), [&](const Ratio& ratio) {
       return !sound(ratio, repaired) && sound(ratio, next);

@@ -5,11 +5,15 @@
 
 #include <Eigen/LU>
 #include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
 
 #include "bindings.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
+#include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
 
 namespace py = pybind11;
@@ -198,6 +202,15 @@ void defFiles(py::module_& module) {
         return std::make_pair(std::move(model), warnings);
       },
       py::arg("path"), "The model, and a warning for each implausible value.");
+  module.def(
+      "mistaken_units",
+      [] {
+        std::vector<std::tuple<std::string, std::string, double>> found;
+        for (const MistakenUnit& unit : mistakenUnits())
+          found.emplace_back(unit.key, unit.name, unit.factor);
+        return found;
+      },
+      "Parameters of the body, units in which they may be typed by mistake, and factors to SI.");
   module.def("parse_model", &parseModel, py::arg("text"), py::arg("source"));
   module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
              "A copy of the model with the effect in this text added.");

@@ -14,7 +14,7 @@ namespace ground {
 constexpr std::size_t kLongestFormula = 1000;   ///< one formula [characters]
 constexpr std::size_t kLongestFormulas = 3000;  ///< all formulas of a model together [characters]
 constexpr std::size_t kMaxEffectParameters = 32;
-constexpr std::size_t kMaxEffectStates = 4;  ///< number of states of one effect
+constexpr std::size_t kMaxEffectStates = 8;  ///< of one effect: one for each thruster
 constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter [characters]
 
 /// An effect written in the model file: wrench components as formulas (muparser) of

@@ -17,6 +17,7 @@ from ground.core_types import FittedParameter
 from ground.recordings import windows
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
+MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 REFUSED = "it raises the error on the runs held out"
 FLOORS = 5  # simulations over which the noise floor is averaged
 
@@ -25,7 +26,7 @@ FLOORS = 5  # simulations over which the noise floor is averaged
 class Conclusion:
     """What a diagnosis concludes."""
 
-    verdict: str  # complete, missing, varies, memory or unexplained
+    verdict: str  # complete, missing, varies, memory, unexplained or misread
     improved: _core.Model  # refitted
     parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
@@ -61,18 +62,23 @@ class Conclusion:
         return _bands(self.diagnosis, self.tested)
 
 
-def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Conclusion:
-    """Draws the Conclusion of a Diagnosis.
+def conclude(
+    found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False
+) -> Conclusion:
+    """Draws the Conclusion of a Diagnosis. misread: no effect was looked for, because the recordings
+    look misread.
 
     heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
     out and listed as dropped. Without them, each run (each quarter of a single run) is tested by a
     fit to the others.
     """
     with found.work.stage(stages.LEAVING):
-        return _conclude(found, heldout)
+        return _conclude(found, heldout, misread)
 
 
-def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData]) -> Conclusion:
+def _conclude(
+    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool
+) -> Conclusion:
     fullest = _with_slight(found)
     history = remains.of_history(found.likelihood, fullest)
     state = remains.of_state(found.likelihood, fullest)
@@ -84,7 +90,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData]) -> Conclusion:
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
     return Conclusion(
-        _verdict(found, explained, varies, history, state),
+        MISREAD if misread else _verdict(found, explained, varies, history, state),
         found.model,
         found.likelihood.intervals(found.fit),
         floor,

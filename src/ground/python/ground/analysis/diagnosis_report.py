@@ -17,7 +17,7 @@ from ground.analysis import (
     study,
     unexplained,
 )
-from ground.analysis.conclusion import Conclusion
+from ground.analysis.conclusion import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
@@ -36,12 +36,13 @@ def of(
     heldout: Sequence[_core.RunData] = (),
     thorough: bool = False,
     room: Optional[_core.RoomPlan] = None,
+    findings: Sequence[Document] = (),
 ) -> Document:
     """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
 
     thorough: gives the errors of all effects in the table, and plans the next experiment with all
     runs; otherwise the errors of low-ranked effects are None. room: the _core.RoomPlan in which the
-    next experiment has to stay (4 x 4 m).
+    next experiment has to stay (4 x 4 m). findings: mistakes that the recordings look like.
     """
     nominal, best = diagnosis.nominal, diagnosis.best
     names = [run.name for run in diagnosis.runs]
@@ -49,7 +50,7 @@ def of(
     with work.stage(stages.REPEATING):
         nested = conclusion.nested
     with work.stage(stages.ERRORS):
-        alike = diagnosis.unseen()
+        alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
         repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
     proposed = _next_experiment(diagnosis, alike, thorough, room)
@@ -60,6 +61,7 @@ def of(
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,
+        "findings": list(findings),
         "nominal": {
             "parameters": _parameters(nominal.parameters.values()),
             "error": _errors(nominal, conclusion.heldout[0]),

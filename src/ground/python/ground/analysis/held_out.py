@@ -88,7 +88,7 @@ class Folds:
             study.channel_errors(self.runs, self.cut, fit.model),
             np.average(heldout, axis=0, weights=self._samples()),
             heldout.sum(axis=1),
-            tuple(self.each(self._likelihood, range(self.count), refitted)),
+            tuple(self.each(lambda i: self._likelihood(i, refitted[i]), range(self.count))),
         )
 
     def _likelihood(self, fold: int, fit: Fit) -> Array:

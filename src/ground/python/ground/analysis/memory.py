@@ -5,7 +5,7 @@ constant. Score tests of all kinds and times choose the one to refit. It has to 
 likelihood significantly, corrected for the number of tests, and the held-out likelihood, too.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
 
 from scipy import stats
@@ -60,44 +60,38 @@ class Kind:
 
 
 BRIEF, LONG = (0.08,), (0.3, 1.5)
-OWN_PAST = {"a": "(u_L - a)/tau", "b": "(u_R - b)/tau"}
-KINDS = (
-    Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
-         LONG, OWN_PAST, {"thrust_L": "-c*a*u_L", "thrust_R": "-c*b*u_R"}),
-    Kind("battery_droop", "thrust depends on what both thrusters drew in the last %s", "N", 0.01,
-         LONG, {"a": "(u_L + u_R - a)/tau"}, {"thrust_L": "-c*a*u_L", "thrust_R": "-c*a*u_R"}),
-    Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
-         "of full thrust", "N", 0.01, (3.0,), {"p": "(u_L + u_R)/tau"},
-         {"thrust_L": "-c*exp(-p)*u_L", "thrust_R": "-c*exp(-p)*u_R"}),
-    Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
-         BRIEF, OWN_PAST, {"thrust_L": "-c*abs(u_L - a)", "thrust_R": "-c*abs(u_R - b)"}),
-    Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
-         LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
-    Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,
-         LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
-    Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
-         LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
-)  # fmt: skip
 
 
 def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
-    """What depends on the past, for a model's thrusters; where they are other than a left and a right
-    one, without those kinds in which each of them has a past of its own."""
-    if model.is_pair:
-        return KINDS
-    names = [thruster["name"] for thruster in model.thrusters]
-    total = "(%s)" % " + ".join("u_" + name for name in names)
+    """What depends on the past, for a model's thrusters."""
+    names = ["L", "R"] if model.is_pair else [thruster["name"] for thruster in model.thrusters]
+    # The length of formulas is limited: numbers stand for the names of other thrusters than L and R.
+    short = dict(zip(names, names if model.is_pair else map(str, range(1, len(names) + 1))))
+    total = "(%s)" % " + ".join("u_" + short[name] for name in names)
 
-    def of_all(kind: Kind) -> Kind:
-        states = {s: f.replace("(u_L + u_R)", total) for s, f in kind.states.items()}
-        states = {s: f.replace("u_L + u_R", total) for s, f in states.items()}
-        left = kind.expression.get("thrust_L")
-        if left is None:
-            return kind
-        thrusts = {"thrust_" + name: left.replace("u_L", "u_" + name) for name in names}
-        return replace(kind, states=states, expression=thrusts)
+    def each_thrust(formula: str) -> Dict[str, str]:
+        """A formula for the thrust of each thruster, which N stands for."""
+        return {"thrust_" + name: formula.replace("N", short[name]) for name in names}
 
-    return tuple(of_all(kind) for kind in KINDS if kind.states is not OWN_PAST)
+    own = {"past_" + s: "(u_%s - past_%s)/tau" % (s, s) for s in short.values()}
+    drawn = {"p": "(%s - p)/tau" % total}
+    return (
+        Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
+             LONG, own, each_thrust("-c*past_N*u_N")),
+        Kind("battery_droop", "thrust depends on what all thrusters drew in the last %s", "N", 0.01,
+             LONG, drawn, each_thrust("-c*p*u_N")),
+        Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
+             "of full thrust", "N", 0.01, (3.0,), {"p": total + "/tau"},
+             each_thrust("-c*exp(-p)*u_N")),
+        Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
+             BRIEF, own, each_thrust("-c*abs(u_N - past_N)")),
+        Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
+             LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
+        Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,
+             LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
+        Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
+             LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
+    )  # fmt: skip
 
 
 @can_be_kept

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from ground.analysis import thrust_curve
-from ground.annotations import Array
+from ground.annotations import Array, Flags
 from ground.errors import GroundError
 
 LEVEL = 0.01  # probability of rejecting a curve, or equal gains, that are right
@@ -37,7 +37,7 @@ class Bench:
     repetition: Array  # (n,) number of the repetition, from 0
     forces: Array  # (n,) [N]
 
-    def part(self, rows: Array) -> "Bench":
+    def part(self, rows: Flags) -> "Bench":
         """Some rows, by their mask (n,)."""
         return Bench(*(a[rows] for a in (self.inputs, self.together, self.repetition, self.forces)))
 

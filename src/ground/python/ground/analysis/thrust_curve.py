@@ -70,7 +70,7 @@ def power(inputs: Array, working: Array, forces: Array) -> Optional[Curve]:
     largest = float(inputs.max())
 
     def residuals(x: Array) -> Array:
-        return working * x[0] * (inputs / largest) ** x[1] - forces / scale
+        return np.asarray(working * x[0] * (inputs / largest) ** x[1] - forces / scale)
 
     bounds = ([1e-3, POWERS[0]], [1e3, POWERS[1]])
     found = optimize.least_squares(residuals, [1.0, 1.0], bounds=bounds, x_scale="jac").x
@@ -97,7 +97,7 @@ def polynomial(degree: int) -> Kind:
                 return None
             basis = working[:, None] * (inputs[:, None] / largest) ** np.arange(degree + 1)
             found = np.linalg.lstsq(basis[above], forces[above], rcond=None)[0]
-            value = np.polynomial.polynomial.polyval(at / largest, found)
+            value = np.polyval(found[::-1], at / largest)
             off = np.flatnonzero(value <= 0)
             begin = int(off[-1]) if len(off) else 0
             if at[begin] <= zero:
@@ -111,7 +111,7 @@ def polynomial(degree: int) -> Kind:
             degree + 1,
             largest,
             lambda w: np.where(
-                w > at[begin], np.polynomial.polynomial.polyval(w / largest, found), 0.0
+                w > at[begin], np.polyval(found[::-1], w / largest), 0.0
             ),
             knots=[float(w) for w in np.linspace(at[begin], largest, count)],
         )
@@ -138,11 +138,15 @@ def table(intervals: int) -> Kind:
         if zero < knots[0]:
             knots, force = np.append(zero, knots), np.append(0.0, force)
         last = found[-1] / width[-1]
+
+        def at(w: Array) -> Array:
+            return np.asarray(np.interp(w, knots, force) + last * np.maximum(w - knots[-1], 0.0))
+
         return Curve(
             "table",
             intervals + 1,
             float(knots[-1]),
-            lambda w: np.interp(w, knots, force) + last * np.maximum(w - knots[-1], 0.0),
+            at,
             knots=[float(w) for w in knots],
         )
 

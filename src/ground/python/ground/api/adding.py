@@ -117,6 +117,7 @@ def add(
     start: float = 0.0,
     end: Optional[float] = None,
     everything: bool = False,
+    as_recorded: bool = False,
     progress: Progress = None,
 ) -> Addition:
     """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
@@ -124,9 +125,10 @@ def add(
 
     effect: a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
-    run, on the run's clock [s]; everything: includes parts that are not usable. progress: called
-    with a ground.progress.Report at each step. GroundError when there is no such effect, or the
-    recordings are too short.
+    run, on the run's clock [s]; everything: includes parts that are not usable. as_recorded: also uses
+    recordings that look misread. progress: called with a ground.progress.Report at each step.
+    GroundError when there is no such effect, or the recordings are too short or look misread (swapped
+    channels, wrong signs, units or clocks).
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
@@ -142,6 +144,9 @@ def add(
     work.expect(FITTING, None)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
+    if not as_recorded:
+        seen.refuse_misread()
+        held.refuse_misread()
     duration = sum(run.times[-1] - run.times[0] for run in seen.data)
     work.expect(FITTING, 2 * (1 + len(study.LENGTHS)), COST * duration)
     with work.stage(FITTING):

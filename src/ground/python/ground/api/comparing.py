@@ -246,10 +246,12 @@ def each_run(
     """The RunComparison of each run, in their order. For the first model it includes how much of
     its missing wrench the last model accounts for."""
     work = Work.of(progress)
+    first = next(iter(models.values()))
+    recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
     work.expect(COMPARING, sum(lengths), COST * len(models))
     runs = repaired(recordings, work)
-    note_suspicions(recordings)
+    note_suspicions(recordings, first)
     for model in models.values():
         note_heading_offset(model, recordings)
     last = list(models.values())[-1].core if len(models) > 1 else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from ground import _core, origin
 from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
-from ground.analysis.conclusion import Conclusion, conclude
+from ground.analysis.conclusion import MISREAD, Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 class Diagnosis(Shown):
     """Which effects are missing in a model, by how much they improve it, and the model with them."""
 
-    verdict: str  #: complete, missing, varies, memory or unexplained
+    verdict: str  #: complete, missing, varies, memory, unexplained or misread
     effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
     improved: Model  #: the model with them, refitted
     parameters: Dict[str, Parameter]  #: its parameters, by name
@@ -109,11 +109,27 @@ class Problem:
     budget: Optional[int]
     thorough: bool
     given_room: Optional[Room]
+    as_recorded: bool = False  #: diagnoses recordings that look misread, too
 
     @property
     def runs(self) -> List[_core.RunData]:
         """_core.RunData fitted to."""
         return self.seen.data
+
+    @property
+    def findings(self) -> List[Document]:
+        """Mistakes that the recordings look like, as diagnosis.json has them."""
+        return [finding.describe() for finding in self.seen.findings + self.held.findings]
+
+    @property
+    def misread(self) -> bool:
+        """Whether effects are not looked for, because the recordings look misread."""
+        return not self.as_recorded and any(finding["misread"] for finding in self.findings)
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the heading looks off by a constant, which is an effect of the library, too."""
+        return not self.as_recorded and any(f["kind"] == "offset" for f in self.findings)
 
     @property
     def inputs(self) -> List[str]:
@@ -144,7 +160,7 @@ class Problem:
             (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
             for r in self.runs
         ]
-        options = self.budget, self.thorough
+        options = self.budget, self.thorough, self.misread
         identity = (measured_in, self.model.format(), neutral, options, origin.versions())
         return Unfinished(folder, identity)
 
@@ -163,6 +179,7 @@ def diagnose(
     start: float = 0.0,
     end: Optional[float] = None,
     everything: bool = False,
+    as_recorded: bool = False,
     resume: Optional[Path] = None,
     progress: Progress = None,
 ) -> Diagnosis:
@@ -174,9 +191,11 @@ def diagnose(
     or as YAML files with one effect each. budget: number of effects that are refitted in each step,
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
-    not usable. resume: a folder that keeps finished parts, so that an interrupted diagnosis can be
-    resumed. progress: called with a ground.progress.Report at each step. GroundError when a file
-    cannot be read, there is no such effect or the recordings are too short.
+    not usable. as_recorded: diagnoses recordings that look misread (swapped channels, wrong signs, units
+    or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps
+    finished parts, so that an interrupted diagnosis can be resumed. progress: called with a
+    ground.progress.Report at each step. GroundError when a file cannot be read, there is no such
+    effect or the recordings are too short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
@@ -198,6 +217,7 @@ def diagnose(
         room=room,
         part=Part(start, end, everything),
         work=work,
+        as_recorded=as_recorded,
     )
     kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
     found = solve(problem, kept, work)
@@ -215,6 +235,7 @@ def read_problem(
     room: Optional[RoomLike],
     part: Part,
     work: Work,
+    as_recorded: bool = False,
 ) -> Problem:
     """Reads all that a diagnosis needs; chosen: only, exclude and effects of `diagnose`;
     work: told of what is done."""
@@ -227,7 +248,7 @@ def read_problem(
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
-    return Problem(given, tried, seen, held, files, budget, thorough, given_room)
+    return Problem(given, tried, seen, held, files, budget, thorough, given_room, as_recorded)
 
 
 def effects_to_try(
@@ -269,20 +290,27 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
 def solve(problem: Problem, kept: Unfinished, work: Work) -> Diagnosis:
     """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done."""
     room = problem.room()
-    found = _grown(problem, kept, work)
+    found, misread = _diagnosis(problem, kept, work), problem.misread
+    if not misread:
+        found.grow()
+        if problem.is_turned and "heading_offset" not in found.model.effects:
+            # The search has not found what the commands show: what it found instead is not physics.
+            found, misread = _diagnosis(problem, kept, work), True
     if kept.taken:
         work.note("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
-    conclusion = conclude(found, held)
+    conclusion = conclude(found, held, misread)
     work.note("verdict: %s" % conclusion.verdict)
     name, walls = problem.model.path or problem.model.name, room.core if room else None
-    report = diagnosis_report.of(found, conclusion, name, held, problem.thorough, walls)
+    report = diagnosis_report.of(
+        found, conclusion, name, held, problem.thorough, walls, problem.findings
+    )
     return _result(problem, found, conclusion, report)
 
 
-def _grown(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diagnosis:
-    """The model with the missing effects."""
-    found = diagnosis.Diagnosis(
+def _diagnosis(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diagnosis:
+    """The model as it is, refitted."""
+    return diagnosis.Diagnosis(
         problem.runs,
         problem.model.core,
         problem.tried,
@@ -291,8 +319,6 @@ def _grown(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diagnosi
         kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
     )
-    found.grow()
-    return found
 
 
 def _result(
@@ -305,7 +331,7 @@ def _result(
     return Diagnosis(
         verdict=conclusion.verdict,
         effects=tuple(report["improved"]["effects"]),
-        improved=fitted_model(
+        improved=problem.model if conclusion.verdict == MISREAD else fitted_model(
             conclusion.improved,
             problem.seen.recordings,
             report["nominal"]["error"],

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core, core_types
-from ground.analysis import comparison, identifiability, study, validation
+from ground.analysis import comparison, identifiability, study, unit_slips, validation
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -100,7 +100,7 @@ class Fit(Shown):
     message: str  #: the optimizer's message
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
-    remarks: List[str]  #: sentences on what is not identifiable
+    remarks: List[str]  #: sentences on units that seem wrong and what is not identifiable
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -337,7 +337,10 @@ def _result(
         message=result["message"],
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
-        remarks=list(identifiability.sentences(result)),
+        remarks=[
+            *unit_slips.sentences(given.core, {p.name: p.value for p in parameters.values()}),
+            *identifiability.sentences(result),
+        ],
     )
 
 

@@ -128,11 +128,10 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
         warn(different, GroundNote)
 
 
-def note_suspicions(found: Sequence[Recording]) -> None:
-    """Warns of mistakes that recordings look like."""
-    for recording in found:
-        for suspicion in recording.repaired.suspicions:
-            warn("%s: %s" % (recording.name, suspicions.sentence(suspicion.describe())))
+def note_suspicions(found: Sequence[Recording], model: Model) -> None:
+    """Warns of mistakes that recordings of a model's craft look like."""
+    for finding in suspicions.of_runs(found) + suspicions.of_thrusters(found, model.core):
+        warn(finding.sentence)
 
 
 def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
@@ -175,11 +174,20 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
+    findings: List[suspicions.Finding]  #: mistakes that the recordings look like
 
     @property
     def runs(self) -> List[quality.Run]:
         """The recordings with their motion repaired."""
         return [recording.repaired for recording in self.recordings]
+
+    def refuse_misread(self) -> None:
+        """GroundError when the recordings look misread, so that a model of them would be wrong."""
+        for finding in self.findings:
+            if finding.misread:
+                raise GroundError(
+                    "%s; --as-recorded (as_recorded in Python) uses it as it is" % finding.sentence
+                )
 
 
 def measured(
@@ -191,14 +199,18 @@ def measured(
     """
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
-    found = taken(given)
+    found = [recording.with_lift_of(model.core) for recording in taken(given)]
     note_differences(found, others)
     runs = repaired(found, work)
     for run in runs:
         for finding in findings.grave(run.describe()):
             warn("%s: %s" % (run.recording.name, finding))
+    of_thrusters = suspicions.of_thrusters(found, model.core)
+    for one in of_thrusters:
+        warn(one.sentence)
     note_heading_offset(model, found)
-    return Measured(found, [part.of(run, model) for run in runs])
+    data = [part.of(run, model) for run in runs]
+    return Measured(found, data, suspicions.of_runs(found) + of_thrusters)
 
 
 def held_out(

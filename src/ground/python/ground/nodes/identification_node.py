@@ -233,6 +233,8 @@ class IdentificationNode:
         if task != "diagnose":
             files.write_json(os.path.join(folder, task + ".json"), result)
         self._result.publish(json.dumps(result))
+        if not os.path.exists(made):  # misread recordings give no model
+            return IdentifyResponse(success=False, message=_found(task, result), folder=folder)
         self.model = made
         self._newest.publish(made)
         return IdentifyResponse(

@@ -236,7 +236,8 @@ def _pose_lines(
     yield from _place(chosen, in_folder)
     yield from _others(candidates)
     position = np.column_stack([chosen.values[path] for path in guess.position])
-    unit, fast = units.length_unit(chosen.times, position)
+    likely, fast = units.length_units(chosen.times, position)
+    unit = likely[0] if likely else None
     known = chosen.kind in poses.KINDS
     names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, guess.position))
     ranges = ", ".join(

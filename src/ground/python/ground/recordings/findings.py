@@ -5,7 +5,6 @@ from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
 
 from ground.annotations import Document
 from ground.recordings import quality, suspicions
-from ground.recordings.recording import LIFT
 
 _T = TypeVar("_T")
 
@@ -57,7 +56,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         1e3 * noise["position"],
         1e3 * noise["heading"],
     )
-    thrusters = [name for name in controls["channels"] if name != LIFT]
+    thrusters = controls["thrusters"]
     yield "commands", "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g" % (
         controls["count"],
         controls["rate"],
@@ -140,6 +139,10 @@ def findings(d: Document) -> Iterator[str]:
     yield from _overlap(d["controls"])
     if d["rest"] > 0.2:
         yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
+    if d["rest_at_end"] > 0.2:
+        yield "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)" % (
+            d["rest_at_end"]
+        )
     if d["contacts"]:
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
             d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])

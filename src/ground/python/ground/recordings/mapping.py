@@ -17,13 +17,15 @@ from ground.errors import GroundError, reason
 from ground.recordings.fields import PATH
 
 SCHEMA = "ground/mapping/1"
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # [m]
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}  # [rad]
 TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
+LIFT = "lift"  # default name of the channel that is no thruster
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
+MAX_DRIFT = 0.1  # [s/s]
 MAX_CHANNELS = 9  # eight thrusters and the lift fan
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -84,6 +86,7 @@ class Commands:
     file: str = ""  #: pattern of the names of tables that have them
     type: str = ""
     channels: Tuple[Channel, ...] = ()  #: empty: left, right, lift as the type has them
+    lift: str = LIFT  #: the channel of the lift fan
     time: Clock = Clock()
 
 
@@ -94,6 +97,7 @@ class FieldMapping:
     poses: Poses = Poses()
     commands: Commands = Commands()
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
+    clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
 
@@ -151,10 +155,12 @@ def load(path: str) -> FieldMapping:
             else "%s: not a mapping: write schema: %s" % (path, SCHEMA)
         )
     poses, commands = _poses(root.child("poses")), _commands(root.child("commands"))
-    offset = root.number("clock_offset", 0.0)
+    offset, drift = root.number("clock_offset", 0.0), root.number("clock_drift", 0.0)
+    if not abs(drift) < MAX_DRIFT:
+        raise root.wrong("clock_drift", "is %g, but must be within -%g and %g" % (drift, *[MAX_DRIFT] * 2))
     root.finish()
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
-    return FieldMapping(poses, commands, offset, path, given)
+    return FieldMapping(poses, commands, offset, drift, path, given)
 
 
 class _Node:
@@ -302,11 +308,15 @@ def _commands(node: _Node) -> Commands:
     names = list(channels.content)
     if len(names) > MAX_CHANNELS:
         raise node.wrong("channels", "are %d, but there may be at most %d" % (len(names), MAX_CHANNELS))
+    lift = node.text("lift", LIFT)
+    if lift != LIFT and lift not in names:
+        raise node.wrong("lift", "is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
     found = Commands(
         topic,
         file,
         kind,
         tuple(_channel(channels.child(name), name) for name in names),
+        lift,
         _clock(node),
     )
     node.finish()

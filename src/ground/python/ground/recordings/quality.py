@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 GAP = 0.05  # a longer pause is a gap [s]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
 SHORTEST = 0.3  # shortest usable stretch [s]
+IDLE = 1.0  # longest rest at the end that is used [s]
 MOVED = 0.01  # largest movement of a craft at rest [m]
 CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # least excess in multiples of its noise
@@ -81,12 +82,25 @@ class Run:
             begins.append(motion.times[np.argmax(moved | turned)])
         if begins:
             start = max(start, min(begins) - 0.1)
+            end = self._without_idle_end(end)
         if (lift > 0).any():  # else the lift was not recorded
             lifted = np.flatnonzero(lift > 0)
             start = max(start, times[lifted[0]])
             if lifted[-1] + 1 < len(times):
                 end = min(end, times[lifted[-1] + 1])
         return start - self.zero, end - self.zero
+
+    def _without_idle_end(self, end: float) -> float:
+        """The end [s, clock of the stamps], without a long rest of the craft without thrust there."""
+        times, motion = self.recording.control_times, self.motion
+        away = np.abs(motion.eta - motion.eta[-1])
+        moved = np.flatnonzero((np.hypot(away[:, 0], away[:, 1]) > MOVED) | (away[:, 2] > 0.1))
+        driven = np.flatnonzero(self.recording.thrust.any(axis=1))
+        last = [motion.times[moved[-1]]] if len(moved) else []
+        if len(driven):
+            last.append(times[driven[-1] + 1] if driven[-1] + 1 < len(times) else times[-1])
+        idle = end - max(last, default=end)
+        return end - idle + 0.1 if idle > IDLE else end
 
     def _spans(self) -> List[Span]:
         start, end = self.active
@@ -177,6 +191,7 @@ class Run:
                 "spans": [list(span) for span in self.spans],
             },
             "rest": float(self.active[0]),
+            "rest_at_end": float(self.end - self.active[1]),
             "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
             "poses": self._describe_poses(),
             "controls": self._describe_controls(),
@@ -248,6 +263,7 @@ class Run:
             "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
             "changes": int(changes.sum()),
             "channels": list(recording.channels),
+            "thrusters": list(recording.thrusters),
             "levels": [float(f(thrust)) for f in (np.min, np.max)],
             "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
             "start_after_poses": float(controls[0] - motion.times[0]),

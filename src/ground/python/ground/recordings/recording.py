@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.annotations import Array, ArrayLike, Time
 from ground.errors import GroundError
 from ground.recordings import commands, flown, live_changes, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 from ground.recordings.commands import CHANNELS
-from ground.recordings.mapping import DEFAULT, RANGE, FieldMapping
+from ground.recordings.mapping import DEFAULT, LIFT, RANGE, FieldMapping
 from ground.recordings.messages import MessageSource
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
-LIFT = "lift"  # the channel that is no thruster
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,7 +49,8 @@ class Recording:
     )  #: flown.RunFile by `model` and `room`, if recorded
     changes: List[live_changes.LiveChange] = field(default_factory=list)  #: changes during the run
     path: str = ""  #: path of the bag that it was read from
-    channels: Tuple[str, ...] = CHANNELS  #: names of the commands; `lift` is the lift fan
+    channels: Tuple[str, ...] = CHANNELS  #: names of the commands
+    lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
@@ -71,7 +72,7 @@ class Recording:
     @property
     def thrusters(self) -> Tuple[str, ...]:
         """Names of the channels that are thrusters."""
-        return tuple(name for name in self.channels if name != LIFT)
+        return tuple(name for name in self.channels if name != self.lift_channel)
 
     @property
     def thrust(self) -> Array:
@@ -81,9 +82,15 @@ class Recording:
     @property
     def lift(self) -> Array:
         """Command of the lift fan (m,); zeros where there is no such channel."""
-        if LIFT not in self.channels:
+        if self.lift_channel not in self.channels:
             return np.zeros(len(self.control_times))
-        return np.asarray(self.controls[:, self.channels.index(LIFT)])
+        return np.asarray(self.controls[:, self.channels.index(self.lift_channel)])
+
+    def with_lift_of(self, model: _core.Model) -> "Recording":
+        """The same with the model's channel as its lift, where its own names none of the commands."""
+        lift = model.channels[-1]
+        known = self.lift_channel in self.channels or lift not in self.channels
+        return self if known else replace(self, lift_channel=lift)
 
     def commands_of(self, names: Sequence[str]) -> Array:
         """Commands of some channels (m, len(names)). GroundError for a channel that is missing."""
@@ -166,26 +173,35 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls], names)
     found = checked(
         path,
-        [(row[0] + mapping.clock_offset,) + row[1:] for row in rows.rows["poses"]],
+        _shifted(rows.rows["poses"], mapping),
         controls,
         ", ".join("%s (%s)" % (topic, info[topic].msg_type) for topic in topics.values()),
         warnings,
         names,
         {channel.name: channel.range for channel in channels},
     )
+    mends_clock = bool(mapping.clock_offset or mapping.clock_drift)
     # Sorted by the last message on each, so that the next message overrules a damaged one.
     ordered = sorted(rows.drives.items(), key=lambda row: float(row[1]))
     return replace(
         found,
         path=str(path),
+        lift_channel=mapping.commands.lift,
         drives=np.array(ordered, float).reshape(-1, 2),
         settings=settings,
         changes=changes,
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        clock_offset=0.0 if mapping.clock_offset else rows.delay("poses") - rows.delay("controls"),
+        clock_offset=0.0 if mends_clock else rows.delay("poses") - rows.delay("controls"),
     )
+
+
+def _shifted(rows: List[Tuple[float, ...]], mapping: FieldMapping) -> List[Tuple[float, ...]]:
+    """Rows that begin with a stamp, on the clock that a mapping says."""
+    first = rows[0][0] if rows else 0.0
+    offset, drift = mapping.clock_offset, mapping.clock_drift
+    return [(row[0] + offset + drift * (row[0] - first),) + row[1:] for row in rows]
 
 
 @dataclass
@@ -418,6 +434,7 @@ def _check_ranges(
                     least,
                     most,
                     seem,
-                    "; a thruster that can be reversed has range: [-1, 1]" if -1 <= low < 0 else "",
+                    "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at "
+                    "-1 has off: -1, full: 1" if -1 <= low < 0 else "",
                 )
             )

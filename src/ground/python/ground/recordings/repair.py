@@ -161,15 +161,24 @@ def _mirror_centre(psi: Array) -> Optional[float]:
     return float(np.median(sums[near])) if near.mean() > 0.5 else None
 
 
-def _noise(times: Array, eta: Array) -> Tuple[float, float]:
-    """Standard deviations of position [m] and heading [rad], from the scatter of third differences."""
+def scatter(times: Array, eta: Array) -> Optional[Array]:
+    """Scatter (3,) of the third differences of poses in order of time: the standard deviations of x, y and
+    heading; None where few poses are evenly spaced."""
     steps = np.diff(times)
     even = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
     even = even[:-2] & even[1:-1] & even[2:]
     if even.sum() < 50:
+        return None
+    third = np.abs(np.diff(eta, 3, axis=0)[even])
+    return np.asarray(1.4826 * np.median(third, axis=0) / np.sqrt(20))
+
+
+def _noise(times: Array, eta: Array) -> Tuple[float, float]:
+    """Standard deviations of position [m] and heading [rad], within what mocaps have."""
+    found = scatter(times, eta)
+    if found is None:
         return TYPICAL_NOISE
-    scatter = 1.4826 * np.median(np.abs(np.diff(eta, 3, axis=0)[even]), axis=0) / np.sqrt(20)
     return (
-        float(np.clip(np.hypot(*scatter[:2]) / np.sqrt(2), 2e-5, 1e-2)),
-        float(np.clip(scatter[2], 2e-4, 0.1)),
+        float(np.clip(np.hypot(*found[:2]) / np.sqrt(2), 2e-5, 1e-2)),
+        float(np.clip(found[2], 2e-4, 0.1)),
     )

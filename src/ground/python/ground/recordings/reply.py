@@ -16,6 +16,15 @@ FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
 FAR_SHARE = 0.3  # least share of the accelerations that the commands explain at such a lag
 FAR_SAMPLES = 2000  # samples of motion to find it from
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
+MIN_FOLLOWING = 200  # samples that lags are found from
+DELAYS = np.arange(0.0, 0.41, 0.03)  # tried parts of the lag that are all at once [s]
+TAUS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # tried time constants beside them [s]
+RATES = np.arange(-0.012, 0.0121, 0.002)  # tried drifts of clocks [s/s]
+DRIFT_LAGS = np.arange(-0.4, 0.61, 0.05)  # tried beside them, in the middle of a run [s]
+DRIFT_AROUND = np.arange(-0.15, 0.151, 0.01)  # tried around the best one in each part of a run [s]
+DRIFT_PART = 4.0  # length of the parts [s]
+DRIFT_SHARE = 0.2  # least share of the accelerations that the commands explain at the best rate
+MIN_DRIFTING = 16.0  # length of a run from which a drift is looked for [s]
 BLOCKS = 10  # blocks of time that errors are estimated from
 USUAL_LAG = 0.1  # if the motion does not determine it [s]
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
@@ -40,10 +49,15 @@ def stretches(times: Array, inside: Flags) -> List[Indices]:
 
 def commands_at(recording: "Recording", times: Array) -> Array:
     """Commands of the thrusters that hold at some times (n,) [s]; 0 before the first one."""
+    return _held(recording, recording.thrust, times)
+
+
+def _held(recording: "Recording", values: Array, times: Array) -> Array:
+    """Values (m, k) of the commands that hold at some times (n,) [s]; 0 before the first one."""
     at = np.searchsorted(recording.control_times, times, side="right") - 1
-    commands = np.asarray(recording.thrust[np.maximum(at, 0)])
-    commands[at < 0] = 0
-    return commands
+    held = np.asarray(values[np.maximum(at, 0)])
+    held[at < 0] = 0
+    return held
 
 
 def accelerations(motion: Motion) -> Array:
@@ -99,68 +113,117 @@ def middle(times: Array, margin: float = 0.06) -> Flags:
     return inside
 
 
+def changes(recording: "Recording") -> Indices:
+    """Indices of the commands of thrusters after which others hold."""
+    thrust = recording.thrust
+    return np.flatnonzero((np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1))
+
+
+@dataclass(frozen=True)
+class _Following:
+    """Samples of a motion, to compare it with commands that are earlier by some lag."""
+
+    recording: "Recording"
+    times: Array  # (n,) [s]
+    wanted: Array  # (n, 3) accelerations without what the velocities explain, each of variance 1
+    base: Array  # (n, 13) orthonormal, what the velocities explain
+
+    @classmethod
+    def of(cls, recording: "Recording", motion: Motion) -> Optional["_Following"]:
+        """Of FAR_SAMPLES samples at most; None where there are few or the craft rests."""
+        inside = middle(motion.times)
+        spread = slice(None, None, 1 + int(inside.sum()) // FAR_SAMPLES)
+        times, nu = motion.times[inside][spread], motion.nu[inside][spread]
+        if len(times) < MIN_FOLLOWING:
+            return None
+        base = np.linalg.qr(smooth_terms(nu))[0]
+        wanted = _clipped(accelerations(motion)[inside][spread])
+        wanted = wanted - base @ (base.T @ wanted)
+        if not (wanted**2).sum() > 0:
+            return None
+        return cls(recording, times, wanted / np.maximum(wanted.std(axis=0), 1e-12), base)
+
+    def left(self, times: Array, tau: float = 0.0) -> Array:
+        """What the commands at some times (n,) [s], after a first-order lag, leave of the accelerations:
+        (n, 3)."""
+        commands = _lagged(self.recording, times, tau) if tau else commands_at(self.recording, times)
+        commands = commands - self.base @ (self.base.T @ commands)
+        by_commands = np.linalg.lstsq(commands, self.wanted, rcond=None)[0]
+        return np.asarray(self.wanted - commands @ by_commands)
+
+    def share(self, times: Array, tau: float = 0.0) -> float:
+        """Share of the accelerations that those commands explain."""
+        return 1 - float((self.left(times, tau) ** 2).mean() / (self.wanted**2).mean())
+
+
 def far_lag(recording: "Recording", motion: Motion) -> Optional[float]:
     """The lag [s] of the motion after the commands where it is further off than `find` looks; None where
     the commands explain little at every lag."""
-    inside = middle(motion.times)
-    times, wanted = motion.times[inside], accelerations(motion)[inside]
-    others = smooth_terms(motion.nu[inside])
-    spread = slice(None, None, 1 + len(times) // FAR_SAMPLES)
-    if len(times[spread]) < 200:
+    following = _Following.of(recording, motion)
+    if following is None:
         return None
-    base = np.linalg.qr(others[spread])[0]
-    rest = _clipped(wanted[spread])
-    rest = rest - base @ (base.T @ rest)
-    shares = []
-    for lag in FAR_LAGS:
-        commands = commands_at(recording, times[spread] - lag)
-        commands = commands - base @ (base.T @ commands)
-        by_commands = np.linalg.lstsq(commands, rest, rcond=None)[0]
-        left = rest - commands @ by_commands
-        shares.append(1 - float(np.mean((left**2).sum(axis=0) / (rest**2).sum(axis=0))))
+    shares = [following.share(following.times - lag) for lag in FAR_LAGS]
     best = int(np.argmax(shares))
     return float(FAR_LAGS[best]) if shares[best] > FAR_SHARE else None
 
 
-@dataclass(frozen=True)
-class Samples:
-    """What tells how accelerations follow from the commands of a left and a right thruster."""
-
-    psi: Array  # (n,) [rad]
-    nu: Array  # (n, 3) u, v [m/s], r [rad/s] in the measured body's frame
-    accelerations: Array  # (n, 3) specific force [m/s^2] and yaw acceleration [rad/s^2]
-    left: Array  # (n,) commands that act then
-    right: Array
-
-    def turned(self, heading: int, yaw: int) -> Tuple[Array, Array, Array, Array]:
-        """Force (n, 2), yaw acceleration, left and right (n,) without what velocities explain, in the
-        frame of a body whose heading is `heading` times the measured one and turns `yaw` times."""
-        force, velocity = self.accelerations[:, :2], self.nu[:, :2]
-        if heading < 0:
-            force, velocity = (_rotated(v, 2 * self.psi) for v in (force, velocity))
-        others = smooth_terms(np.column_stack([velocity, yaw * self.nu[:, 2]]))
-        base = np.linalg.qr(others)[0]
-        columns = np.column_stack(
-            [_clipped(force), yaw * _clipped(self.accelerations[:, 2:]), self.left, self.right]
-        )
-        rest = columns - base @ (base.T @ columns)
-        return rest[:, :2], rest[:, 2], rest[:, 3], rest[:, 4]
+def delay(recording: "Recording", motion: Motion) -> float:
+    """The part of the lag [s] of the motion that is no first-order lag."""
+    following = _Following.of(recording, motion)
+    if following is None:
+        return 0.0
+    shares = {
+        (delay, tau): following.share(following.times - delay, tau) for delay in DELAYS for tau in TAUS
+    }
+    return float(max(shares, key=lambda way: shares[way])[0])
 
 
-def samples(recording: "Recording", motion: Motion, lag: float) -> Samples:
-    """The Samples of a motion that follows its commands by a lag [s]."""
-    inside = middle(motion.times)
-    times = motion.times[inside]
-    at = np.searchsorted(recording.control_times, times - lag, side="right") - 1
-    commands = recording.commands_of(("left", "right"))[np.maximum(at, 0)]
-    commands[at < 0] = 0
-    return Samples(
-        motion.eta[inside, 2],
-        motion.nu[inside],
-        accelerations(motion)[inside],
-        commands[:, 0],
-        commands[:, 1],
-    )
+def drift(recording: "Recording", motion: Motion) -> Tuple[float, float]:
+    """Change of the lag per second [s/s], and its standard error; 0 where the run is too short or the motion
+    does not follow the commands.
+
+    For each rate, commands are taken at times that run at it. The share that they explain then has a peak;
+    the scatter of the best rates of parts of the run gives its error.
+    """
+    following = _Following.of(recording, motion)
+    if following is None or np.ptp(following.times) < MIN_DRIFTING:
+        return 0.0, np.inf
+    times = following.times
+    middle_time = 0.5 * (times[0] + times[-1])
+    shares = {
+        (lag, rate): following.share(times - lag - rate * (times - middle_time))
+        for rate in RATES
+        for lag in DRIFT_LAGS
+    }
+    coarse = max(shares, key=lambda way: shares[way])
+    if shares[coarse] < DRIFT_SHARE:
+        return 0.0, np.inf
+    straight = times - coarse[1] * (times - middle_time)
+    part = ((times - times[0]) / DRIFT_PART).astype(int)
+    lags = coarse[0] + DRIFT_AROUND
+    losses = np.array([(following.left(straight - lag) ** 2).sum(axis=1) for lag in lags])
+    parts = [i for i in np.unique(part) if (part == i).sum() > MIN_FOLLOWING // 4]
+    best = np.array([lags[int(np.argmin(losses[:, part == i].sum(axis=1)))] for i in parts])
+    at = np.array([times[part == i].mean() for i in parts]) - middle_time
+    slopes = [(best[j] - best[i]) / (at[j] - at[i]) for j in range(len(at)) for i in range(j)]
+    slope = float(np.median(slopes))  # Theil 1950, Sen 1968
+    rest = best - slope * at
+    scatter = 1.4826 * np.median(np.abs(rest - np.median(rest))) + np.diff(lags).max()
+    return coarse[1] + slope, float(scatter / np.sqrt(((at - at.mean()) ** 2).sum()))
+
+
+def _lagged(recording: "Recording", times: Array, tau: float) -> Array:
+    """Commands of the thrusters after a first-order lag of time constant tau [s], at times (n,) [s]."""
+    begins, thrust = recording.control_times, recording.thrust
+    reached = np.zeros_like(thrust)  # by the lag when each command begins
+    for i, decay in enumerate(np.exp(-np.diff(begins) / tau), 1):
+        reached[i] = thrust[i - 1] + (reached[i - 1] - thrust[i - 1]) * decay
+    at = np.searchsorted(begins, times, side="right") - 1
+    since = np.exp(-np.maximum(times - begins[np.maximum(at, 0)], 0) / tau)[:, None]
+    held = thrust[np.maximum(at, 0)]
+    found = held + (reached[np.maximum(at, 0)] - held) * since
+    found[at < 0] = 0
+    return np.asarray(found)
 
 
 def _rotated(vectors: Array, angle: Array) -> Array:
@@ -179,28 +242,42 @@ def _clipped(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Rest:
-    """Accelerations and commands without what the velocities explain, at the same instants."""
+    """Accelerations and commands without what velocities, constant wrenches and the floor's slope explain,
+    at the same instants."""
 
+    times: Array  # (n,) [s]
     accelerations: Array  # (n, 3) specific force [m/s^2], yaw acceleration [rad/s^2]
     commands: Array  # (n, k)
 
 
 def rest(
-    recording: "Recording", motion: Motion, lag: Optional[float], names: Sequence[str]
+    recording: "Recording",
+    motion: Motion,
+    lag: float,
+    names: Sequence[str],
+    twisted: bool = False,
 ) -> Rest:
-    """The Rest of a motion that follows the commands of some channels by a lag [s]."""
+    """The Rest of a motion that follows the commands of some channels by a lag [s]; twisted: in the frame
+    of a body whose heading is minus the measured one."""
     inside = middle(motion.times)
-    times = motion.times[inside]
-    sent = (times > recording.control_times[0]) & (times < recording.control_times[-1])
-    at = np.searchsorted(
-        recording.control_times, times[sent] - (USUAL_LAG if lag is None else lag), side="right"
-    )
-    commands = recording.commands_of(names)[np.maximum(at - 1, 0)]
-    commands[at < 1] = 0
-    base = np.linalg.qr(smooth_terms(motion.nu[inside][sent]))[0]
-    found = np.column_stack([_clipped(accelerations(motion)[inside][sent]), commands])
+    sent = (motion.times > recording.control_times[0]) & (motion.times < recording.control_times[-1])
+    inside &= sent
+    times, psi, nu = motion.times[inside], motion.eta[inside, 2], motion.nu[inside]
+    wanted = accelerations(motion)[inside]
+    if twisted:
+        psi, signs = -psi, np.array([1, 1, -1])
+        wanted, nu = (_turned(v, -2 * psi) * signs for v in (wanted, nu))
+    level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
+    base = np.linalg.qr(np.column_stack([smooth_terms(nu), level]))[0]
+    commands = _held(recording, recording.commands_of(names), times - lag)
+    found = np.column_stack([_clipped(wanted), commands])
     found = found - base @ (base.T @ found)
-    return Rest(found[:, :3], found[:, 3:])
+    return Rest(times, found[:, :3], found[:, 3:])
+
+
+def _turned(rows: Array, angle: Array) -> Array:
+    """Rows (n, 3) with their first two columns turned by an angle (n,)."""
+    return np.column_stack([_rotated(rows[:, :2], angle), rows[:, 2]])
 
 
 @dataclass(frozen=True)

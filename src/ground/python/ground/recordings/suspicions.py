@@ -9,19 +9,29 @@ from typing import TYPE_CHECKING, Callable, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Document
-from ground.recordings import reply, units
+from ground import _core
+from ground.annotations import Document
+from ground.errors import GroundError
+from ground.recordings import layouts, repair, reply, units
+from ground.recordings.layouts import verdicts, words
 
 if TYPE_CHECKING:
     from ground.recordings.quality import Run
+    from ground.recordings.recording import Recording
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
 LATEST = 0.3  # largest delay of the motion on one clock [s]
 EARLIEST = -0.03  # least delay: motion cannot come before its command [s]
+DELAYED = 0.15  # largest delay of the motion, all at once [s]
+DRIFTING = 5.0  # least drift of two clocks, in its standard errors
+MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
+MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
-CLEARLY = 0.15  # additional share of forces or turns that another reading has to explain
-TIMES = 3.0  # least ratio of what another reading explains to what the recorded one does
+# Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust.
+EXPLAINED = ("offset", "delay", "command")
+# A left and a right thruster; the moments of any lever are the same but for a factor.
+PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,11 @@ class Suspicion:
     kind: str  #: the mistake, in a word
     evidence: str  #: what it shows by
     remedy: str  #: option or key of a mapping that mends it
+
+    @property
+    def what(self) -> str:
+        """What seems to be wrong, without the figures."""
+        return self.evidence.split(":")[0]
 
     def describe(self) -> Document:
         """As plain values."""
@@ -48,15 +63,17 @@ def of(run: "Run") -> List[Suspicion]:
 
 
 def lengths(run: "Run") -> Iterator[Suspicion]:
-    """Positions in millimetres or centimetres, by speeds that no craft in a room has."""
+    """Positions in millimetres, centimetres or inches, by speeds that no craft in a room has."""
     recording = run.recording
-    unit, fast = units.length_unit(recording.pose_times, recording.eta[:, :2], run.motion.noise[0])
-    if unit:
+    scatter = repair.scatter(run.motion.times, run.motion.measured)
+    noise = run.motion.noise[0] if scatter is None else float(np.hypot(*scatter[:2]) / np.sqrt(2))
+    likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
+    if likely:
         yield Suspicion(
             "length",
-            "the craft goes %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s"
-            % (fast, run.motion.noise[0], unit),
-            "position: {unit: %s} under poses in a mapping" % unit,
+            "the craft goes %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
+            % (fast, noise, " or ".join(likely), ", which speed and noise cannot decide" * (len(likely) > 1)),
+            " or ".join("position: {unit: %s}" % unit for unit in likely) + " under poses in a mapping",
         )
     turning = units.speed(recording.pose_times, np.unwrap(recording.eta[:, 2])[:, None])
     if fast < MIN_SPEED and turning > TURNS:
@@ -86,124 +103,118 @@ def angles(run: "Run") -> Iterator[Suspicion]:
 
 
 def clocks(run: "Run") -> Iterator[Suspicion]:
-    """Stamps of two computers, by the time from command to motion."""
-    changes = (np.abs(np.diff(run.recording.thrust, axis=0)) > 1e-6).any(axis=1).sum()
-    if changes < MIN_CHANGES:
+    """Stamps of two computers, by the time from command to motion and its change."""
+    if len(reply.changes(run.recording)) < MIN_CHANGES:
+        return
+    drift, error = reply.drift(run.recording, run.motion)
+    if abs(drift) > max(DRIFTING * error, MIN_DRIFT / run.end):
+        yield Suspicion(
+            "drift",
+            "the motion falls behind its commands by %.1f ms a second (+- %.1f): the stamps seem to be of "
+            "two computers' clocks that run at different rates" % (1e3 * drift, 1e3 * error),
+            "clock_drift: %.5f in a mapping" % -drift,
+        )
         return
     lag = run.reply["lag"] if run.reply else reply.far_lag(run.recording, run.motion)
-    if lag is None or EARLIEST <= lag <= LATEST:
+    if lag is None or EARLIEST <= lag <= DELAYED:
         return
+    late = DELAYED < lag <= LATEST
+    if late and reply.delay(run.recording, run.motion) <= DELAYED:
+        return  # slow motors
     yield Suspicion(
-        "clock",
-        "the motion comes %.0f ms %s its commands: the stamps seem to be of two computers' clocks"
-        % (1e3 * abs(lag), "BEFORE" if lag < 0 else "after"),
+        "delay" if late else "clock",
+        "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"
+        % (
+            1e3 * abs(lag),
+            "BEFORE" if lag < 0 else "after",
+            " and all at once, as no motor's lag explains" if late else "",
+        ),
         "clock_offset: %.2f in a mapping, which leaves the craft's own delay open" % -lag,
     )
 
 
-@dataclass(frozen=True)
-class Reading:
-    """How the commands and headings of a craft with a left and a right thruster may be meant."""
-
-    what: str
-    remedy: str
-    kind: str
-    signs: Tuple[int, int] = (1, 1)  # signs of left and right
-    swapped: bool = False
-    turn: float = 0.0  # turn of the body's x axis [rad]
-    heading: int = 1  # sign of the heading that forces act along
-    yaw: int = 1  # sign of the yaw rate
-
-
-EXCHANGE = "exchange the values off and full of %s under commands.channels in a mapping"
-AS_RECORDED = Reading("", "", "")
-READINGS = (
-    Reading(
-        "left and right seem to be swapped, or the mocap's vertical axis to point the other way",
-        "exchange the fields of left and right under commands.channels in a mapping, or %s",
-        "swap",
-        swapped=True,
-    ),
-    Reading("both thrusters seem to be inverted", EXCHANGE % "both", "invert", signs=(-1, -1)),
-    Reading("left seems to be inverted", EXCHANGE % "left", "invert", signs=(-1, 1)),
-    Reading("right seems to be inverted", EXCHANGE % "right", "invert", signs=(1, -1)),
-    Reading(
-        "the heading seems to be off by half a turn", "--heading-offset %.2f", "offset", turn=np.pi
-    ),
-    Reading(
-        "the heading seems to be off by a quarter turn",
-        "--heading-offset %.2f",
-        "offset",
-        turn=np.pi / 2,
-    ),
-    Reading(
-        "the heading seems to be off by a quarter turn",
-        "--heading-offset %.2f",
-        "offset",
-        turn=-np.pi / 2,
-    ),
-    Reading(
-        "the heading seems to have the wrong sign",
-        "heading: {sign: -1} under poses in a mapping",
-        "yaw",
-        heading=-1,
-        yaw=-1,
-    ),
-    Reading(
-        "the positions seem to be mirrored",
-        "a minus before one of position's fields under poses in a mapping",
-        "mirror",
-        heading=-1,
-    ),
-)
+def forces(run: "Run") -> Iterator[Suspicion]:
+    """Commands in newtons or another unit in which full thrust is far below 1."""
+    most = float(np.abs(run.recording.thrust).max())
+    if run.reply and most < MIN_COMMAND:
+        yield Suspicion(
+            "command",
+            "the craft is driven, but no command exceeds %.2g of full thrust: commands seem to be in newtons "
+            "or another unit" % most,
+            "full: the value that is full thrust, for each channel under commands.channels in a mapping",
+        )
 
 
 def directions(run: "Run") -> Iterator[Suspicion]:
-    """Swapped and inverted thrusters, and headings of another sign or zero, by the accelerations that
-    the commands explain when they are read so."""
-    recording = run.recording
-    if not run.reply or set(recording.thrusters) != {"left", "right"}:
+    """Swapped, inverted and dead thrusters, and headings of another sign or zero, of a craft with a left and
+    a right one."""
+    if run.reply and set(run.recording.thrusters) == {"left", "right"}:
+        yield from _of_layout([run], PAIR)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A Suspicion about some recordings."""
+
+    runs: Tuple[str, ...]  #: their names
+    suspicion: Suspicion
+
+    def describe(self) -> Document:
+        """As plain values."""
+        return {"runs": list(self.runs), **self.suspicion.describe(), "misread": self.misread}
+
+    @property
+    def misread(self) -> bool:
+        """Whether a model of such recordings would be wrong."""
+        return self.suspicion.kind not in EXPLAINED
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return "%s: %s" % (", ".join(self.runs), sentence(self.suspicion.describe()))
+
+
+def of_thrusters(recordings: Sequence["Recording"], model: _core.Model) -> List[Finding]:
+    """Findings about the channels and headings of a craft with other thrusters than a left and a right
+    one; those of a pair are among the Suspicions of each Run."""
+    if model.is_pair:
+        return []
+    thrusters = layouts.thrusters_of(model)
+    alone = [
+        Finding((r.name,), one) for r in recordings for one in _of_layout([r.repaired], thrusters)
+    ]
+    every = [r.repaired for r in recordings]
+    together = [
+        Finding(tuple(r.name for r in recordings), one) for one in _of_layout(every, thrusters)
+    ]
+    said = {finding.suspicion.what for finding in together}
+    return together if {finding.suspicion.what for finding in alone} <= said else alone
+
+
+def of_runs(recordings: Sequence["Recording"]) -> List[Finding]:
+    """The Suspicions of each Run as Findings."""
+    return [Finding((r.name,), one) for r in recordings for one in r.repaired.suspicions]
+
+
+def _of_layout(
+    runs: Sequence["Run"], thrusters: Sequence[layouts.Thruster]
+) -> Iterator[Suspicion]:
+    """The suspicion about runs of a craft, where they refute their channels and headings."""
+    try:
+        verdict = verdicts.of_runs(runs, thrusters)
+    except GroundError:  # the commands change too little
         return
-    samples = reply.samples(recording, run.motion, run.reply["lag"])
-    shares = {reading: _shares(samples, reading) for reading in (AS_RECORDED, *READINGS)}
-    best = max(shares, key=lambda reading: sum(shares[reading]))
-    pairs = zip(shares[AS_RECORDED], shares[best])
-    if not any(then - now > CLEARLY and then > TIMES * now for now, then in pairs):
+    if verdict.is_as_recorded:
         return
-    evidence = "the commands explain %.0f%% of the forces and %.0f%% of the turns then, %.0f%% and %.0f%% "
-    evidence = evidence % tuple(100 * s for s in (*shares[best], *shares[AS_RECORDED]))
+    names, measured = [thruster.name for thruster in thrusters], runs[0].recording.settings
+    ways = [verdict.best.hypothesis, *verdict.same]
+    remedies = [" and ".join(words.remedies(way, names, measured)) for way in ways]
     yield Suspicion(
-        best.kind, "%s: %sas they are" % (best.what, evidence), _remedy(run, best)
+        words.kind(ways[0], names),
+        "%s: %s" % (words.alternatives(ways, names), words.evidence(verdict)),
+        ", or ".join(remedies),
     )
 
 
-def _remedy(run: "Run", reading: Reading) -> str:
-    settings, remedy = run.recording.settings, str(reading.remedy)
-    if reading.kind == "offset":
-        before = settings.changes[0].heading_offset
-        return remedy % float(np.angle(np.exp(1j * (before + reading.turn))))
-    if reading.kind == "swap":
-        return remedy % ('--axes "%s"' % units.upside_down(settings.changes[0].axes))
-    return remedy
-
-
-def _shares(samples: "reply.Samples", reading: Reading) -> Tuple[float, float]:
-    """Shares of the forces and of the turns that the commands explain."""
-    force, turning, left, right = samples.turned(reading.heading, reading.yaw)
-    if reading.swapped:
-        left, right = right, left
-    left, right = reading.signs[0] * left, reading.signs[1] * right
-    along = np.array([np.cos(reading.turn), -np.sin(reading.turn)])
-    by_force = _explained(force @ along, left + right, force)
-    by_turning = _explained(turning, left - right, turning)
-    return by_force, by_turning
-
-
-def _explained(values: Array, by: Array, every: Array) -> float:
-    """Share of the sum of squares of `every` that a factor, not negative, of `by` explains in `values`."""
-    size, total, product = float(by @ by), float((every**2).sum()), float(values @ by)
-    return product**2 / size / total if size > 0 and total > 0 and product > 0 else 0.0
-
-
 Check = Callable[["Run"], Iterator[Suspicion]]
-CHECKS: Sequence[Check] = (lengths, angles, clocks, directions)
+CHECKS: Sequence[Check] = (lengths, angles, clocks, forces, directions)

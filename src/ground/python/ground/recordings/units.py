@@ -9,6 +9,9 @@ from ground.annotations import Array
 from ground.recordings.mapping import LENGTHS
 
 FASTEST = 15.0  # that a craft in a room goes [m/s]
+HASTY = 3.0  # the same of one whose poses are as noisy as in another unit
+CLEARLY = 2.0  # typical deviations by which the metre has to be less likely then
+ALIKE = 1.7  # typical deviations within which units are as likely: those of cm and inches are
 TYPICAL_SPEED = 0.6  # speed of a miniature hovercraft [m/s]
 TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
 SPEED_STEP = 0.1  # over which speeds are taken [s]
@@ -35,22 +38,27 @@ def speed(times: Array, positions: Array) -> float:
     return float(np.quantile(np.linalg.norm(step, axis=1) / apart, 0.95))
 
 
-def length_unit(
+def length_units(
     times: Array, positions: Array, noise: Optional[float] = None
-) -> Tuple[Optional[str], float]:
-    """The unit that positions (n, k) are probably in where that is not the metre, and their speed; by
-    their noise as well where it is known."""
+) -> Tuple[Tuple[str, ...], float]:
+    """The units that positions (n, k) are probably in where that is not the metre, the most probable first,
+    and their speed; by their noise as well where it is known."""
     fast = speed(times, positions)
-    if fast < FASTEST:
-        return None, fast
+    noisy = noise is not None and noise > 0
 
-    def unlikely(scale: float) -> float:
-        off = abs(np.log(scale * fast / TYPICAL_SPEED)) / np.log(2.5)
+    def unlikely(unit: str) -> float:
+        off = abs(np.log(LENGTHS[unit] * fast / TYPICAL_SPEED)) / np.log(2.5)
         if noise is not None and noise > 0:
-            off += abs(np.log(scale * noise / TYPICAL_NOISE)) / np.log(4)
+            off += abs(np.log(LENGTHS[unit] * noise / TYPICAL_NOISE)) / np.log(4)
         return float(off)
 
-    return min(("mm", "cm"), key=lambda unit: unlikely(LENGTHS[unit])), fast
+    if fast < (HASTY if noisy else FASTEST):
+        return (), fast
+    ranked = sorted(LENGTHS, key=unlikely)
+    least = unlikely(ranked[0])
+    if ranked[0] == "m" or (fast < FASTEST and unlikely("m") - least < CLEARLY):
+        return (), fast
+    return tuple(unit for unit in ranked if unlikely(unit) - least < ALIKE), fast
 
 
 def command_unit(values: Array) -> Optional[str]:

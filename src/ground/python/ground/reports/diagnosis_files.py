@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from ground import files
 from ground.analysis import diagnosis_report
+from ground.analysis.conclusion import MISREAD
 from ground.errors import GroundError
 from ground.recordings import quality
 from ground.reports import report
@@ -47,7 +48,10 @@ class Folder:
 
     def write_numbers(self, found: "Diagnosis") -> None:
         """Writes all files except the page."""
-        found.improved.save(self.improved, self.force)
+        if found.verdict == MISREAD:
+            self.written.remove(self.improved)
+        else:
+            found.improved.save(self.improved, self.force)
         if found.next_inputs is not None:
             rows = found.next_inputs
             files.write_csv(self.next_experiment, "time,left,right", rows, self.force)

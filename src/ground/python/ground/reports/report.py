@@ -18,6 +18,7 @@ COLORS = {
     "varies": "#7a5195",
     "memory": "#e08e0b",
     "unexplained": "#e08e0b",
+    "misread": "#c0392b",
 }
 ZOOM = "Zoom in time, and the path shows that stretch only; a double click goes back."
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
@@ -55,8 +56,9 @@ def diagnosis(
     winner = " + ".join(report["improved"]["effects"])
     banded = {id(band.run): band for band in conclusion.bands}
     _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
-    _evidence(sheet, report)
-    _open_questions(sheet, report)
+    if report["verdict"] != "misread":
+        _evidence(sheet, report)
+        _open_questions(sheet, report)
     _quality(sheet, described)
     seeds = "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"
     _origin(sheet, inputs, [_held_out(report["runs"]), seeds])
@@ -84,6 +86,10 @@ def _verdict(sheet: page.Page, report: Document) -> None:
     """The verdict in a sentence, the parts of the error, and how it falls."""
     sheet.add("<h1>What is missing in %s?</h1>" % page.text(os.path.basename(report["model"])))
     sheet.paragraph(words.verdict(report), "verdict")
+    if report["findings"]:
+        sheet.points(list(words.findings(report)))
+    if report["verdict"] == "misread":
+        return
     sheet.paragraph(words.budget(report))
     bands = words.bands(report)
     if bands:

@@ -5,6 +5,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import failure
 from ground.annotations import Document
+from ground.recordings import suspicions
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
@@ -175,6 +176,11 @@ def verdict(report: Document) -> str:
         after,
     )
     leaves = "the noise of the poses alone leaves %.3f." % floor
+    if report["verdict"] == "misread":
+        return (
+            "The recordings look misread, so no effect is blamed: mend them first, or diagnose them as they "
+            "are with --as-recorded."
+        )
     if report["verdict"] == "complete":
         small = report["slight"]
         visible = "; %s is visible and does not matter" % _sized(small) if small else ""
@@ -199,6 +205,12 @@ def verdict(report: Document) -> str:
         return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
+
+
+def findings(report: Document) -> Iterator[str]:
+    """Mistakes that the recordings look like, each with its evidence and the option that mends it."""
+    for found in report["findings"]:
+        yield "%s: %s" % (", ".join(found["runs"]), suspicions.sentence(found))
 
 
 def _varying(found: Document) -> str:
@@ -401,6 +413,9 @@ def extent(report: Document) -> Iterator[str]:
 def diagnosis(report: Document) -> Iterator[str]:
     """Lines that the terminal prints for a diagnosis."""
     yield verdict(report)
+    yield from findings(report)
+    if report["verdict"] == "misread":
+        return
     yield budget(report)
     poses = _held_poses(report)
     if poses:

@@ -21,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="M.yaml", required=True, help="model that it is added to")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
     common.add_holdout_argument(parser)
+    common.add_misread_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
@@ -35,6 +36,7 @@ def run(arguments: argparse.Namespace) -> Document:
         start=arguments.start,
         end=arguments.end,
         everything=arguments.all,
+        as_recorded=arguments.as_recorded,
         progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)

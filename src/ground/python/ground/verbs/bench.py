@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator, Tuple
 import numpy as np
 import yaml
 
-from ground import _core, files
+from ground import _core, core_types, files
 from ground.analysis import candidates, thrust_bench
 from ground.annotations import Document
 from ground.api import fitting
@@ -75,9 +75,9 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.table, names, off, full, NEWTONS[arguments.unit], arguments.thrusters
     )
     found = thrust_bench.fit(measured, names, arguments.curve)
-    fitted, factors = _put_into(model, found, arguments.model)
+    with_thrust, factors = _put_into(model, found, arguments.model)
     fitted = with_provenance(
-        fitted,
+        with_thrust,
         [os.path.basename(arguments.table)],
         {},
         {"bench": found.residual},
@@ -155,7 +155,7 @@ def _put_into(
     return fitted, {"k": ("k", 1.0)}
 
 
-def _listed(thruster: Dict[str, Any]) -> Dict[str, Any]:
+def _listed(thruster: core_types.Thruster) -> Dict[str, Any]:
     """A thruster of the pair as model files list it."""
     return {
         "name": thruster["name"],

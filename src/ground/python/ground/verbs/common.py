@@ -90,6 +90,15 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_misread_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds --as-recorded."""
+    parser.add_argument(
+        "--as-recorded",
+        action="store_true",
+        help="use recordings that look misread (swapped channels, wrong signs, units or clocks), too",
+    )
+
+
 def positive(text: str) -> float:
     """A finite number above zero."""
     value = float(text)

@@ -52,6 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="ROOM.yaml",
         help="room of the next experiment (that of the first run that has one, else 4 x 4 m)",
     )
+    common.add_misread_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -74,6 +75,7 @@ def run(arguments: argparse.Namespace) -> Document:
         room=arguments.room,
         part=Part(arguments.start, arguments.end, arguments.all),
         work=work,
+        as_recorded=arguments.as_recorded,
     )
     folder.prepare()
     kept = problem.unfinished(os.path.join(arguments.output, ".unfinished"))

@@ -33,7 +33,10 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     """Runs the verb; returns what --json prints."""
     if arguments.output:
         return _write_mapping(arguments)
-    recordings = common.read(arguments)
+    model = Model.load(arguments.model).core if arguments.model else None
+    recordings = list(common.read(arguments))
+    if model:
+        recordings = [recording.with_lift_of(model) for recording in recordings]
     described = quality.describe(api.repaired(recordings, arguments.work))
     for d in described:
         common.say(arguments, d["name"])
@@ -41,11 +44,10 @@ def run(arguments: argparse.Namespace) -> List[Document]:
             common.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
             common.say(arguments, "  - %s" % finding)
-    if arguments.model:
-        thrusters = layouts.thrusters_of(Model.load(arguments.model).core)
+    if model:
         with arguments.work.stage("judging which channel drives which thruster"):
-            verdict = layouts.judge(recordings, thrusters)
-        common.say(arguments, verdict.sentence(thrusters))
+            verdict = layouts.judge(recordings, layouts.thrusters_of(model))
+        common.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
 

@@ -1,9 +1,19 @@
 #include "ground/model/effect_registry.h"
 
 namespace ground {
+namespace {
 
-/// Unequal thrusters: k_L = k (1 + a), k_R = k (1 - a). On crafts with other thrusters, those that
-/// turn it clockwise seen from above have k (1 + a), those that turn it the other way k (1 - a).
+constexpr double kMiddle = 1e-9;  // largest y / l of a thruster on the x axis
+
+/// The y of a thruster, over l.
+double toStarboard(const ThrusterLayout& layout, int i) {
+  return layout.along(i) * layout.starboard(i) - layout.lever(i) * layout.forward(i);
+}
+
+}  // namespace
+
+/// Unequal thrusters: k_L = k (1 + a), k_R = k (1 - a). On crafts with other thrusters, those to the
+/// left of the body's x axis (y < 0) have k (1 + a), those to its right k (1 - a).
 struct ThrustAsymmetry {
   static constexpr bool kUsesPose = false;
 
@@ -15,9 +25,9 @@ struct ThrustAsymmetry {
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     for (int i = 0; i < force.size(); ++i) {
-      const double lever = point.layout.lever(i);
-      if (lever > 0) force(i) *= 1.0 + p[0];
-      if (lever < 0) force(i) *= 1.0 - p[0];
+      const double side = toStarboard(point.layout, i);
+      if (side < -kMiddle) force(i) *= 1.0 + p[0];
+      if (side > kMiddle) force(i) *= 1.0 - p[0];
     }
   }
 };
