@@ -137,7 +137,8 @@ def add(
     say("reading the recordings")
     seen = measured(recordings, given, part)
     held = held_out(holdout, given, part, seen)
-    say("fitting %s without %s, and with it" % (given.name, candidate.name))
+    effect_in_words = candidates.in_words(candidate.name, given.core)
+    say("fitting %s without %s, and with it" % (given.name, effect_in_words))
     before, after = _fits(given.core, extended, seen.data)
     errors = {
         "fit": _pair(before.error, after.error),

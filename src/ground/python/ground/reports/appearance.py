@@ -4,17 +4,23 @@ from typing import List, Tuple
 
 from plotly import colors
 
+from ground import _core
 from ground.analysis import comparison, failure
 from ground.annotations import Document
 from ground.reports import words
 
-MEASURED = "#222222"
-MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
-FLOOR = MODELS[2]  # colour of the noise floor
-LEFT, RIGHT = "#0b9aa8", "#e08e0b"
-WARNING = "#c00000"
+MEASURED = _core.palette["measured"]
+MODELS = _core.palette["models"]
+FLOOR = REFERENCE = _core.palette["reference"]  # the noise floor, and what is to be followed
+THRUSTERS = _core.palette["thrusters"]
+MISSING = _core.palette["missing"]
+WARNING = "#a00000"  # of texts
+TEXT, LESS, LINES, FAINT = "#222222", "#555555", "#dddddd", "#f2f2f0"  # greys
+# Not by colour alone: each model has its own dashes and marks.
+DASHES = ["solid", "dash", "dot", "dashdot"]
+MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
-    colors.make_colorscale(scale) for scale in (colors.sequential.Viridis, colors.sequential.Oranges)
+    colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
@@ -24,13 +30,31 @@ ERROR_AGAINST += ["speed", "r", "heading", "x", "y"]
 WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R"]
 WRENCH_AGAINST += ["thrust ahead", "thrust to starboard", "moment"]
 WRENCH_AGAINST += ["u", "v", "r", "heading", "x", "y"]
-NUMBERS = ["model", "runs", "error", "prediction error", "(3.4), 4 s"]  # columns of numbers_row
-NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
+NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
+NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s [mm, deg]"]
 
 
 def model_color(index: int) -> str:
     """Colour of a model by its number."""
     return MODELS[index % len(MODELS)]
+
+
+def model_line(index: int, width: float) -> Document:
+    """Line of a model by its number: colour, dashes, width [pixels]."""
+    dash = DASHES[(index + index // len(MODELS)) % len(DASHES)]
+    return {"color": model_color(index), "dash": dash, "width": width}
+
+
+def model_mark(index: int) -> Document:
+    """Mark of a model by its number."""
+    return {"symbol": MARKS[index % len(MARKS)], "color": model_color(index), "size": 5}
+
+
+def thruster_line(index: int, width: float) -> Document:
+    """Line of a thruster by its place in the model, constant between the changes of its command."""
+    dash = DASHES[index // len(THRUSTERS) % len(DASHES)]
+    color = THRUSTERS[index % len(THRUSTERS)]
+    return {"color": color, "dash": dash, "width": width, "shape": "hv"}
 
 
 def transparent(color: str, opacity: float) -> str:

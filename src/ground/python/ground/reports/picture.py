@@ -25,15 +25,15 @@ WIDTH = 1040  # width of a figure, as on the page [points]
 RESOLUTION = 100  # resolution of a PNG [dots per inch]
 CAPTION, LINE_HEIGHT = 165, 17  # characters in a line of a caption, and its height [points]
 PADDING = 2  # distance of a text from its anchor [points]
-MARKERS = {"circle": "o", "square": "s"}
-DASHES = {"solid": "-", "dash": "--", "dot": ":"}
+MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^"}
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 
 # Attributes of each part of a figure that are drawn, or that a static picture does not need.
 _TRACE = "type x y name legendgroup showlegend visible xaxis yaxis"
 _TRACE += " hovertemplate hoverinfo customdata meta cliponaxis"
 _CELLS = "values height font fill line"
 KNOWN = {
-    "figure": "data layout",
+    "figure": "data layout narrow",  # narrow: for a page
     "layout": "template height font margin legend meta annotations shapes hovermode updatemenus",
     "margin": "l r t b",
     "legend": "orientation x y yanchor",
@@ -308,7 +308,7 @@ class _Drawing:
         axis = axes.xaxis if name == "x" else axes.yaxis
         places = np.arange(len(trace[name]))
         axis.set_ticks(places)
-        axis.set_ticklabels([_escaped(label) for label in trace[name]])
+        axis.set_ticklabels([_plain(label)[0] for label in trace[name]])
         return places
 
     def _draw_table(self, _: Any, trace: Document) -> Any:
