@@ -46,7 +46,7 @@ TITLE = 24  # height of a title [pixels]
 MARGIN = 0.025  # left and right of the history, for the labels of its ends, as share of it
 
 NOTE = appearance.LESS
-GOOD, BUSY, BAD = "#00694d", "#8a5f00", appearance.WARNING  # of texts
+GOOD, BUSY, BAD = appearance.GOOD, appearance.BUSY, appearance.WARNING
 WANTED, GRID = "#a8a8a8", "#e6e6e6"
 STATUS_COLORS = {
     **dict.fromkeys(["RUNNING", "ARMED"], GOOD),

@@ -27,9 +27,9 @@ h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
 table { border-collapse: collapse; font-size: .85rem; width: 100% }
 th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid $lines; vertical-align: top;
   overflow-wrap: normal; min-width: 3rem }
-td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
+td.n, th.n { width: 1%; text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
 td.whole { white-space: nowrap }
-tr.chosen { background: #fff3d6; font-weight: 600 }
+tr.chosen { background: $chosen; font-weight: 600 }
 details { border: 1px solid $lines; border-radius: .3rem; margin: .5rem 0; padding: .3rem .8rem }
 summary { cursor: pointer; font-weight: 600; padding: .4rem 0 }
 summary span { font-weight: 400; color: $less }
@@ -225,6 +225,7 @@ class Page:
             less=appearance.LESS,
             lines=appearance.LINES,
             faint=appearance.FAINT,
+            chosen=appearance.CHOSEN,
             body="\n".join(self._body),
             plotly=_packed(get_plotlyjs()),
             figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),

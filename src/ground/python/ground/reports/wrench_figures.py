@@ -11,6 +11,7 @@ from ground.reports import panels
 from ground.reports.appearance import (
     LESS,
     MEASURED,
+    SHADE,
     WARNING,
     WRENCH,
     WRENCH_AGAINST,
@@ -37,8 +38,6 @@ from ground.reports.figure_parts import (
     small_multiples,
     with_gaps,
 )
-
-SHADE = "#f16913"  # background of panels with a significant share
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
