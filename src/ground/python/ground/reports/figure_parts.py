@@ -23,6 +23,8 @@ from ground.reports.appearance import (
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
 NARROW_WIDTH, LEGEND_ROW = 300, 20  # of a legend on a narrow page [pixels]
+MAX_TICKS, STEPS = 3, (0.5, 1, 2, 5, 10)  # of a narrow axis; steps times a power of ten
+TICK_ROOM = 0.2  # between the ends of a narrow axis and its values, as a share of their span
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
 Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
@@ -168,9 +170,25 @@ def small_multiples(rows: int, columns: int) -> panels.Figure:
     figure = panels.Figure(
         rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
     )
-    figure.update_xaxes(tickfont={"size": 9}, nticks=3)
+    figure.update_xaxes(tickfont={"size": 9})
     figure.update_yaxes(tickfont={"size": 9})
     return figure
+
+
+def few_ticks(values: Sequence[float]) -> Document:
+    """Range and ticks of a narrow axis that shows these values: two or three round numbers, away from
+    its ends, beside which are the labels of the next axis."""
+    low, high = float(min(values)), float(max(values))
+    span = high - low or 1.0
+    unit = 10.0 ** math.floor(math.log10(span))
+    steps = [range(math.ceil(low / (s * unit)), math.floor(high / (s * unit)) + 1) for s in STEPS]
+    step, multiples = next((s * unit, m) for s, m in zip(STEPS, steps) if len(m) <= MAX_TICKS)
+    ticks = [step * i for i in multiples] or [low]
+    return {
+        "range": [low - TICK_ROOM * span, high + TICK_ROOM * span],
+        "tickvals": ticks,
+        "ticktext": ["%.3g" % tick for tick in ticks],
+    }
 
 
 def grid_blocks(columns: int, height: int, beside: int = 3) -> List[panels.Block]:
@@ -187,6 +205,7 @@ def label_axes(
     """Name and unit of a variable under the last row; labels of y beside the first column."""
     last = row == 2
     figure.update_xaxes(
+        **few_ticks(entry["centres"]),
         title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
         showticklabels=last,
         row=row + 1,
@@ -233,11 +252,14 @@ def note(
 
 def add_commands(figure: panels.Figure, study: Document, row: int) -> None:
     """Commands of all thrusters over time in a row, and the time under the rows above it."""
+    low, high = 0.0, 1.0
     for column, thruster in enumerate(study["model"].thrusters, 1):
         at, values = _commands(study["run"], column, study["model"].input_max)
+        low, high = min(low, *values), max(high, *values)
         name = "command %s [-]" % thruster["name"].replace("_", " ")
         figure.add(curve(at, values, name, thruster_line(column - 1, 1.2), True), row, 1)
-    figure.update_yaxes(title="input [-]", row=row, col=1)
+    room = 0.15 * (high - low)
+    figure.update_yaxes(title="input [-]", range=[low - room, high + room], row=row, col=1)
     for above in range(1, row):
         figure.update_xaxes(showticklabels=False, row=above, col=1)
     figure.update_xaxes(title=TIME, row=row, col=1)

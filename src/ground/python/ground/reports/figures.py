@@ -42,6 +42,7 @@ from ground.reports.figure_parts import (
     bins,
     curve,
     every_so_many,
+    few_ticks,
     fewer,
     finish,
     grid_blocks,
@@ -271,7 +272,7 @@ def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, chan
     }
     hover = "x %{y:.2f} m, y %{x:.2f} m: %{marker.color:.3g}<extra></extra>"
     figure.add(points(y, x, marker, showlegend=False, hovertemplate=hover), **at)
-    figure.update_xaxes(range=_around(y), showticklabels=row == 2, **at)
+    figure.update_xaxes(**few_ticks(y), showticklabels=row == 2, **at)
     figure.update_yaxes(range=_around(x), title="x [m]", side="right", nticks=5, **at)
     if row == 2:
         figure.update_xaxes(title="y [m]<br>(world_ned)", **at)

@@ -64,7 +64,8 @@ const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["
 function linkPathToTime(plot) {
   const paths = plot.data.map((trace, i) => trace.meta === "path" ? i : -1).filter(i => i >= 0);
   if (!paths.length) return;
-  const whole = paths.map(i => ({x: plot.data[i].x, y: plot.data[i].y, t: plot.data[i].customdata}));
+  const {data} = figures[plot.id];
+  const whole = paths.map(i => ({x: data[i].x, y: data[i].y, t: data[i].customdata}));
   let shown = "";
   plot.on("plotly_relayout", () => {
     const [from, to] = plot.layout.xaxis.range;
@@ -95,12 +96,13 @@ async function draw(plot, paper = false) {
   const {data, layout, isNarrow} = arranged(plot, paper);
   const form = paper ? "paper" : isNarrow ? "narrow" : "wide";
   if (plot.dataset.form === form) return;
-  const first = !plot.dataset.form;
   plot.dataset.form = form;
   plot.dataset.drawn = "begun";
   plot.style.height = layout.height + "px";
-  await Plotly.react(plot, data, JSON.parse(JSON.stringify(layout)), {...config, displayModeBar: !isNarrow && "hover"});
-  if (first) linkPathToTime(plot);
+  const traces = data.map(trace => ({...trace}));  // a zoom cuts off paths
+  const bar = {displayModeBar: !isNarrow && "hover"};
+  await Plotly.newPlot(plot, traces, JSON.parse(JSON.stringify(layout)), {...config, ...bar});
+  linkPathToTime(plot);
   plot.dataset.drawn = "yes";
 }
 const drawAll = paper => document.querySelectorAll(".figure[data-drawn]").forEach(p => draw(p, paper));

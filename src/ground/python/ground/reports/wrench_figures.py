@@ -163,7 +163,7 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
         "missing force in the axes of world_ned, place by place." % run.name
     )
     blocks = [panels.Block((1,), 470), panels.Block((2,), 320), panels.Block((3,), 320)]
-    return finish(figure, 480, caption, blocks=blocks)
+    return finish(figure, 540, caption, blocks=blocks)
 
 
 def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
