@@ -1,5 +1,6 @@
 """Shared by pictures and pages: colours, and names of channels and variables."""
 
+import textwrap
 from typing import List, Tuple
 
 from plotly import colors
@@ -25,6 +26,7 @@ MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
     colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
+LABEL_WIDTH = 10  # of a line of a narrow axis's title [characters]
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
 # Variables (failure.variables); of those of thrusters the ones that the craft has.
@@ -72,9 +74,16 @@ def scaled(entry: Document) -> Tuple[float, str]:
 
 
 def short_label(entry: Document) -> str:
-    """Short name of a variable."""
+    """Short name of a variable, in lines of at most LABEL_WIDTH characters where words allow it."""
     label = str(entry["label"]).split("thrust ")[-1].split("difference ")[-1]
-    return label.split(" since ")[0]
+    for rest in (" since ", ",", " of the "):
+        label = label.split(rest)[0]
+    return "<br>".join(textwrap.wrap(label, LABEL_WIDTH, break_long_words=False))
+
+
+def wrapped(text: str, width: int) -> str:
+    """A text in lines of at most so many characters; long names are broken."""
+    return "<br>".join(textwrap.wrap(text, width))
 
 
 def numbers_row(label: str, role: str, numbers: Document) -> List[str]:

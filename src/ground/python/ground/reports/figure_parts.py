@@ -12,6 +12,7 @@ from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports import panels
 from ground.reports.appearance import (
+    LINES,
     TEXT,
     model_color,
     model_line,
@@ -43,8 +44,10 @@ def finish(
 
     blocks: how its columns are arranged on a narrow page; without them they keep their places.
     """
-    figure.update_xaxes(title={"font": {"size": 11}})
-    figure.update_yaxes(title={"font": {"size": 11}})
+    # Short ticks keep the labels of both axes apart in the corner between them.
+    ticks: Document = {"ticks": "outside", "ticklen": 4, "tickcolor": LINES}
+    figure.update_xaxes(title={"font": {"size": 11}}, **ticks)
+    figure.update_yaxes(title={"font": {"size": 11}}, **ticks)
     figure.layout.update(
         template=_template(),
         height=height,

@@ -5,7 +5,7 @@ takes the results of ground.reports.inspection for one run and one or more model
 result of plotly's `to_plotly_json`, with the caption in layout.meta.
 """
 
-import textwrap
+import math
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from ground.reports.appearance import (
     model_color,
     model_line,
     numbers_row,
+    wrapped,
 )
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -62,13 +63,15 @@ ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "its own initial velocities; σ are the run's standard deviations."
 )
+SHARES_GAP = 190  # between rows of `shares`, for names of variables and a title [pixels]
+TITLE_WIDTH = 32  # of a line of a panel's title [characters]
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
 
 def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on: str) -> Document:
     """Bars of the error (pairs of label and error, from top), and the noise floor or None."""
-    labels = ["<br>".join(textwrap.wrap(label, LABEL_WIDTH)) for label, _ in steps]
+    labels = [wrapped(label, LABEL_WIDTH) for label, _ in steps]
     errors = [error for _, error in steps]
     lines = sum(1 + label.count("<br>") for label in labels)
     figure = panels.Figure()
@@ -252,7 +255,7 @@ def where(studies: Sequence[Document]) -> Document:
     )
     count = len(against)
     blocks = [*grid_blocks(count, 330), panels.Block((count + 1,), 480, room=0.4)]
-    return finish(figure, 540, caption, margin={"r": 140}, blocks=blocks)
+    return finish(figure, 554, caption, margin={"r": 140, "b": 64}, blocks=blocks)
 
 
 def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, channel: str) -> None:
@@ -347,15 +350,22 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
     """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
     over runs. by_model: a model's label and its studies of all runs."""
     rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
+    across = min(2, len(by_model))
+    down = math.ceil(len(by_model) / across)
+    places: List[Optional[Document]] = [{} for _ in by_model]
+    places.append(None)
     figure = panels.Figure(
-        rows=1,
-        cols=len(by_model),
-        titles=[label for label, _ in by_model],
+        rows=down,
+        cols=across,
+        specs=[places[across * row : across * (row + 1)] for row in range(down)],
+        titles=[wrapped(label, TITLE_WIDTH) for label, _ in by_model],
         horizontal_spacing=0.03,
+        vertical_spacing=SHARES_GAP / _shares_height(down),
     )
-    for column in range(2, len(by_model) + 1):
-        figure.update_yaxes(matches="y", showticklabels=False, col=column)
-    for column, (_, studies) in enumerate(by_model, 1):
+    if across > 1:
+        figure.update_yaxes(matches="y", showticklabels=False, col=2)
+    for count, (_, studies) in enumerate(by_model):
+        row, col = count // across + 1, count % across + 1
         names = [n for n in studies[0]["where"] if n != "position"]
         table = [
             [np.mean([s["where"][n]["share"][c]["share"] for s in studies]) for n in names]
@@ -377,17 +387,17 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
                 "showscale": False,
                 "hovertemplate": "%{y} by %{x}: %{z:.0f}%<extra></extra>",
             },
-            1,
-            column,
+            row,
+            col,
         )
-        for i, row in enumerate(rows):
+        for i, its_name in enumerate(rows):
             for j, name in enumerate(names):
                 if percent[i, j] >= 10:
                     figure.annotate(
-                        1,
-                        column,
+                        row,
+                        col,
                         x=name,
-                        y=row,
+                        y=its_name,
                         text="%.0f" % percent[i, j],
                         font={"size": 11, "color": "#ffffff" if percent[i, j] > 60 else TEXT},
                     )
@@ -400,7 +410,14 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
         "force, side force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
     )
     margin = {"t": 40, "b": 70, "l": 20}
-    return finish(figure, 330, caption, margin, blocks=grid_blocks(len(by_model), 210, 1))
+    area = _shares_height(down)
+    blocks = grid_blocks(across, area, 1)
+    return finish(figure, 110 + area, caption, margin, blocks=blocks)
+
+
+def _shares_height(rows: int) -> int:
+    """Height of the panels of `shares` in rows, and of the gaps between them [pixels]."""
+    return 220 * rows + SHARES_GAP * (rows - 1)
 
 
 def _share_of_missing(entry: Document, name: str) -> float:

@@ -46,10 +46,12 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
   h1 { margin-top: 0 } h2 { margin: .9rem 0 .3rem } h3 { margin: .5rem 0 .1rem }
   h1, h2, h3, thead, .caption:has(+ .wide) { break-after: avoid } p, ul { margin: .3rem 0; orphans: 3; widows: 3 }
   tr:first-child, tr:nth-child(2) { break-after: avoid }
-  .plot, tr, li, .verdict, .paper, h1, h2, h3 { break-inside: avoid } .modebar { display: none }
+  .plot, tr, li, .verdict, .paper, h1, h2, h3 { break-inside: avoid }
+  .modebar { display: none }
   details { border: none; padding: 0; margin: 0 } details:not([open]), summary { display: none }
   table { font-size: 7.5pt } th, td { padding: .1rem .4rem } .wide { overflow: visible }
-  .screen { display: none } .paper { display: block; break-after: avoid } * { print-color-adjust: exact; -webkit-print-color-adjust: exact }
+  .screen { display: none } .paper { display: block; break-after: avoid }
+  * { print-color-adjust: exact; -webkit-print-color-adjust: exact }
 }
 </style></head><body>
 $body

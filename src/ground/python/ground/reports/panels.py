@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 from ground.annotations import Document
 
 Specs = Sequence[Sequence[Optional[Document]]]
-GAP = 84  # space between blocks of a narrow page, for ticks and titles [pixels]
+GAP = 100  # space between blocks of a narrow page, for ticks and titles [pixels]
 SPACING = 0.03  # between the columns of a block, as a share of its width
 
 

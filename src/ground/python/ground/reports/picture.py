@@ -38,8 +38,8 @@ KNOWN = {
     "margin": "l r t b",
     "legend": "orientation x y yanchor",
     "axis": "anchor domain title range type autorange matches scaleanchor side showticklabels "
-    "tickfont nticks tickangle tickvals ticktext visible automargin rangemode zeroline "
-    "zerolinecolor zerolinewidth",
+    "ticks ticklen tickcolor tickfont nticks tickangle tickvals ticktext visible automargin rangemode "
+    "zeroline zerolinecolor zerolinewidth",
     "title": "text font standoff side",
     "font": "size color family",
     "tickfont": "size",
@@ -68,6 +68,7 @@ VALUES = {
     "bar.textposition": ("outside",),
     "heatmap.showscale": (False,),
     "axis.autorange": ("reversed",),
+    "axis.ticks": ("outside",),
     "axis.rangemode": ("tozero",),
     "legend.orientation": ("h",),
     "legend.yanchor": ("bottom",),
@@ -364,7 +365,8 @@ class _Drawing:
         axis.set_label_position(side)
         labels = {"labelsize": _part("tickfont", described).get("size", self.size)}
         labels["label" + side] = described.get("showticklabels", True)
-        axis.set_tick_params(length=2, color="#c8c8c8", **labels)
+        length, color = described.get("ticklen", 2), described.get("tickcolor", "#c8c8c8")
+        axis.set_tick_params(length=length, color=color, **labels)
         for label in axis.get_ticklabels() if "tickangle" in described else ():
             label.set(rotation=-described["tickangle"], ha="right", rotation_mode="anchor")
         if described.get("zeroline"):

@@ -19,6 +19,7 @@ from ground.reports.appearance import (
     model_line,
     scaled,
     transparent,
+    wrapped,
 )
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -38,6 +39,8 @@ from ground.reports.figure_parts import (
     small_multiples,
     with_gaps,
 )
+
+NAME_WIDTH = 18  # of a line of a model's name under the arrows of thrust [characters]
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
@@ -72,7 +75,8 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
         figure.update_yaxes(title="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
     figure.update_yaxes(**ZERO_LINE)
     caption = _wrench_caption(studies, winner)
-    return finish(figure, 540, caption, blocks=grid_blocks(len(against), 330))
+    blocks = grid_blocks(len(against), 330)
+    return finish(figure, 554, caption, {"b": 64}, blocks=blocks)
 
 
 def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
@@ -162,14 +166,14 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
         "Arrows from a disc: force that a constant thrust command produces, seen from above. Map: mean "
         "missing force in the axes of world_ned, place by place." % run.name
     )
-    blocks = [panels.Block((1,), 470), panels.Block((2,), 320), panels.Block((3,), 320)]
+    blocks = [panels.Block((1,), 470), panels.Block((2,), 360), panels.Block((3,), 320)]
     return finish(figure, 540, caption, blocks=blocks)
 
 
 def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
     """Body axes from above, with the force per unit of command by each model and as measured."""
     figure.update_xaxes(visible=False, range=[-1.35, 1.35], row=1, col=2)
-    figure.update_yaxes(visible=False, range=[-2.3, 1.5], scaleanchor="x2", row=1, col=2)
+    figure.update_yaxes(visible=False, range=[-3.2, 1.5], scaleanchor="x2", row=1, col=2)
     thrusts = [(s["label"], s["missing"].numbers["thrust"]) for s in studies]
     if thrusts[0][1] is None:
         note(figure, 1, 2, "the thrust command<br>never changes", MEASURED, 0.5)
@@ -205,7 +209,7 @@ def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) 
         lines.append(
             (
                 "%s:<br>%.3g N per unit<br>at %.0f deg"
-                % (label, size, round(force["angle_deg"]) + 0.0),
+                % (wrapped(label, NAME_WIDTH), size, round(force["angle_deg"]) + 0.0),
                 shade,
             )
         )
@@ -214,8 +218,10 @@ def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) 
         for label, thrust in thrusts
         if thrust["body_axes_differ"]
     ]
-    for count, (text, shade) in enumerate(reversed(lines)):
-        note(figure, 1, 2, text, shade, 0.5, -44 * count, y=0)
+    up = 0
+    for text, shade in reversed(lines):
+        note(figure, 1, 2, text, shade, 0.5, -up, y=0)
+        up += 6 + 13 * (1 + text.count("<br>"))
 
 
 def _add_force_map(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
