@@ -8,7 +8,10 @@ import time
 
 import pytest
 import yaml
-from conftest import MODEL, SHARED, identify, write_bag
+from conftest import MODEL, ROOT, SHARED, identify, write_bag
+
+from ground import _core
+from ground.analysis import candidates
 
 WASHBOARD = """
 name: washboard
@@ -361,3 +364,19 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
     assert conclude(found).verdict == verdict, [(t.name, t.gain) for t in found.tried]
     if delay == 0.001:
         assert found.slight.name == "input_delay"
+
+
+def test_effects_are_named_by_few_words():
+    """Tables and bars show each effect's description with its name beside."""
+    model = _core.load_model(str(ROOT / "cfg" / "craft" / "air_table.yaml"))
+    means = {name: effect["summary"] for name, effect in _core.effects(model).items()}
+    assert len(set(means.values())) == len(means)
+    for name, words in means.items():
+        of_thruster = any(name.endswith(thruster["name"]) for thruster in model.thrusters)
+        assert 4 < len(words) <= (60 if of_thruster else 40), name
+        assert words[0].islower() and not words.endswith("."), name
+    assert candidates.in_words("wind") == "air that moves over the floor (wind)"
+    assert "front_left_back (thruster_gain" in candidates.in_words(
+        "thruster_gain_front_left_back", model
+    )
+    assert candidates.in_words("my_own") == "my_own"

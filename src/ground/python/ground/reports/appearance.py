@@ -36,7 +36,7 @@ WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R"]
 WRENCH_AGAINST += ["thrust ahead", "thrust to starboard", "moment"]
 WRENCH_AGAINST += ["u", "v", "r", "heading", "x", "y"]
 NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
-NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s [mm, deg]"]
+NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
 
 def model_color(index: int) -> str:

@@ -181,7 +181,7 @@ def _add_numbers(figure: panels.Figure, studies: Sequence[Document]) -> None:
         "fill": fill,
         "line": line,
     }
-    widths = [2, 0.9, 0.9, 1.5, 1.2, 0.8, 0.8, 0.8, 1.7]
+    widths = [2, 1, 0.9, 1.5, 1.1, 0.8, 0.8, 0.8, 1.4]
     table = {"type": "table", "header": header, "cells": cells, "columnwidth": widths}
     figure.add(table, 6, 1)
 

@@ -44,7 +44,8 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
 @media print {
   body { margin: 0; max-width: none; padding: 0; font-size: 9.5pt; line-height: 1.35 }
   h1 { margin-top: 0 } h2 { margin: .9rem 0 .3rem } h3 { margin: .5rem 0 .1rem }
-  h1, h2, h3, thead, .caption:has(+ .wide) { break-after: avoid } p, ul { margin: .3rem 0; orphans: 3; widows: 3 }
+  h1, h2, h3, thead, .caption:has(+ .wide) { break-after: avoid }
+  p, ul { margin: .3rem 0; orphans: 3; widows: 3 }
   tr:first-child, tr:nth-child(2) { break-after: avoid }
   .plot, tr, li, .verdict, .paper, h1, h2, h3 { break-inside: avoid }
   .modebar { display: none }
