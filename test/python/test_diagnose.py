@@ -83,7 +83,7 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert {c["effect"] for c in report["candidates"]} == tried_by_default()
     assert [c["rank"] for c in report["candidates"]] == list(range(1, len(tried_by_default()) + 1))
     page = (out / "report.html").read_text()
-    assert "motor_lag is missing" in page
+    assert "(motor_lag) is missing" in page
     bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
@@ -149,7 +149,7 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["lowers_error_by"] < 0.01
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert slight["effect"] + " (" in text and "is visible and does not matter" in text
+        assert "(%s), " % slight["effect"] in text and "is visible and does not matter" in text
 
 
 def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path):
