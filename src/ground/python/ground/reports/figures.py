@@ -290,9 +290,9 @@ def _around(values: Array) -> List[float]:
 def residual_correlation(studies: Sequence[Document]) -> Document:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
     columns = [
-        ("autocorrelation", "with itself, this much earlier"),
-        ("input_sum", "with u_L+u_R, this much earlier"),
-        ("input_difference", "with u_L-u_R, this much earlier"),
+        ("autocorrelation", "with itself, earlier"),
+        ("input_sum", "with u_L+u_R, earlier"),
+        ("input_difference", "with u_L-u_R, earlier"),
     ]
     figure = panels.Figure(
         rows=3,
