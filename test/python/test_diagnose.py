@@ -13,6 +13,8 @@ import yaml
 from conftest import MODEL, ROOT, SHARED, identify, write_bag
 
 import ground
+from ground import _core
+from ground.analysis import candidates
 from ground.errors import GroundError
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
@@ -88,7 +90,7 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert {c["effect"] for c in report["candidates"]} == tried_by_default()
     assert [c["rank"] for c in report["candidates"]] == list(range(1, len(tried_by_default()) + 1))
     page = (out / "report.html").read_text()
-    assert "motor_lag is missing" in page
+    assert "(motor_lag) is missing" in page
     bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
@@ -154,7 +156,7 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["lowers_error_by"] < 0.01
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert slight["effect"] + " (" in text and "is visible and does not matter" in text
+        assert "(%s), " % slight["effect"] in text and "is visible and does not matter" in text
 
 
 def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path):
@@ -452,3 +454,19 @@ def test_a_turned_heading_is_not_taken_for_another_effect(tmp_path):
     assert finding["kind"] == "offset" and "--heading-offset 1.57" in finding["remedy"]
     assert report["verdict"] == "misread" and report["improved"]["effects"] == []
     assert report["memory"]["kind"] is None
+
+
+def test_effects_are_named_by_few_words():
+    """Tables and bars show each effect's description with its name beside."""
+    model = _core.load_model(str(ROOT / "cfg" / "craft" / "air_table.yaml"))
+    means = {name: effect["summary"] for name, effect in _core.effects(model).items()}
+    assert len(set(means.values())) == len(means)
+    for name, words in means.items():
+        of_thruster = any(name.endswith(thruster["name"]) for thruster in model.thrusters)
+        assert 4 < len(words) <= (60 if of_thruster else 40), name
+        assert words[0].islower() and not words.endswith("."), name
+    assert candidates.in_words("wind") == "air that moves over the floor (wind)"
+    assert "front_left_back (thruster_gain" in candidates.in_words(
+        "thruster_gain_front_left_back", model
+    )
+    assert candidates.in_words("my_own") == "my_own"

@@ -307,7 +307,7 @@ def test_a_restarted_bag_clears_the_curves(window):
     assert status_lines(window)[2] == "Waiting for messages on state, model_error."
     assert live_plot.appearance.MEASURED not in colors(window, 0, 0)
     assert "predicted by" not in titles(window)[0]
-    assert colors(window, 1, 1).get(live_plot.appearance.RIGHT, 0) > 5
+    assert colors(window, 1, 1).get(live_plot.appearance.THRUSTERS[1], 0) > 5
 
 
 def test_an_invalid_state_is_reported_and_not_drawn(window):

@@ -171,6 +171,25 @@ def test_everything_in_a_figure_is_in_its_picture(pictures, name):
     assert layout["meta"].split()[0] in whole.texts[0].get_text()
 
 
+NOT_QUANTITIES = {
+    *("given", "right", "a", "b", "measured", "reference", "craft", "walls", "start", "heading"),
+    *("body axes", "added by the last model", "none better in error, saturation and effort"),
+}
+
+
+@pytest.mark.parametrize("name", DESCRIBED)
+def test_quantities_have_units(pictures, name):
+    figure = pictures[name][0]
+    axes = [part for key, part in figure["layout"].items() if re.match("[xy]axis", key)]
+    bars = [t["marker"]["colorbar"] for t in figure["data"] if "colorbar" in t.get("marker", {})]
+    titles = [part["title"].get("text") for part in axes + bars]
+    entries = [t["name"] for t in figure["data"] if t.get("name") and t.get("showlegend", True)]
+    for text in filter(None, titles + [e for e in entries if e not in NOT_QUANTITIES]):
+        assert re.search(r"\[[^\]]+\]", text), text
+    assert any(titles) or name == "shares"  # whose caption has the unit
+    assert name != "shares" or "[%]" in figure["layout"]["meta"]
+
+
 def test_texts_stay_inside_the_picture_and_do_not_overlap(pictures):
     for name, (_, whole, _) in pictures.items():
         renderer, scale = whole.canvas.get_renderer(), whole.bbox

@@ -1,8 +1,11 @@
 """report.html in a browser: plots are drawn, nothing is fetched, zoom is linked, and it can be printed."""
+import base64
 import io
 import json
+import re
 import resource
 import shutil
+import subprocess
 
 import pytest
 from conftest import MODEL, identify, write_bag
@@ -37,6 +40,16 @@ def diagnosed(folder, bags):
 
 
 @pytest.fixture(scope="module")
+def compared(folder, bags, diagnosed):
+    out = folder / "comparison"
+    improved = diagnosed / "improved.yaml"
+    result = identify("compare", bags[1], "--model", MODEL, "--model", improved, "-o", out)
+    assert result.returncode == 0, result.stderr
+    assert "improved predicts best" in result.stdout
+    return out
+
+
+@pytest.fixture(scope="module")
 def browser():
     webdriver = pytest.importorskip("selenium.webdriver")
     service = pytest.importorskip("selenium.webdriver.chrome.service")
@@ -58,10 +71,14 @@ return [...document.querySelectorAll(".figure")].filter(f => !f.closest("details
     .map(f => [f.id, f.dataset.drawn])"""
 
 
-def wait_until_drawn(browser):
+def waiting(browser, seconds):
     from selenium.webdriver.support.ui import WebDriverWait
 
-    WebDriverWait(browser, 60).until(
+    return WebDriverWait(browser, seconds)
+
+
+def wait_until_drawn(browser):
+    waiting(browser, 60).until(
         lambda b: all(state == "yes" for _, state in b.execute_script(DRAWN))
     )
     return browser.execute_script(DRAWN)
@@ -127,7 +144,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     assert len(names) == 2 + 5 * 2  # fall, shares; five for each of two runs
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
-    assert "motor_lag is missing" in text
+    assert "First-order lag of the thrusters (motor_lag) is missing" in text
     for part in (
         "Evidence",
         "Data quality",
@@ -155,7 +172,7 @@ def test_the_best_effect_is_drawn_over_the_missing_wrench(diagnosed, browser):
     missing, predicted = browser.execute_script(
         "const traces = document.getElementById('figure4').data;"
         "const pick = name => traces.filter(t => t.name.startsWith(name)).map(t => t.y);"
-        "return [pick('nominal'), pick('what motor_lag adds')]"
+        "return [pick('nominal'), pick('added by')]"
     )
 
     assert len(missing) == len(predicted) == 3 * 10
@@ -187,26 +204,118 @@ def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):
     assert browser.execute_script(shown) == whole
 
 
-def test_it_fits_on_paper(diagnosed, browser):
-    names = open_page(browser, diagnosed / "report.html")
-    browser.execute_async_script(
-        "const done = arguments[0]; window.dispatchEvent(new Event('beforeprint'));"
-        "setTimeout(done, 2000)"
+# Texts of figures that overlap by more than 2 pixels, as the rotated rectangles that they are, or that
+# reach beyond their figure.
+CROWDED = """
+const found = [], corners = text => {
+  const b = text.getBBox(), m = text.getScreenCTM();
+  return [[0, 0], [1, 0], [1, 1], [0, 1]].map(([i, j]) => [b.x + i * b.width, b.y + j * b.height])
+    .map(([x, y]) => [m.a * x + m.c * y + m.e, m.b * x + m.d * y + m.f]);
+};
+const depth = (one, other) => Math.min(...[one, other].flatMap(sides => [0, 1].map(i => {
+  const [x, y] = [0, 1].map(k => sides[i + 1][k] - sides[i][k]), length = Math.hypot(x, y) || 1;
+  const [a, b] = [one, other].map(s => s.map(p => (p[0] * x + p[1] * y) / length));
+  return Math.min(Math.max(...a), Math.max(...b)) - Math.max(Math.min(...a), Math.min(...b));
+})));
+for (const figure of document.querySelectorAll(".figure[data-drawn]")) {
+  const texts = [...figure.querySelectorAll("text")].filter(t => t.textContent.trim() &&
+    !t.closest(".modebar") && t.getBoundingClientRect().width && getComputedStyle(t).visibility != "hidden");
+  const places = texts.map(corners), frame = figure.getBoundingClientRect();
+  texts.forEach((text, i) => {
+    const box = text.getBoundingClientRect();
+    if (box.left < frame.left - 1 || box.right > frame.right + 1 || box.top < frame.top - 1 ||
+        box.bottom > frame.bottom + 1) found.push(figure.id + " cuts off " + text.textContent);
+    for (let j = 0; j < i; j++)
+      if (depth(places[i], places[j]) > 2)
+        found.push(figure.id + ": " + text.textContent + " | " + texts[j].textContent);
+  });
+}
+return found"""
+
+
+@pytest.fixture
+def as_wide_as(browser):
+    """A function that makes the browser's window as wide as a device [pixels]."""
+
+    def resize(width):
+        device = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", device)
+
+    yield resize
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def shape(browser):
+    """Forms of the figures that are drawn, after they have been drawn for a new width."""
+    wait_until_drawn(browser)
+    forms = "return [...document.querySelectorAll('.figure[data-drawn]')].map(f => f.dataset.form)"
+    return set(browser.execute_script(forms))
+
+
+@pytest.mark.parametrize("verb", ["diagnose", "compare"])
+@pytest.mark.parametrize("width", [400, 768, 1280])
+def test_nothing_overlaps_or_is_cut_off(diagnosed, compared, browser, as_wide_as, width, verb):
+    as_wide_as(width)
+    folder = {"diagnose": diagnosed, "compare": compared}[verb]
+    open_page(browser, folder / "report.html")
+    assert shape(browser) == {"narrow" if width == 400 else "wide"}
+    wide, window = browser.execute_script(
+        "return [document.documentElement.scrollWidth, window.innerWidth]"
     )
+    assert window == width and wide <= width
+    assert browser.execute_script(CROWDED) == []
+
+
+def test_figures_follow_a_telephone_that_is_turned(compared, browser, as_wide_as):
+    as_wide_as(400)
+    open_page(browser, compared / "report.html")
+    tall = browser.execute_script("return document.getElementById('figure2').clientHeight")
+    as_wide_as(900)
+    waiting(browser, 20).until(lambda b: shape(b) == {"wide"})
+    wide = browser.execute_script("return document.getElementById('figure2').clientHeight")
+    assert tall > 1.3 * wide and browser.execute_script(CROWDED) == []
+
+
+def printed(browser, folder):
+    """Texts of the pages of the page's PDF, of the first run that it has."""
+    path = folder / "printed.pdf"
+    path.write_bytes(base64.b64decode(browser.print_page()))
+    text = subprocess.check_output(["pdftotext", "-layout", str(path), "-"], universal_newlines=True)
+    return [page.split("\n") for page in text.split("\f")[:-1]]
+
+
+@pytest.mark.skipif(not shutil.which("pdftotext"), reason="pdftotext (poppler-utils) is missing")
+def test_paper_is_compact_without_stranded_headings(diagnosed, browser, folder):
+    browser.get((diagnosed / "report.html").resolve().as_uri())
+    wait_until_drawn(browser)
+    pages = printed(browser, folder)
+    assert len(pages) <= 6  # eight before figures were made for paper
+    headings = browser.execute_script(
+        "return [...document.querySelectorAll('h1, h2, h3, .paper, th')].map(h => h.textContent)"
+    )
+    headings = {re.sub(r"\s+", " ", heading).strip() for heading in headings}
+    assert {"Evidence", "Data quality", "Where it fails"} <= headings
+    for page in pages:
+        last = [re.sub(r"\s+", " ", line).strip() for line in page if line.strip()][-1]
+        assert last not in headings, "stranded: " + last
+    assert any("from 1000" in line for page in pages for line in page)  # the run's heading
+
+
+def test_figures_fit_on_paper(diagnosed, browser):
+    names = open_page(browser, diagnosed / "report.html")
+    browser.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    assert shape(browser) == {"paper"}
     widths = browser.execute_script(
         "return [...document.querySelectorAll('.figure .main-svg')].map(s => s.clientWidth)"
     )
-    assert len(widths) >= len(names) and max(widths) <= 720
-    assert len(browser.print_page()) > 50000
+    assert len(widths) >= len(names) and max(widths) <= 700
+    assert browser.execute_script(CROWDED) == []
+    browser.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert shape(browser) == {"wide"}
 
 
-def test_the_page_of_a_comparison(folder, bags, diagnosed, browser):
-    out = folder / "comparison"
-    improved = diagnosed / "improved.yaml"
-    result = identify("compare", bags[1], "--model", MODEL, "--model", improved, "-o", out)
-    assert result.returncode == 0, result.stderr
-    assert "improved predicts best" in result.stdout
-    names = open_page(browser, out / "report.html")
+def test_the_page_of_a_comparison(compared, browser):
+    names = open_page(browser, compared / "report.html")
     assert len(names) == 7
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text

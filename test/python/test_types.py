@@ -96,6 +96,7 @@ def results():
     found = box.fit(box.start(model), ["k"], max_iterations=2)
     where = [np.zeros(3), np.zeros(3), _core.MocapParams(), 1]
     return {
+        "Palette": _core.palette,
         "ParameterInfo": _core.effects()["yaw_bias"]["parameters"][0],
         "ModelParameter": model.parameters()[0],
         "Thruster": model.thrusters[0],

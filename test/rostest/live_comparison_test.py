@@ -13,6 +13,7 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
+from ground import _core
 from ground_msgs.msg import (
     Controls,
     ControllerStatus,
@@ -30,6 +31,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
 HERE = os.path.dirname(os.path.abspath(__file__))
+MODEL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")
 TRUTH = os.path.join(HERE, "tilted_craft.yaml")
 SAGGING = os.path.join(HERE, "sagging_craft.yaml")
 WEIGHT = 0.0583 * 9.81  # weight of the craft [N]
@@ -77,6 +79,7 @@ class LiveComparisonTest(unittest.TestCase):
         self.paths = [harness.Latest("path/predicted" + s, Path) for s in ("", "2")]
         self.markers = harness.Latest("markers", MarkerArray)
         self.floor = harness.Latest("floor_map", Marker)
+        self.legend = harness.Latest("legend", MarkerArray)
 
     def test_model_and_measurement_are_compared(self):
         self.listen()
@@ -147,18 +150,52 @@ class LiveComparisonTest(unittest.TestCase):
             )
 
     def check_displays(self):
-        """rviz gets paths, errors, the missing force and the map of the floor."""
+        """rviz gets paths, the missing force, the map of the floor, and a legend with units."""
         for path in self.paths:
             self.assertGreater(len(path.message.poses), 30)
             self.assertEqual(path.message.header.frame_id, "world_ned")
         shown = {m.id: m for m in self.markers.message.markers if m.action == Marker.ADD}
-        self.assertIn("tilted_craft: error", shown[8].text)
-        self.assertIn(6, shown)  # the missing force
-        start, tip = shown[6].points
+        self.assertIn(2, shown)  # the missing force
+        start, tip = shown[2].points
         self.assertGreater(math.hypot(tip.x - start.x, tip.y - start.y), 0.02)
         floor = self.floor.message
         self.assertGreater(len(floor.points), 5)
         self.assertEqual(len(floor.points), len(floor.colors))
+        self.check_legend()
+
+    def check_legend(self):
+        """Each text stands over its sample; the arrow of thrust is as long as it says."""
+        model = _core.load_model(MODEL)
+        better = lambda: any(m.text.endswith("better") for m in self.legend.message.markers)  # noqa: E731
+        harness.wait_for(better, 10, "a legend that says which model is better")
+        markers = self.legend.message.markers
+        self.assertEqual(markers[0].action, Marker.DELETEALL)
+        entries = {}
+        for text, sample in zip(markers[2::2], markers[3::2]):
+            self.assertEqual((text.type, text.header.frame_id), (Marker.TEXT_VIEW_FACING, "view"))
+            entries[text.text.split(":")[0].split(",")[0]] = text.text, sample
+        text, sample = entries["tilted_craft"]
+        self.assertRegex(text, r"1 s ahead: error [\d.]+ \[-\], better")
+        color = [round(255 * c) for c in (sample.color.r, sample.color.g, sample.color.b)]
+        self.assertEqual("#%02x%02x%02x" % tuple(color), _core.palette["models"][1])
+        text, sample = entries["thrust of each thruster"]
+        full = model.value("k") * model.input_max
+        self.assertIn("%.2g mN" % (1e3 * full), text)
+        (start, tip), length = sample.points, rospy.get_param("visualizer/thrust_length")
+        self.assertAlmostEqual(tip.y - start.y, length)
+        sent = {u for _, m in self.controls.all for u in (m.left, m.right)}
+        harness.wait_for(self.arrows_of_thrust, 10, "arrows of thrust")
+        for drawn in self.arrows_of_thrust():  # its colour and place say of which thruster
+            self.assertLess(min(abs(drawn / length - u) for u in sent), 1e-3)
+        self.assertIn("grid", " ".join(text for text, _ in entries.values()))
+
+    def arrows_of_thrust(self):
+        """Lengths of the arrows of both thrusters that are shown."""
+        arrows = [m for m in self.markers.message.markers if m.type == Marker.ARROW and m.id >= 10]
+        return [
+            math.hypot(tip.x - start.x, tip.y - start.y)
+            for start, tip in (m.points for m in arrows if m.action == Marker.ADD)
+        ]
 
     def check_time_of_the_drive(self):
         """t counts from the beginning of the drive in simulator and comparison, even if a model is loaded

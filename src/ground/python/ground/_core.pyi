@@ -15,6 +15,7 @@ from ground.core_types import (
     Innovations,
     ModelParameter,
     Motion,
+    Palette,
     Residuals,
     Scores,
     Setting,
@@ -26,6 +27,7 @@ from ground.core_types import (
 version: str
 ceres_version: str
 eigen_version: str
+palette: Palette
 
 # model
 

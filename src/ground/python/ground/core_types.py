@@ -11,6 +11,17 @@ if TYPE_CHECKING:
 Setting = Union[float, bool, str]  # value of a parameter in the core's tables
 
 
+class Palette(TypedDict):
+    """Colours "#rrggbb" of all that is drawn (ground/palette.h)."""
+
+    measured: str
+    models: List[str]
+    reference: str
+    thrusters: List[str]
+    missing: str
+    scale: List[str]  #: from small to large values
+
+
 class ParameterInfo(TypedDict):
     """A parameter of an effect."""
 

@@ -5,6 +5,7 @@
 #include <ground_msgs/State.h>
 #include <nav_msgs/Path.h>
 #include <nodelet/nodelet.h>
+#include <tf2_ros/transform_broadcaster.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include <algorithm>
@@ -15,24 +16,30 @@
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
 #include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "ground/control/room_plan.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/legend.h"
+#include "ground/nodelets/markers.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
 
-/// Shows the craft in rviz: its path, its thrust, the missing force, the prediction errors of
-/// models, and a map of these errors on the floor.
+/// Shows the craft in rviz: its path, the force of each thruster, the missing force, a map of a
+/// model's prediction errors on the floor, and a legend with units, scales and the errors of models.
 ///
 /// Parameters: model (model file, required), room (file of a room, whose walls and floor are shown;
 /// empty: a floor of 10 x 10 m) and those of Visualizer.cfg, which can be changed at run time.
 /// Subscribes: state, controls, model_error, model_error2, model_comparison. Publishes:
-/// path/measured, markers, floor_map, room (latched).
+/// path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view": at the
+/// craft, with the axes of world_ned; views and the legend follow it.
 class Visualizer : public nodelet::Nodelet {
  private:
   using Config = VisualizerConfig;
@@ -44,11 +51,13 @@ class Visualizer : public nodelet::Nodelet {
       model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
       measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
       markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
+      legend_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("legend", 1, true);
       floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
       room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
       const auto room = optionalParameter<std::string>(nh, "room", "");
-      room_publisher_.publish(room.empty() ? floorOf(openFloor(), false)
-                                           : floorOf(loadRoomPlan(room), true));
+      const RoomPlan plan = room.empty() ? openFloor() : loadRoomPlan(room);
+      grid_cell_ = gridCell(plan);
+      room_publisher_.publish(floorOf(plan, grid_cell_, !room.empty()));
       reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
         const std::lock_guard<std::mutex> lock(mutex_);
         if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
@@ -95,9 +104,10 @@ class Visualizer : public nodelet::Nodelet {
       floor_ = FloorMap(config_.cell);
       errors_ = {};
       comparison_.reset();
-      last_update_ = ros::Time();
+      last_update_ = last_floor_ = last_legend_ = ros::Time();
     }
     if (state->valid) {
+      broadcastView(*state);
       states_.push_back(state);
       while (age(*state, *states_.front()) > config_.history) states_.pop_front();
     }
@@ -108,11 +118,27 @@ class Visualizer : public nodelet::Nodelet {
     publishMarkers(*state);
     if (states_.empty()) return;
     publishMeasured();
-    if (secondsBetween(last_floor_, state->header.stamp) < 0 ||
-        secondsBetween(last_floor_, state->header.stamp) > kFloorPeriod) {
-      last_floor_ = state->header.stamp;
-      publishFloor();
-    }
+    if (isDue(last_floor_, state->header.stamp, kFloorPeriod)) publishFloor();
+    if (isDue(last_legend_, state->header.stamp, kLegendPeriod)) publishLegend();
+  }
+
+  /// Whether a period has passed; `last` is then set to now.
+  static bool isDue(ros::Time& last, const ros::Time& now, double period) {
+    const double since = secondsBetween(last, now);
+    if (!last.isZero() && since >= 0 && since <= period) return false;
+    last = now;
+    return true;
+  }
+
+  void broadcastView(const ground_msgs::State& state) {
+    geometry_msgs::TransformStamped view;
+    view.header.stamp = state.header.stamp;
+    view.header.frame_id = "world_ned";
+    view.child_frame_id = kView;
+    view.transform.translation.x = state.eta[0];
+    view.transform.translation.y = state.eta[1];
+    view.transform.rotation.w = 1;
+    broadcaster_.sendTransform(view);
   }
 
   static geometry_msgs::PoseStamped pose(const ros::Time& stamp, double x, double y, double psi) {
@@ -147,69 +173,99 @@ class Visualizer : public nodelet::Nodelet {
     measured_publisher_.publish(path);
   }
 
-  visualization_msgs::Marker marker(const ros::Time& stamp, int id, int type, float r, float g,
-                                    float b) const {
-    visualization_msgs::Marker m;
+  visualization_msgs::Marker marker(const ros::Time& stamp, int id, int type,
+                                    const std::string& color) const {
+    visualization_msgs::Marker m = makeMarker("world_ned", "craft", id, type, markerColor(color));
     m.header.stamp = stamp;
-    m.header.frame_id = "world_ned";
-    m.ns = "craft";
-    m.id = id;
-    m.type = type;
     m.action = shown_ ? visualization_msgs::Marker::ADD : visualization_msgs::Marker::DELETE;
-    m.pose.orientation.w = 1;
-    m.color.r = r;
-    m.color.g = g;
-    m.color.b = b;
-    m.color.a = 1;
     return m;
   }
 
-  /// Hull, bow, and an arrow of force at each thruster; sizes follow from the lever arm.
+  /// Half of the craft's width, which the lever arm tells, or the thrusters' places [m].
+  double halfWidth() const {
+    double half = 1.8 * model_.body.l;
+    if (!model_.thrusters->isPair())
+      for (const Thruster& one : model_.thrusters->thrusters())
+        half = std::max(half, one.position.norm());
+    return half;
+  }
+
+  /// Where a thruster is drawn, forward and to starboard [m]. The place of one of the pair along the
+  /// craft has no influence on the motion: it is drawn at the stern.
+  Vector2<double> placeOf(int i) const {
+    const double l = model_.body.l;
+    if (model_.thrusters->isPair()) return {-1.5 * l, i == 0 ? -l : l};
+    return (*model_.thrusters)[i].position;
+  }
+
+  /// Force of each thruster at the newest command [N].
+  Thrusters<double> thrust() const {
+    auto inputs = Thrusters<double>::zero(model_.thrusters->size());
+    if (controls_ && inputs.size() == 2) inputs = {controls_->left, controls_->right};
+    Thrusters<double> forces = model_.thrusters->forces(inputs);
+    forces *= model_.body.k * model_.body.input_max;
+    return forces;
+  }
+
+  /// Force of the strongest thruster at full input [N].
+  double fullThrust() const {
+    double gain = 1;
+    for (const Thruster& one : model_.thrusters->thrusters()) gain = std::max(gain, one.gain);
+    return gain * model_.body.k * model_.body.input_max;
+  }
+
+  /// Hull, bow, and an arrow of force at each thruster.
   void publishMarkers(const ground_msgs::State& state) {
     using visualization_msgs::Marker;
     auto array = boost::make_shared<visualization_msgs::MarkerArray>();
     const ros::Time& stamp = state.header.stamp;
-    const double l = model_.body.l, psi = state.eta[2];
+    const double size = halfWidth(), l = size / 1.8, psi = state.eta[2];
     const auto craft = pose(stamp, state.eta[0], state.eta[1], psi).pose;
     const auto at = [&](double forward, double starboard, double down) {
       const Vector2<double> moved = bodyToWorld<double>(psi, Vector2<double>(forward, starboard));
-      geometry_msgs::Point p;
-      p.x = state.eta[0] + moved.x();
-      p.y = state.eta[1] + moved.y();
-      p.z = down;
-      return p;
+      return markerPoint(state.eta[0] + moved.x(), state.eta[1] + moved.y(), down);
     };
-    Marker hull = marker(stamp, 0, Marker::CYLINDER, 0.15f, 0.35f, 0.75f);
+    Marker hull = marker(stamp, kHull, Marker::CYLINDER, kHullColor);
     hull.pose = craft;
     hull.scale.x = 5 * l;
-    hull.scale.y = 3.6 * l;
+    hull.scale.y = 2 * size;
     hull.scale.z = 0.8 * l;
-    Marker bow = marker(stamp, 1, Marker::SPHERE, 1.0f, 0.8f, 0.1f);
+    Marker bow = marker(stamp, kBow, Marker::SPHERE, kBowColor);
     bow.pose = craft;
     bow.pose.position = at(2 * l, 0, -0.8 * l);
     bow.scale.x = bow.scale.y = bow.scale.z = l;
     array->markers = {hull, bow};
-    const double inputs[2] = {controls_ ? controls_->left : 0.0,
-                              controls_ ? controls_->right : 0.0};
-    for (int side = 0; side < 2; ++side) {
-      Marker thruster = marker(stamp, 2 + side, Marker::CYLINDER, 0.3f, 0.3f, 0.3f);
+    addThrusters(*array, stamp, craft, at);
+    addMissing(*array, stamp, at);
+    markers_publisher_.publish(array);
+  }
+
+  /// Adds each thruster, and an arrow along its force.
+  template <class At>
+  void addThrusters(visualization_msgs::MarkerArray& array, const ros::Time& stamp,
+                    const geometry_msgs::Pose& craft, At at) const {
+    using visualization_msgs::Marker;
+    const double l = halfWidth() / 1.8, per_newton = config_.thrust_length / fullThrust();
+    const Thrusters<double> forces = thrust();
+    for (int i = 0; i < forces.size(); ++i) {
+      const Vector2<double> place = placeOf(i);
+      const Vector2<double> along(model_.thrusters->forward(i), model_.thrusters->starboard(i));
+      const std::size_t shade = static_cast<std::size_t>(i) % palette::kThrusters.size();
+      Marker thruster =
+          marker(stamp, kThrusters + i, Marker::CYLINDER, palette::kThrusters[shade]);
       thruster.pose = craft;
-      thruster.pose.position = at(-1.5 * l, side == 0 ? -l : l, -l);
+      thruster.pose.position = at(place.x(), place.y(), -l);
       thruster.scale.x = thruster.scale.y = 1.4 * l;
       thruster.scale.z = 0.6 * l;
-      Marker arrow = marker(stamp, 4 + side, Marker::ARROW, 0.9f, 0.15f, 0.15f);
-      const double length = std::clamp(inputs[side], 0.0, 1.0) * config_.thrust_length;
-      arrow.points = {at(-1.5 * l, side == 0 ? -l : l, -1.5 * l),
-                      at(-1.5 * l + length, side == 0 ? -l : l, -1.5 * l)};
-      arrow.scale.x = 0.4 * l;
-      arrow.scale.y = 0.9 * l;
-      if (length < 1e-3) arrow.action = Marker::DELETE;
-      array->markers.push_back(thruster);
-      array->markers.push_back(arrow);
+      Marker arrow = marker(stamp, kThrust + i, Marker::ARROW, palette::kThrusters[shade]);
+      const Vector2<double> tip = place + per_newton * forces(i) * along;
+      arrow.points = {at(place.x(), place.y(), -1.5 * l), at(tip.x(), tip.y(), -1.5 * l)};
+      arrow.scale.x = kArrowWidth;
+      arrow.scale.y = 2.3 * kArrowWidth;
+      if ((tip - place).norm() < 1e-3) arrow.action = Marker::DELETE;
+      array.markers.push_back(thruster);
+      array.markers.push_back(arrow);
     }
-    addMissing(*array, stamp, at);
-    addText(*array, stamp, craft.position);
-    markers_publisher_.publish(array);
   }
 
   bool isRecent(const ground_msgs::ModelError::ConstPtr& error) const {
@@ -217,8 +273,7 @@ class Visualizer : public nodelet::Nodelet {
   }
 
   /// Adds arrows for the missing force of the first model, at the craft, and its moment as a
-  /// lateral force at the bow. The colour, from green to red, shows the size relative to full
-  /// thrust.
+  /// lateral force at the bow.
   template <class At>
   void addMissing(visualization_msgs::MarkerArray& array, const ros::Time& stamp, At at) {
     using visualization_msgs::Marker;
@@ -230,40 +285,62 @@ class Visualizer : public nodelet::Nodelet {
               : std::array<double, 3>{};
     const double per_newton = config_.missing_length / full;
     const auto arrow = [&](int id, double from, double forward, double starboard) {
-      const double part = std::hypot(forward, starboard) / full;
-      const auto color = heat(part / kRedPart);
-      Marker m = marker(stamp, id, Marker::ARROW, color[0], color[1], color[2]);
+      Marker m = marker(stamp, id, Marker::ARROW, palette::kMissing);
       m.points = {at(from, 0, -3 * l),
                   at(from + per_newton * forward, per_newton * starboard, -3 * l)};
-      m.scale.x = 0.6 * l;
-      m.scale.y = 1.4 * l;
-      if (!known || part < kMinPart) m.action = Marker::DELETE;
+      m.scale.x = 1.5 * kArrowWidth;
+      m.scale.y = 3.5 * kArrowWidth;
+      if (!known || std::hypot(forward, starboard) < kMinPart * full) m.action = Marker::DELETE;
       array.markers.push_back(m);
     };
-    arrow(6, 0, w[0], w[1]);
-    arrow(7, 2.5 * l, 0, w[2] / l);
+    arrow(kMissing, 0, w[0], w[1]);
+    arrow(kMissing + 1, 2.5 * l, 0, w[2] / l);
   }
 
-  /// Adds a text with the current errors of the models, and which one is better.
-  void addText(visualization_msgs::MarkerArray& array, const ros::Time& stamp,
-               geometry_msgs::Point place) {
-    using visualization_msgs::Marker;
-    Marker text = marker(stamp, 8, Marker::TEXT_VIEW_FACING, 0.1f, 0.1f, 0.1f);
-    for (const auto& error : errors_) {
-      if (!isRecent(error)) continue;
-      std::ostringstream line;
-      line << (text.text.empty() ? "" : "\n") << error->model << ": error " << std::fixed
-           << std::setprecision(3) << error->error;
-      if (isRecent(errors_[1]) && comparison_ && comparison_->better == error->model)
-        line << " (better)";
-      text.text += line.str();
+  /// Publishes the legend when it changes.
+  void publishLegend() {
+    const std::vector<LegendEntry> entries =
+        config_.legend ? legendEntries() : std::vector<LegendEntry>();
+    if (entries == legend_) return;
+    legend_ = entries;
+    legend_publisher_.publish(
+        legendMarkers(entries, kView, config_.legend_ahead, config_.legend_aside));
+  }
+
+  /// What each line, arrow and colour is, with its unit and scale; the error of each model.
+  std::vector<LegendEntry> legendEntries() const {
+    using Sample = LegendEntry::Sample;
+    std::vector<LegendEntry> entries = {
+        {"measured path", Sample::kPath, palette::kMeasured},
+        {"reference", Sample::kPath, palette::kReference, 0.6, 0.05}};
+    for (std::size_t i = 0; i < errors_.size(); ++i) {
+      if (!isRecent(errors_[i])) continue;
+      const ground_msgs::ModelError& error = *errors_[i];
+      const bool better = isRecent(errors_[1]) && comparison_ && comparison_->better == error.model;
+      entries.push_back({error.model + ", " + rounded(error.horizon) + " s ahead: error " +
+                             rounded(error.error) + (better ? " [-], better" : " [-]"),
+                         Sample::kPath, palette::kModels[i]});
     }
-    text.pose.position = place;
-    text.pose.position.x -= 0.45;
-    text.pose.position.z = -0.3;
-    text.scale.z = 0.16;
-    if (text.text.empty()) text.action = Marker::DELETE;
-    array.markers.push_back(text);
+    const double missing = kMissingSample * typical::force(model_.body) / config_.missing_length;
+    entries.push_back({"thrust of each thruster: " + rounded(1e3 * fullThrust()) + " mN",
+                       Sample::kArrow, palette::kThrusters[0], config_.thrust_length, kArrowWidth});
+    if (isRecent(errors_[0]))
+      entries.push_back({"force missing in " + errors_[0]->model + ": " + rounded(1e3 * missing) +
+                             " mN",
+                         Sample::kArrow, palette::kMissing, kMissingSample, 1.5 * kArrowWidth});
+    if (config_.floor_map && !floor_.cells().empty())
+      entries.push_back({"error by place: 0 to " + rounded(floor_.large()) + " [-]",
+                         Sample::kScale, palette::kBlack, 1.0});
+    entries.push_back(
+        {"1 m (grid: " + rounded(grid_cell_) + " m)", Sample::kBar, palette::kBlack, 1.0, 0.015});
+    return entries;
+  }
+
+  /// Two digits, as in "0.45", "62".
+  static std::string rounded(double value) {
+    std::ostringstream text;
+    text << std::setprecision(2) << value;
+    return text.str();
   }
 
   /// The floor that is shown without a room.
@@ -273,39 +350,39 @@ class Visualizer : public nodelet::Nodelet {
     return floor;
   }
 
-  /// Grid lines over the floor, and the walls and the home of a room.
-  static visualization_msgs::MarkerArrayPtr floorOf(const RoomPlan& room, bool walls) {
-    using visualization_msgs::Marker;
-    const auto lines = [](int id, double width, float grey) {
-      Marker m;
-      m.header.frame_id = "world_ned";
-      m.ns = "room";
-      m.id = id;
-      m.type = Marker::LINE_LIST;
-      m.pose.orientation.w = 1;
-      m.scale.x = width;
-      m.color.r = m.color.g = m.color.b = grey;
-      m.color.a = 1;
-      return m;
-    };
-    const auto add = [](Marker& m, double x0, double y0, double x1, double y1) {
-      geometry_msgs::Point p;
-      p.z = 0.015;  // below paths and floor map
-      p.x = x0;
-      p.y = y0;
-      m.points.push_back(p);
-      p.x = x1;
-      p.y = y1;
-      m.points.push_back(p);
-    };
+  /// Lower and upper ends of a room along x and y [m].
+  static std::pair<Vector2<double>, Vector2<double>> ends(const RoomPlan& room) {
     Vector2<double> low = room.corners.front(), high = low;
     for (const Vector2<double>& corner : room.corners) {
       low = low.cwiseMin(corner);
       high = high.cwiseMax(corner);
     }
+    return {low, high};
+  }
+
+  /// Distance of the grid lines on a floor [m].
+  static double gridCell(const RoomPlan& room) {
     constexpr double kMaxLines = 40;
-    const double cell = std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
-    Marker grid = lines(0, 0.004, 0.7f), wall = lines(1, 0.03, 0.25f), home = lines(2, 0.015, 0.4f);
+    const auto [low, high] = ends(room);
+    return std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
+  }
+
+  /// Grid lines over the floor, and the walls and the home of a room.
+  static visualization_msgs::MarkerArrayPtr floorOf(const RoomPlan& room, double cell, bool walls) {
+    using visualization_msgs::Marker;
+    const auto lines = [](int id, double width, const std::string& color) {
+      Marker m = makeMarker("world_ned", "room", id, Marker::LINE_LIST, markerColor(color));
+      m.scale.x = width;
+      return m;
+    };
+    const auto add = [](Marker& m, double x0, double y0, double x1, double y1) {
+      constexpr double kBelow = 0.015;  // below paths and floor map
+      m.points.push_back(markerPoint(x0, y0, kBelow));
+      m.points.push_back(markerPoint(x1, y1, kBelow));
+    };
+    const auto [low, high] = ends(room);
+    Marker grid = lines(0, 0.004, "#b0b0b0"), wall = lines(1, 0.03, "#404040"),
+           home = lines(2, 0.015, "#606060");
     for (double x = cell * std::ceil(low.x() / cell); x <= high.x(); x += cell)
       add(grid, x, low.y(), x, high.y());
     for (double y = cell * std::ceil(low.y() / cell); y <= high.y(); y += cell)
@@ -324,45 +401,35 @@ class Visualizer : public nodelet::Nodelet {
     return array;
   }
 
-  /// Publishes the mean error of the first model in each cell of the floor, from green to red.
+  /// Publishes the mean error of the first model in each cell of the floor.
   void publishFloor() {
     using visualization_msgs::Marker;
     auto m = boost::make_shared<Marker>(
-        marker(states_.back()->header.stamp, 0, Marker::CUBE_LIST, 1, 1, 1));
+        marker(states_.back()->header.stamp, 0, Marker::CUBE_LIST, palette::kBlack));
     m->ns = "floor";
     m->action = config_.floor_map ? Marker::ADD : Marker::DELETE;
     m->scale.x = m->scale.y = 0.96 * config_.cell;
     m->scale.z = 0.002;
     const double most = floor_.large();
     for (const auto& cell : floor_.cells()) {
-      geometry_msgs::Point p;
-      p.x = cell.x;
-      p.y = cell.y;
-      p.z = 0.01;  // below the paths
-      const auto color = heat(cell.mean / most);
-      std_msgs::ColorRGBA c;
-      c.r = color[0];
-      c.g = color[1];
-      c.b = color[2];
-      c.a = 0.35f;
-      m->points.push_back(p);
-      m->colors.push_back(c);
+      m->points.push_back(markerPoint(cell.x, cell.y, 0.01));  // below the paths
+      m->colors.push_back(scaleColor(cell.mean / most, kFloorOpacity));
     }
     if (m->points.empty()) m->action = Marker::DELETE;
     floor_publisher_.publish(m);
-  }
-
-  /// Colour from green (0) over yellow to red (1 and above).
-  static std::array<float, 3> heat(double part) {
-    const float x = static_cast<float>(std::clamp(part, 0.0, 1.0));
-    return {std::min(1.0f, 0.2f + 1.6f * x), std::min(0.75f, 1.5f - 1.4f * x), 0.15f};
   }
 
   static constexpr double kRecent = 1.0;       // largest age of an error that is shown [s]
   static constexpr double kMinWindow = 2.0;    // shortest window with well normalised errors [s]
   static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
   static constexpr double kMinPart = 0.01;     // smallest force shown, relative to full thrust
-  static constexpr double kRedPart = 0.5;      // force shown in red, relative to full thrust
+  static constexpr double kLegendPeriod = 1.0;    // interval of legends [s]
+  static constexpr double kArrowWidth = 0.03;     // shaft of an arrow of thrust [m]
+  static constexpr double kMissingSample = 0.5;   // arrow of a missing force in the legend [m]
+  static constexpr const char* kView = "view";    // frame that views and the legend follow
+  static constexpr const char *kHullColor = "#c8c8c8", *kBowColor = "#404040";
+  /// First numbers of the markers of the craft.
+  enum { kHull = 0, kBow = 1, kMissing = 2, kThrusters = 10, kThrust = kThrusters + kMaxThrusters };
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards config_ and the data of the callbacks
@@ -373,9 +440,13 @@ class Visualizer : public nodelet::Nodelet {
   std::array<ground_msgs::ModelError::ConstPtr, 2> errors_;
   ground_msgs::ModelComparison::ConstPtr comparison_;
   FloorMap floor_{0.25};
-  ros::Time last_update_, last_floor_;
+  ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
-  ros::Publisher measured_publisher_, markers_publisher_, floor_publisher_, room_publisher_;
+  double grid_cell_ = 0;  ///< distance of the grid lines on the floor [m]
+  std::vector<LegendEntry> legend_;
+  tf2_ros::TransformBroadcaster broadcaster_;
+  ros::Publisher measured_publisher_, markers_publisher_, legend_publisher_, floor_publisher_,
+      room_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_;
   std::array<ros::Subscriber, 2> error_subscribers_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

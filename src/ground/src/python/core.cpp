@@ -6,6 +6,23 @@
 #include <string>
 
 #include "bindings.h"
+#include "ground/palette.h"
+
+namespace {
+
+pybind11::dict palette() {
+  namespace colors = ground::palette;
+  pybind11::dict all;
+  all["measured"] = colors::kMeasured;
+  all["models"] = colors::kModels;
+  all["reference"] = colors::kReference;
+  all["thrusters"] = colors::kThrusters;
+  all["missing"] = colors::kMissing;
+  all["scale"] = colors::kScale;
+  return all;
+}
+
+}  // namespace
 
 PYBIND11_MODULE(_core, module) {
   // Evaluations repeatedly allocate and free the same few megabytes. Keeping them in the process
@@ -19,6 +36,8 @@ PYBIND11_MODULE(_core, module) {
   module.attr("eigen_version") = std::to_string(EIGEN_WORLD_VERSION) + "." +
                                  std::to_string(EIGEN_MAJOR_VERSION) + "." +
                                  std::to_string(EIGEN_MINOR_VERSION);
+
+  module.attr("palette") = palette();
 
   ground::bindModel(module);
   ground::bindEstimation(module);

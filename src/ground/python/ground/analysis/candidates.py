@@ -63,6 +63,13 @@ def effects(model: Optional[_core.Model] = None) -> Dict[str, EffectInfo]:
         raise GroundError(str(error))
 
 
+def in_words(name: str, model: Optional[_core.Model] = None) -> str:
+    """An effect's description with its name beside; the name alone for a user's own effect. Effects
+    of single thrusters need a model that lists them."""
+    known = effects(model).get(name)
+    return "%s (%s)" % (known["summary"], name) if known else name
+
+
 def on_request() -> List[str]:
     """Names of the effects that a diagnosis tries only when it is asked to."""
     return [name for name, effect in effects().items() if effect["opt_in"]]

@@ -58,6 +58,7 @@ def of(
     report = {
         "schema": SCHEMA,
         "model": model_name,
+        "means": {n: e["summary"] for n, e in candidates.effects(nominal.model).items()},
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,

@@ -32,6 +32,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground import files
+from ground.analysis import candidates
 from ground.annotations import Document, Message
 from ground.errors import GroundError, sentence
 from ground.nodes import reception
@@ -383,7 +384,7 @@ def _found(task: str, result: Document) -> str:
         return "fitted: the error falls from %.3f to %.3f" % (error["before"], error["after"])
     held = error["heldout"]
     return "with %s the error on what was held out goes from %.3f to %.3f" % (
-        result["effect"],
+        candidates.in_words(result["effect"]),
         held["before"]["error"],
         held["after"]["error"],
     )

@@ -45,7 +45,8 @@ TICK_SPACE = 20  # between two ticks of a vertical axis [pixels]
 TITLE = 24  # height of a title [pixels]
 MARGIN = 0.025  # left and right of the history, for the labels of its ends, as share of it
 
-NOTE, GOOD, BUSY, BAD = "#6b6b6b", "#1b7f3b", "#b36b00", "#c1121f"
+NOTE = appearance.LESS
+GOOD, BUSY, BAD = appearance.GOOD, appearance.BUSY, appearance.WARNING
 WANTED, GRID = "#a8a8a8", "#e6e6e6"
 STATUS_COLORS = {
     **dict.fromkeys(["RUNNING", "ARMED"], GOOD),
@@ -155,22 +156,22 @@ def _tracking() -> Panel:
 
 def _missing_force() -> Panel:
     curves = [
-        Curve("model_error", "wrench[0]", "ahead X", appearance.MODELS[3]),
-        Curve("model_error", "wrench[1]", "to starboard Y", appearance.MODELS[2]),
+        Curve("model_error", "wrench[0]", "ahead X", appearance.MISSING),
+        Curve("model_error", "wrench[1]", "to starboard Y", appearance.REFERENCE),
     ]
     return Panel("force missing in {model}", "force [mN]", curves, 1e3, always=(-2.0, 2.0))
 
 
 def _missing_moment() -> Panel:
-    curves = [Curve("model_error", "wrench[2]", "clockwise N", appearance.MODELS[3])]
+    curves = [Curve("model_error", "wrench[2]", "clockwise N", appearance.MISSING)]
     return Panel("moment missing in {model}", "moment [mN m]", curves, 1e3, always=(-0.1, 0.1))
 
 
 COLUMNS = [
     [_velocity(0, 0.1), _velocity(1, 0.1), _velocity(2, 0.5), _error(), _tracking()],
     [
-        _input("left", "left thruster", appearance.LEFT),
-        _input("right", "right thruster", appearance.RIGHT),
+        _input("left", "left thruster", appearance.THRUSTERS[0]),
+        _input("right", "right thruster", appearance.THRUSTERS[1]),
         _input("lift", "lift fan", appearance.MEASURED),
         _missing_force(),
         _missing_moment(),

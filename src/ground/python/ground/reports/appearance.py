@@ -1,21 +1,32 @@
 """Shared by pictures and pages: colours, and names of channels and variables."""
 
+import textwrap
 from typing import List, Tuple
 
 from plotly import colors
 
+from ground import _core
 from ground.analysis import comparison, failure
 from ground.annotations import Document
 from ground.reports import words
 
-MEASURED = "#222222"
-MODELS = ["#d1495b", "#1f77b4", "#2a9d5c", "#8e5ea2", "#e08e0b"]
-FLOOR = MODELS[2]  # colour of the noise floor
-LEFT, RIGHT = "#0b9aa8", "#e08e0b"
-WARNING = "#c00000"
+MEASURED = _core.palette["measured"]
+MODELS = _core.palette["models"]
+FLOOR = REFERENCE = _core.palette["reference"]  # the noise floor, and what is to be followed
+THRUSTERS = _core.palette["thrusters"]
+MISSING = _core.palette["missing"]
+# Texts, whose words say the same, and greys.
+WARNING, GOOD, BUSY = "#a00000", "#00694d", "#8a5f00"
+TEXT, LESS, LINES, FAINT = "#222222", "#555555", "#dddddd", "#f2f2f0"
+CHOSEN = "#fff3d6"  # background of what was chosen
+SHADE = "#f16913"  # background of panels with a significant share
+# Not by colour alone: each model has its own dashes and marks.
+DASHES = ["solid", "dash", "dot", "dashdot"]
+MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
-    colors.make_colorscale(scale) for scale in (colors.sequential.Viridis, colors.sequential.Oranges)
+    colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
+LABEL_WIDTH = 10  # of a line of a narrow axis's title [characters]
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
 # Variables (failure.variables); of those of thrusters the ones that the craft has.
@@ -24,13 +35,31 @@ ERROR_AGAINST += ["speed", "r", "heading", "x", "y"]
 WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R"]
 WRENCH_AGAINST += ["thrust ahead", "thrust to starboard", "moment"]
 WRENCH_AGAINST += ["u", "v", "r", "heading", "x", "y"]
-NUMBERS = ["model", "runs", "error", "prediction error", "(3.4), 4 s"]  # columns of numbers_row
+NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
 NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
 
 def model_color(index: int) -> str:
     """Colour of a model by its number."""
     return MODELS[index % len(MODELS)]
+
+
+def model_line(index: int, width: float) -> Document:
+    """Line of a model by its number: colour, dashes, width [pixels]."""
+    dash = DASHES[(index + index // len(MODELS)) % len(DASHES)]
+    return {"color": model_color(index), "dash": dash, "width": width}
+
+
+def model_mark(index: int) -> Document:
+    """Mark of a model by its number."""
+    return {"symbol": MARKS[index % len(MARKS)], "color": model_color(index), "size": 5}
+
+
+def thruster_line(index: int, width: float) -> Document:
+    """Line of a thruster by its place in the model, constant between the changes of its command."""
+    dash = DASHES[index // len(THRUSTERS) % len(DASHES)]
+    color = THRUSTERS[index % len(THRUSTERS)]
+    return {"color": color, "dash": dash, "width": width, "shape": "hv"}
 
 
 def transparent(color: str, opacity: float) -> str:
@@ -45,9 +74,16 @@ def scaled(entry: Document) -> Tuple[float, str]:
 
 
 def short_label(entry: Document) -> str:
-    """Short name of a variable."""
+    """Short name of a variable, in lines of at most LABEL_WIDTH characters where words allow it."""
     label = str(entry["label"]).split("thrust ")[-1].split("difference ")[-1]
-    return label.split(" since ")[0]
+    for rest in (" since ", ",", " of the "):
+        label = label.split(rest)[0]
+    return "<br>".join(textwrap.wrap(label, LABEL_WIDTH, break_long_words=False))
+
+
+def wrapped(text: str, width: int) -> str:
+    """A text in lines of at most so many characters; long names are broken."""
+    return "<br>".join(textwrap.wrap(text, width))
 
 
 def numbers_row(label: str, role: str, numbers: Document) -> List[str]:

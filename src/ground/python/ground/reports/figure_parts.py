@@ -1,6 +1,7 @@
 """Parts of the package's figures: curves, arrows, notes, small multiples (plotly)."""
 
 import functools
+import math
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -10,9 +11,21 @@ from ground.analysis import failure
 from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports import panels
-from ground.reports.appearance import LEFT, RIGHT, short_label, transparent
+from ground.reports.appearance import (
+    LINES,
+    TEXT,
+    model_color,
+    model_line,
+    model_mark,
+    short_label,
+    thruster_line,
+    transparent,
+)
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
+NARROW_WIDTH, LEGEND_ROW = 300, 20  # of a legend on a narrow page [pixels]
+MAX_TICKS, STEPS = 3, (0.5, 1, 2, 5, 10)  # of a narrow axis; steps times a power of ten
+TICK_ROOM = 0.2  # between the ends of a narrow axis and its values, as a share of their span
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
 Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
@@ -25,19 +38,44 @@ def finish(
     caption: str,
     margin: Mapping[str, int] = {},
     legend_y: float = 1.02,
+    blocks: Sequence[panels.Block] = (),
 ) -> Document:
-    """The figure as a document, with its height [pixels], caption, margins and legend."""
-    figure.update_xaxes(title={"font": {"size": 11}})
-    figure.update_yaxes(title={"font": {"size": 11}})
+    """The figure as a document, with its height [pixels], caption, margins and legend.
+
+    blocks: how its columns are arranged on a narrow page; without them they keep their places.
+    """
+    # Short ticks keep the labels of both axes apart in the corner between them.
+    ticks: Document = {"ticks": "outside", "ticklen": 4, "tickcolor": LINES}
+    figure.update_xaxes(title={"font": {"size": 11}}, **ticks)
+    figure.update_yaxes(title={"font": {"size": 11}}, **ticks)
     figure.layout.update(
         template=_template(),
         height=height,
         meta=caption,
-        font={"family": "system-ui, sans-serif", "size": 12},
+        font={"family": "system-ui, sans-serif", "size": 12, "color": TEXT},
         margin=dict({"t": 50, "b": 50, "l": 70, "r": 10}, **margin),
         legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
     )
-    return figure.document()
+    return dict(figure.document(), narrow=_narrow(figure, blocks or [panels.Block((1,), height - 90)]))
+
+
+def _narrow(figure: panels.Figure, blocks: Sequence[panels.Block]) -> Document:
+    """What differs on a narrow page: the panels' places, and the legend below them."""
+    narrow = figure.narrow(blocks)
+    names = {t["name"]: t for t in figure.data if t.get("showlegend", True) and t.get("name")}
+    rows = math.ceil(sum(60 + 7 * len(name) for name in names) / NARROW_WIDTH)
+    own = figure.layout["margin"]
+    menus = figure.layout.get("updatemenus", [])
+    margin = {"t": 60 if menus else 26, "b": panels.GAP, "l": min(own["l"], 62), "r": 10}
+    area = narrow["layout"]["height"]
+    narrow["layout"].update(
+        height=area + margin["t"] + margin["b"] + LEGEND_ROW * rows,
+        margin=dict(margin, b=margin["b"] + LEGEND_ROW * rows),
+        legend={"y": -margin["b"] / area, "yanchor": "top"},
+        updatemenus=[dict(menu, y=1 + 10 / area) for menu in menus],
+        dragmode=False,  # a finger scrolls the page
+    )
+    return narrow
 
 
 @functools.lru_cache(maxsize=None)
@@ -106,11 +144,12 @@ def bins(
     entry: Document,
     values: Any,
     name: str,
-    shade: str,
+    model: int,
     legend: bool,
     errors: Optional[Array] = None,
 ) -> Document:
-    """Means in the bins of a variable, with bars of `errors` to both sides."""
+    """Means in the bins of a variable by the model of that number, with bars of `errors` to both
+    sides."""
     trace = {
         "type": "scatter",
         "x": short(entry["centres"]),
@@ -119,12 +158,12 @@ def bins(
         "legendgroup": name,
         "showlegend": legend,
         "mode": "lines+markers",
-        "marker": {"size": 4, "color": shade},
-        "line": {"width": 1.4, "color": shade},
+        "marker": model_mark(model),
+        "line": model_line(model, 1.4),
         "hovertemplate": "%{x:.3g}: %{y:.3g}",
     }
     if errors is not None:
-        bars = {"array": short(errors), "width": 0, "thickness": 1.2, "color": shade}
+        bars = {"array": short(errors), "width": 0, "thickness": 1.2, "color": model_color(model)}
         trace["error_y"] = bars
     return trace
 
@@ -134,9 +173,33 @@ def small_multiples(rows: int, columns: int) -> panels.Figure:
     figure = panels.Figure(
         rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
     )
-    figure.update_xaxes(tickfont={"size": 9}, nticks=4)
+    figure.update_xaxes(tickfont={"size": 9})
     figure.update_yaxes(tickfont={"size": 9})
     return figure
+
+
+def few_ticks(values: Sequence[float]) -> Document:
+    """Range and ticks of a narrow axis that shows these values: two or three round numbers, away from
+    its ends, beside which are the labels of the next axis."""
+    low, high = float(min(values)), float(max(values))
+    span = high - low or 1.0
+    unit = 10.0 ** math.floor(math.log10(span))
+    steps = [range(math.ceil(low / (s * unit)), math.floor(high / (s * unit)) + 1) for s in STEPS]
+    step, multiples = next((s * unit, m) for s, m in zip(STEPS, steps) if len(m) <= MAX_TICKS)
+    ticks = [step * i for i in multiples] or [low]
+    return {
+        "range": [low - TICK_ROOM * span, high + TICK_ROOM * span],
+        "tickvals": ticks,
+        "ticktext": ["%.3g" % tick for tick in ticks],
+    }
+
+
+def grid_blocks(columns: int, height: int, beside: int = 3) -> List[panels.Block]:
+    """Blocks of a narrow page for many columns, some beside each other; height: of each [pixels]."""
+    starts = range(1, columns + 1, beside)
+    return [
+        panels.Block(range(first, min(first + beside, columns + 1)), height) for first in starts
+    ]
 
 
 def label_axes(
@@ -145,6 +208,7 @@ def label_axes(
     """Name and unit of a variable under the last row; labels of y beside the first column."""
     last = row == 2
     figure.update_xaxes(
+        **few_ticks(entry["centres"]),
         title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
         showticklabels=last,
         row=row + 1,
@@ -190,19 +254,22 @@ def note(
 
 
 def add_commands(figure: panels.Figure, study: Document, row: int) -> None:
-    """Commands over time in a row, and the time under the rows above it."""
-    for column, label, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
+    """Commands of all thrusters over time in a row, and the time under the rows above it."""
+    low, high = 0.0, 1.0
+    for column, thruster in enumerate(study["model"].thrusters, 1):
         at, values = _commands(study["run"], column, study["model"].input_max)
-        line = {"color": shade, "width": 1.2, "shape": "hv"}
-        figure.add(curve(at, values, "command " + label, line, True), row, 1)
-    figure.update_yaxes(title="input [-]", row=row, col=1)
+        low, high = min(low, *values), max(high, *values)
+        name = "command %s [-]" % thruster["name"].replace("_", " ")
+        figure.add(curve(at, values, name, thruster_line(column - 1, 1.2), True), row, 1)
+    room = 0.15 * (high - low)
+    figure.update_yaxes(title="input [-]", range=[low - room, high + room], row=row, col=1)
     for above in range(1, row):
         figure.update_xaxes(showticklabels=False, row=above, col=1)
     figure.update_xaxes(title=TIME, row=row, col=1)
 
 
 def _commands(run: Any, column: int, scale: float) -> Tuple[Array, Array]:
-    """When a command changes, and to what; 0..1."""
+    """When a command changes, and to what, over the largest input."""
     inputs = np.array(run.inputs)
     start, end = run.times[0], run.times[-1]
     values = inputs[:, column] / scale

@@ -5,6 +5,7 @@ takes the results of ground.reports.inspection for one run and one or more model
 result of plotly's `to_plotly_json`, with the caption in layout.meta.
 """
 
+import math
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -17,16 +18,21 @@ from ground.reports import panels
 from ground.reports.appearance import (
     CHANNELS,
     ERROR_AGAINST,
+    FAINT,
     FLOOR,
+    LINES,
     MEASURED,
     MODELS,
     NUMBERS,
     ORANGES,
+    TEXT,
     VIRIDIS,
     WARNING,
     WRENCH,
     model_color,
+    model_line,
     numbers_row,
+    wrapped,
 )
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -37,8 +43,10 @@ from ground.reports.figure_parts import (
     bins,
     curve,
     every_so_many,
+    few_ticks,
     fewer,
     finish,
+    grid_blocks,
     label_axes,
     note,
     note_share,
@@ -55,12 +63,17 @@ ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "its own initial velocities; σ are the run's standard deviations."
 )
+SHARES_GAP = 190  # between rows of `shares`, for names of variables and a title [pixels]
+TITLE_WIDTH = 32  # of a line of a panel's title [characters]
+LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
 
 def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on: str) -> Document:
     """Bars of the error (pairs of label and error, from top), and the noise floor or None."""
-    labels, errors = [s[0] for s in steps], [s[1] for s in steps]
+    labels = [wrapped(label, LABEL_WIDTH) for label, _ in steps]
+    errors = [error for _, error in steps]
+    lines = sum(1 + label.count("<br>") for label in labels)
     figure = panels.Figure()
     figure.add(
         {
@@ -71,32 +84,37 @@ def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on
             "text": [number(e) for e in errors],
             "textposition": "outside",
             "cliponaxis": False,
-            "marker": {"color": [MEASURED] + [MODELS[1]] * (len(steps) - 1)},
+            "marker": {"color": [MODELS[0]] + [MODELS[1]] * (len(steps) - 1)},
             "hovertemplate": "%{y}: %{x:.3f}<extra></extra>",
         }
     )
     if floor is not None:
         figure.add_line(floor, FLOOR, "noise of the poses alone %s" % number(floor))
-    figure.update_xaxes(title="error on %s [-]" % measured_on, range=[0, 1.15 * max(errors)])
+    figure.update_xaxes(title="error on %s [-]" % measured_on, range=[0, 1.3 * max(errors)])
     figure.update_yaxes(autorange="reversed", automargin=True)
     margin = {"t": 40, "b": 50, "l": 20, "r": 20}
-    return finish(figure, 130 + 34 * len(steps), ERROR, margin=margin)
+    height = 100 + 14 * len(steps) + 23 * lines
+    return finish(figure, height, ERROR, margin, blocks=[panels.Block((1,), height - 90)])
 
 
-def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
+def motion(
+    studies: Sequence[Document], bands: Optional[bands_of.Bands] = None, table: bool = True
+) -> Document:
     """Velocities and commands over time, the path from above and the errors of every model.
 
-    bands: the last model's, drawn behind the velocities.
+    bands: the last model's, drawn behind the velocities; table: whether the errors are below.
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
-    heights = [155, 155, 155, 88, 30, TABLE_HEAD + TABLE_ROW * len(studies) + 2]
-    beside: panels.Specs = [[{}, {"rowspan": 4}], [{}, None], [{}, None], [{}, None]]
-    below: panels.Specs = [[None, None], [{"type": "table", "colspan": 2}, None]]
+    heights = [155, 155, 155, 88]
+    specs: List[List[Optional[Document]]] = [[{}, {"rowspan": 4}], [{}, None], [{}, None], [{}, None]]
+    if table:
+        heights += [30, TABLE_HEAD + TABLE_ROW * len(studies) + 2]
+        specs += [[None, None], [{"type": "table", "colspan": 2}, None]]
     figure = panels.Figure(
-        rows=6,
+        rows=len(heights),
         cols=2,
-        specs=[*beside, *below],
+        specs=specs,
         column_widths=[0.64, 0.36],
         row_heights=heights,
         horizontal_spacing=0.08,
@@ -106,17 +124,17 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     if bands is not None:
         _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
     shown = with_gaps(times[every], nu[every], eta[every])
-    _add_motion(figure, shown, "measured", {"color": MEASURED, "width": 4}, 0.45)
+    _add_motion(figure, shown, "measured", {"color": MEASURED, "width": 4}, 0.35)
     for count, study in enumerate(studies):
         pieces = [_thinned(p, every.step) for p in study["evaluation"].pieces]
         ended = [[np.concatenate([a, np.full_like(a[:1], np.nan)]) for a in p] for p in pieces]
-        line = {"color": model_color(count), "width": 1.6}
         together = [np.concatenate(parts) for parts in zip(*ended)]
-        _add_motion(figure, together, study["label"], line)
+        _add_motion(figure, together, study["label"], model_line(count, 1.6))
     start = {"size": 7, "color": MEASURED}
     figure.add(points(eta[:1, 1], eta[:1, 0], start, name="start"), 1, 2)
     add_commands(figure, studies[0], 4)
-    _add_numbers(figure, studies)
+    if table:
+        _add_numbers(figure, studies)
     figure.update_xaxes(matches="x4", range=[float(times[0]), float(times[-1])], col=1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
@@ -125,11 +143,11 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
         angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
         note(figure, 1, 2, text % (angle, study["label"]), WARNING, 0.5, 34 * count)
     figure.layout["hovermode"] = "x"
-    top = 50 if bands is None else 85
-    height = sum(heights) + 100 + top
-    return finish(
-        figure, height, _motion_caption(run, every.step, bands), margin={"t": top, "b": 10}
-    )
+    margin = {"t": 50 if bands is None else 110, "b": 10 if table else 50}
+    height = sum(heights) + 60 + sum(margin.values())
+    caption = _motion_caption(run, every.step, bands)
+    blocks = [panels.Block((1,), 520), panels.Block((2,), 320)]
+    return finish(figure, height, caption, margin, blocks=blocks)
 
 
 def _add_motion(
@@ -146,14 +164,14 @@ def _add_motion(
 
 def _add_numbers(figure: panels.Figure, studies: Sequence[Document]) -> None:
     rows = [numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
-    plain = [["#222222"] * len(rows)] * (len(NUMBERS) - 1)
+    plain = [[TEXT] * len(rows)] * (len(NUMBERS) - 1)
     labels = [[model_color(count) for count in range(len(rows))]]
-    line, fill = {"color": "#dddddd"}, {"color": "#ffffff"}
+    line, fill = {"color": LINES}, {"color": "#ffffff"}
     header = {
         "values": NUMBERS,
         "height": TABLE_HEAD,
-        "font": {"size": 11, "color": "#222222"},
-        "fill": {"color": "#f2f2f0"},
+        "font": {"size": 11, "color": TEXT},
+        "fill": {"color": FAINT},
         "line": line,
     }
     cells = {
@@ -163,7 +181,7 @@ def _add_numbers(figure: panels.Figure, studies: Sequence[Document]) -> None:
         "fill": fill,
         "line": line,
     }
-    widths = [2.2, 1, 0.9, 1.3, 1, 0.8, 0.8, 0.8, 1.3]
+    widths = [2, 1, 0.9, 1.5, 1.1, 0.8, 0.8, 0.8, 1.4]
     table = {"type": "table", "header": header, "cells": cells, "columnwidth": widths}
     figure.add(table, 6, 1)
 
@@ -191,8 +209,8 @@ def _add_bands(figure: panels.Figure, bands: bands_of.Bands, step: int, shade: s
         for horizon in sorted(set(traces))
     ]
     menu: Document = {"type": "buttons", "direction": "right", "buttons": buttons}
-    menu.update(font={"size": 11}, active=bands_of.HORIZONS.index(windows.WINDOW))
-    menu.update(x=0, xanchor="left", y=1.075, yanchor="bottom", pad={"t": 0, "b": 0})
+    menu.update(font={"size": 13}, active=bands_of.HORIZONS.index(windows.WINDOW))
+    menu.update(x=0, xanchor="left", y=1.1, yanchor="bottom", pad={"t": 0, "b": 0})
     if buttons:
         figure.layout["updatemenus"] = [menu]
 
@@ -224,9 +242,7 @@ def where(studies: Sequence[Document]) -> Document:
             for count, study in enumerate(studies):
                 entry = study["where"][name]
                 legend = row == column == 0
-                trace = bins(
-                    entry, entry["error"][channel], study["label"], model_color(count), legend
-                )
+                trace = bins(entry, entry["error"][channel], study["label"], count, legend)
                 figure.add(trace, row + 1, column + 1)
                 note_share(figure, row, column, entry["share"][channel], model_color(count), count)
             label_axes(figure, row, column, studies[0]["where"][name], [0, 1.15 * top])
@@ -234,10 +250,12 @@ def where(studies: Sequence[Document]) -> Document:
         _add_map(figure, row, len(against), studies[-1]["where"]["position"], channel)
     caption = (
         "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-        "beyond chance, bold if significant. Right: mean |error|/σ of %s, place by place."
+        "beyond chance, bold if significant. Squares: mean |error|/σ of %s, place by place."
         % (studies[0]["run"].name, studies[-1]["label"])
     )
-    return finish(figure, 540, caption, margin={"r": 115})
+    count = len(against)
+    blocks = [*grid_blocks(count, 330), panels.Block((count + 1,), 480, room=0.4)]
+    return finish(figure, 554, caption, margin={"r": 140, "b": 64}, blocks=blocks)
 
 
 def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, channel: str) -> None:
@@ -246,7 +264,7 @@ def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, chan
     at = {"row": row + 1, "col": column + 1}
     bottom, top = figure.domain(**at)
     title = {"text": "mean |error|/σ [-]", "side": "right", "font": {"size": 10}}
-    bar = {"x": 1.045, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
+    bar = {"x": 1.095, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
     marker = {
         "symbol": "square",
         "size": 12,
@@ -257,7 +275,7 @@ def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, chan
     }
     hover = "x %{y:.2f} m, y %{x:.2f} m: %{marker.color:.3g}<extra></extra>"
     figure.add(points(y, x, marker, showlegend=False, hovertemplate=hover), **at)
-    figure.update_xaxes(range=_around(y), showticklabels=row == 2, **at)
+    figure.update_xaxes(**few_ticks(y), showticklabels=row == 2, **at)
     figure.update_yaxes(range=_around(x), title="x [m]", side="right", nticks=5, **at)
     if row == 2:
         figure.update_xaxes(title="y [m]<br>(world_ned)", **at)
@@ -272,9 +290,9 @@ def _around(values: Array) -> List[float]:
 def residual_correlation(studies: Sequence[Document]) -> Document:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
     columns = [
-        ("autocorrelation", "with itself, this much earlier"),
-        ("input_sum", "with the command u_L+u_R, this much earlier"),
-        ("input_difference", "with the command u_L-u_R, this much earlier"),
+        ("autocorrelation", "with itself, earlier"),
+        ("input_sum", "with u_L+u_R, earlier"),
+        ("input_difference", "with u_L-u_R, earlier"),
     ]
     figure = panels.Figure(
         rows=3,
@@ -308,7 +326,8 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
         "%.0f%% band, where those of a true model stay."
         % (studies[0]["run"].name, 100 * residuals.BAND)
     )
-    return finish(figure, 560, caption, legend_y=1.06, margin={"t": 65})
+    blocks = grid_blocks(len(columns), 400, 1)
+    return finish(figure, 560, caption, {"t": 65}, 1.06, blocks)
 
 
 def _add_correlation(
@@ -321,7 +340,7 @@ def _add_correlation(
     else:
         lags, band = 1e3 * np.array(entry["lag_seconds"]), np.array(entry["band99"])
         figure.add(shaded(lags, -band, band, shade, 0.13), row + 1, column + 1)
-        trace = bins(dict(entry, centres=lags), entry["value"], label, shade, row == column == 0)
+        trace = bins(dict(entry, centres=lags), entry["value"], label, count, row == column == 0)
         figure.add(trace, row + 1, column + 1)
         text = "%d of %d outside" % (entry["outside"], entry["lags"])
     note(figure, row + 1, column + 1, text, shade, 0.98, 14 * count)
@@ -331,15 +350,22 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
     """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
     over runs. by_model: a model's label and its studies of all runs."""
     rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
+    across = min(2, len(by_model))
+    down = math.ceil(len(by_model) / across)
+    places: List[Optional[Document]] = [{} for _ in by_model]
+    places.append(None)
     figure = panels.Figure(
-        rows=1,
-        cols=len(by_model),
-        titles=[label for label, _ in by_model],
+        rows=down,
+        cols=across,
+        specs=[places[across * row : across * (row + 1)] for row in range(down)],
+        titles=[wrapped(label, TITLE_WIDTH) for label, _ in by_model],
         horizontal_spacing=0.03,
+        vertical_spacing=SHARES_GAP / _shares_height(down),
     )
-    for column in range(2, len(by_model) + 1):
-        figure.update_yaxes(matches="y", showticklabels=False, col=column)
-    for column, (_, studies) in enumerate(by_model, 1):
+    if across > 1:
+        figure.update_yaxes(matches="y", showticklabels=False, col=2)
+    for count, (_, studies) in enumerate(by_model):
+        row, col = count // across + 1, count % across + 1
         names = [n for n in studies[0]["where"] if n != "position"]
         table = [
             [np.mean([s["where"][n]["share"][c]["share"] for s in studies]) for n in names]
@@ -361,29 +387,37 @@ def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
                 "showscale": False,
                 "hovertemplate": "%{y} by %{x}: %{z:.0f}%<extra></extra>",
             },
-            1,
-            column,
+            row,
+            col,
         )
-        for i, row in enumerate(rows):
+        for i, its_name in enumerate(rows):
             for j, name in enumerate(names):
                 if percent[i, j] >= 10:
                     figure.annotate(
-                        1,
-                        column,
+                        row,
+                        col,
                         x=name,
-                        y=row,
+                        y=its_name,
                         text="%.0f" % percent[i, j],
-                        font={"size": 11, "color": "#fff" if percent[i, j] > 60 else "#222"},
+                        font={"size": 11, "color": "#ffffff" if percent[i, j] > 60 else TEXT},
                     )
     figure.update_yaxes(autorange="reversed", automargin=True)
-    figure.update_xaxes(tickangle=-45)
+    figure.update_xaxes(tickangle=-45, tickfont={"size": 11})
     runs = len(by_model[0][1])
     caption = (
         "Share of the variance [%%] of the error and of the missing wrench that each variable "
         "explains beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge "
         "force, side force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
     )
-    return finish(figure, 330, caption, margin={"t": 40, "b": 70, "l": 20})
+    margin = {"t": 40, "b": 70, "l": 20}
+    area = _shares_height(down)
+    blocks = grid_blocks(across, area, 1)
+    return finish(figure, 110 + area, caption, margin, blocks=blocks)
+
+
+def _shares_height(rows: int) -> int:
+    """Height of the panels of `shares` in rows, and of the gaps between them [pixels]."""
+    return 220 * rows + SHARES_GAP * (rows - 1)
 
 
 def _share_of_missing(entry: Document, name: str) -> float:

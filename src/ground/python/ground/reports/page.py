@@ -9,33 +9,50 @@ from typing import Dict, Iterable, List, Sequence
 
 from ground import files
 from ground.annotations import Document
+from ground.reports import appearance
 
 PAGE = string.Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>$title</title>
 <link rel="icon" href="data:,">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <style>
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 68rem; margin: 2rem auto;
-  padding: 0 1rem }
+body { font: 16px/1.5 system-ui, sans-serif; color: $text; max-width: 68rem; margin: 2rem auto;
+  padding: 0 1rem; overflow-wrap: anywhere }
 h1 { font-size: 1.4rem } h2 { font-size: 1.15rem; margin-top: 2.2rem }
 h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
 .verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
-.caption { font-size: .85rem; color: #555; margin: .1rem 0 .6rem }
+.plot { margin: 0 } .figure { overflow: hidden }
+.caption { font-size: .85rem; color: $less; margin: .1rem 0 .6rem }
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-size: .85rem; width: 100% }
-th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
-td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
+th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid $lines; vertical-align: top;
+  overflow-wrap: normal; min-width: 3rem }
+td.n, th.n { width: 1%; text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
 td.whole { white-space: nowrap }
-tr.chosen { background: #e6f2e8 }
-details { border: 1px solid #ddd; border-radius: .3rem; margin: .5rem 0; padding: .3rem .8rem }
-summary { cursor: pointer; font-weight: 600 } summary span { font-weight: 400; color: #555 }
-code { background: #f2f2f0; padding: 0 .2rem; overflow-wrap: anywhere }
+tr.chosen { background: $chosen; font-weight: 600 }
+details { border: 1px solid $lines; border-radius: .3rem; margin: .5rem 0; padding: .3rem .8rem }
+summary { cursor: pointer; font-weight: 600; padding: .4rem 0 }
+summary span { font-weight: 400; color: $less }
+.paper { display: none; font-weight: 600 } .paper span { font-weight: 400; color: $less }
+code { background: $faint; padding: 0 .2rem; overflow-wrap: anywhere }
 ul { margin: .3rem 0; padding-left: 1.3rem }
+@media (max-width: 600px) {
+  body { margin: 1rem auto; padding: 0 .75rem } .verdict { font-size: 1.1rem }
+  details { border: none; padding: 0 } td { max-width: 14rem }
+}
+@page { size: A4; margin: 12mm }
 @media print {
-  body { margin: 0; max-width: none; font-size: 10pt } h2, h3 { break-after: avoid }
-  .figure, tr, .verdict { break-inside: avoid } .modebar { display: none }
-  details:not([open]) { display: none } table { font-size: 7.5pt } .wide { overflow: visible }
-  .screen { display: none }
+  body { margin: 0; max-width: none; padding: 0; font-size: 9.5pt; line-height: 1.35 }
+  h1 { margin-top: 0 } h2 { margin: .9rem 0 .3rem } h3 { margin: .5rem 0 .1rem }
+  h1, h2, h3, thead, .caption:has(+ .wide) { break-after: avoid }
+  p, ul { margin: .3rem 0; orphans: 3; widows: 3 }
+  tr:first-child, tr:nth-child(2) { break-after: avoid }
+  .plot, tr, li, .verdict, .paper, h1, h2, h3 { break-inside: avoid }
+  .modebar { display: none }
+  details { border: none; padding: 0; margin: 0 } details:not([open]), summary { display: none }
+  table { font-size: 7.5pt } th, td { padding: .1rem .4rem } .wide { overflow: visible }
+  .screen { display: none } .paper { display: block; break-after: avoid }
+  * { print-color-adjust: exact; -webkit-print-color-adjust: exact }
 }
 </style></head><body>
 $body
@@ -50,7 +67,8 @@ const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["
 function linkPathToTime(plot) {
   const paths = plot.data.map((trace, i) => trace.meta === "path" ? i : -1).filter(i => i >= 0);
   if (!paths.length) return;
-  const whole = paths.map(i => ({x: plot.data[i].x, y: plot.data[i].y, t: plot.data[i].customdata}));
+  const {data} = figures[plot.id];
+  const whole = paths.map(i => ({x: data[i].x, y: data[i].y, t: data[i].customdata}));
   let shown = "";
   plot.on("plotly_relayout", () => {
     const [from, to] = plot.layout.xaxis.range;
@@ -62,15 +80,35 @@ function linkPathToTime(plot) {
   });
 }
 
-function draw(plot) {
-  if (plot.dataset.drawn) return;
-  plot.dataset.drawn = "begun";
-  const figure = figures[plot.id];
-  Plotly.newPlot(plot, figure.data, figure.layout, config).then(() => {
-    linkPathToTime(plot);
-    plot.dataset.drawn = "yes";
-  });
+/* Draws a figure as wide as its place, or for paper: its panels one below the other on a narrow page. */
+const NARROW = 600, PAPER = 700, PAPER_HEIGHT = 0.76;
+function arranged(plot, paper) {
+  const {data, layout, narrow} = figures[plot.id];
+  if (paper)
+    return {data, layout: {...layout, width: PAPER, height: PAPER_HEIGHT * layout.height, updatemenus: []}};
+  if (plot.clientWidth >= NARROW || !narrow) return {data, layout};
+  const changed = {...layout};
+  for (const [key, value] of Object.entries(narrow.layout))
+    changed[key] = value instanceof Object && !Array.isArray(value) ? {...layout[key], ...value} : value;
+  const bars = data.map((trace, i) => !narrow.traces[i] ? trace : {...trace, marker:
+    {...trace.marker, colorbar: {...trace.marker.colorbar, ...narrow.traces[i].colorbar}}});
+  return {data: bars, layout: changed, isNarrow: true};
 }
+
+async function draw(plot, paper = false) {
+  const {data, layout, isNarrow} = arranged(plot, paper);
+  const form = paper ? "paper" : isNarrow ? "narrow" : "wide";
+  if (plot.dataset.form === form) return;
+  plot.dataset.form = form;
+  plot.dataset.drawn = "begun";
+  plot.style.height = layout.height + "px";
+  const traces = data.map(trace => ({...trace}));  // a zoom cuts off paths
+  const bar = {displayModeBar: !isNarrow && "hover"};
+  await Plotly.newPlot(plot, traces, JSON.parse(JSON.stringify(layout)), {...config, ...bar});
+  linkPathToTime(plot);
+  plot.dataset.drawn = "yes";
+}
+const drawAll = paper => document.querySelectorAll(".figure[data-drawn]").forEach(p => draw(p, paper));
 
 function unpack(name) {
   const packed = atob(document.getElementById(name).textContent);
@@ -88,14 +126,13 @@ async function start() {
     if (!plot.closest("details:not([open])")) draw(plot);
   for (const details of document.querySelectorAll("details"))
     details.addEventListener("toggle", () => {
-      if (details.open) details.querySelectorAll(".figure").forEach(draw);
+      if (details.open) details.querySelectorAll(".figure").forEach(plot => draw(plot));
     });
+  window.addEventListener("resize", () => drawAll(false));
+  window.addEventListener("beforeprint", () => drawAll(true));
+  window.addEventListener("afterprint", () => drawAll(false));
 }
 
-const fit = width => document.querySelectorAll(".figure[data-drawn]").forEach(
-  plot => Plotly.relayout(plot, width ? {width: width, autosize: false} : {width: null, autosize: true}));
-window.addEventListener("beforeprint", () => fit(720));
-window.addEventListener("afterprint", () => fit(0));
 if (window.DecompressionStream) start();
 else document.querySelectorAll(".figure").forEach(
   plot => { plot.textContent = "This plot needs a newer browser (Chrome 80, Firefox 113, Safari 16.4)."; });
@@ -139,8 +176,12 @@ class Page:
         name = "figure%d" % len(self._figures)
         self._figures[name] = figure
         height = figure["layout"]["height"]
-        self.add('<div class="figure" id="%s" style="height:%dpx"></div>' % (name, height))
-        self.paragraph(" ".join(filter(None, (figure["layout"]["meta"], hint))), "caption")
+        caption = " ".join(filter(None, (figure["layout"]["meta"], hint)))
+        self.add(
+            '<figure class="plot"><div class="figure" id="%s" style="height:%dpx"></div>'
+            '<figcaption class="caption">%s</figcaption></figure>'
+            % (name, height, html.escape(caption))
+        )
 
     def table(
         self, head: Sequence[str], rows: Iterable[Sequence[object]], chosen: Sequence[int] = ()
@@ -156,7 +197,8 @@ class Page:
             )
 
         self.add(
-            '<div class="wide"><table><tr>%s</tr>' % line([h.lstrip("#=") for h in head], "th")
+            '<div class="wide"><table><thead><tr>%s</tr></thead>'
+            % line([h.lstrip("#=") for h in head], "th")
         )
         for count, row in enumerate(rows):
             kind = ' class="chosen"' * (count in chosen)
@@ -164,10 +206,13 @@ class Page:
         self.add("</table></div>")
 
     def fold(self, summary: str, beside: str, is_open: bool) -> None:
-        """Begins a part that can be folded; its figures are drawn when it is opened."""
+        """Begins a part that can be folded; its figures are drawn when it is opened. A paragraph with
+        the same words stands for the summary on paper, where nothing keeps a summary from staying
+        behind at the end of a page."""
+        words = "%s <span>%s</span>" % (html.escape(summary), html.escape(beside))
         self.add(
-            "<details%s><summary>%s <span>%s</span></summary>"
-            % (" open" * is_open, html.escape(summary), html.escape(beside))
+            '<details%s><summary>%s</summary><p class="paper">%s</p>'
+            % (" open" * is_open, words, words)
         )
 
     def end_fold(self) -> None:
@@ -181,6 +226,11 @@ class Page:
         text = PAGE.substitute(
             title=html.escape(self.title),
             color=color,
+            text=appearance.TEXT,
+            less=appearance.LESS,
+            lines=appearance.LINES,
+            faint=appearance.FAINT,
+            chosen=appearance.CHOSEN,
             body="\n".join(self._body),
             plotly=_packed(get_plotlyjs()),
             figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),

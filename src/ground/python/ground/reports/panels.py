@@ -6,11 +6,23 @@ test_picture.py checks finished figures with them instead.
 
 import copy
 import itertools
+from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ground.annotations import Document
 
 Specs = Sequence[Sequence[Optional[Document]]]
+GAP = 100  # space between blocks of a narrow page, for ticks and titles [pixels]
+SPACING = 0.03  # between the columns of a block, as a share of its width
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns of a figure that stay side by side on a narrow page, below the block before them."""
+
+    columns: Sequence[int]
+    height: int  #: [pixels]
+    room: float = 0.0  #: share of its width right of the columns, for a colour bar
 
 
 class Figure:
@@ -41,12 +53,9 @@ class Figure:
                 bottom = 1 - down[row + spec.get("rowspan", 1) - 1][1]
                 domain = {"x": [across[col][0], right], "y": [bottom, 1 - down[row][0]]}
                 self._places[row + 1, col + 1] = self._place(domain, spec.get("type", "xy"))
-        for title, place in zip(titles, self._places.values()):
-            domains = (self.layout[_key(place[name])]["domain"] for name in ("xaxis", "yaxis"))
-            (left, right), (_, top) = domains
-            note = {"text": title, "x": (left + right) / 2, "y": top, "font": {"size": 12}}
-            paper = {"xref": "paper", "yref": "paper"}
-            self._note(paper, dict(note, xanchor="center", yanchor="bottom"))
+        for title, (row, col) in zip(titles, self._places):
+            note = {"text": title, "x": 0.5, "y": 1, "xanchor": "center", "yanchor": "bottom"}
+            self.annotate(row, col, inside=True, font={"size": 12}, **note)
 
     def add(self, trace: Document, row: int = 1, col: int = 1) -> None:
         """Adds a trace, the dictionary of which plotly documents, to a panel."""
@@ -91,6 +100,59 @@ class Figure:
         self._shape(refs, {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "line": line})
         note = {"text": text, "x": x, "y": 1, "xanchor": "center", "yanchor": "bottom"}
         self._note(refs, dict(note, font={"color": color}))
+
+    def narrow(self, blocks: Sequence[Block]) -> Document:
+        """How to arrange the panels on a narrow page, as blocks one below the other: "layout", the
+        properties of axes that differ and the "height" of the plotting area [pixels]; and "traces",
+        those of traces, by their number."""
+        total = sum(block.height for block in blocks) + GAP * (len(blocks) - 1)
+        layout: Document = {"height": total}
+        top = float(total)
+        for block in blocks:
+            whole = (top - block.height) / total, top / total
+            across = self._across(block)
+            for (row, col), place in self._places.items():
+                if col in block.columns and "yaxis" in place:
+                    down = [whole[0] + (whole[1] - whole[0]) * y for y in self.domain(row, col)]
+                    layout[_key(place["xaxis"])] = {"domain": across[col]}
+                    first = self._labelled(row, place) if col == block.columns[0] else {}
+                    layout[_key(place["yaxis"])] = {"domain": down, **first}
+            top -= block.height + GAP
+        traces = {
+            number: {"colorbar": self._bar_beside(layout, trace)}
+            for number, trace in enumerate(self.data)
+            if "colorbar" in trace.get("marker", {})
+        }
+        return {"layout": layout, "traces": traces}
+
+    def _across(self, block: Block) -> Dict[int, Tuple[float, float]]:
+        """Where each column of a block begins and ends."""
+        ends = {}
+        for (_, col), place in self._places.items():
+            if col in block.columns and "xaxis" in place:
+                left, right = self.layout[_key(place["xaxis"])]["domain"]
+                ends[col] = right - left
+        shares = _shares([ends[col] for col in block.columns], SPACING)
+        scale = 1 - block.room
+        return {c: (scale * a, scale * b) for c, (a, b) in zip(block.columns, shares)}
+
+    def _labelled(self, row: int, place: Document) -> Document:
+        """What the y axis of a panel needs when it becomes the first of its row."""
+        axis = self.layout[_key(place["yaxis"])]
+        of_row = next(p for (its_row, _), p in self._places.items() if its_row == row)
+        title = axis.get("title", {}).get("text") or self._title_of(of_row)
+        labels = {} if axis.get("visible") is False else {"showticklabels": True}
+        return {**labels, "title": {**axis.get("title", {}), "text": title}} if labels else {}
+
+    def _title_of(self, place: Document) -> str:
+        return str(self.layout[_key(place["yaxis"])].get("title", {}).get("text", ""))
+
+    @staticmethod
+    def _bar_beside(layout: Document, trace: Document) -> Document:
+        """Place of a colour bar right of its panel in a narrow layout."""
+        right = layout[_key(trace["xaxis"])]["domain"][1]
+        bottom, top = layout[_key(trace["yaxis"])]["domain"]
+        return {"x": right + 0.62 * (1 - right), "y": (bottom + top) / 2, "len": top - bottom}
 
     def domain(self, row: int, col: int) -> Tuple[float, float]:
         """Lower and upper end of a panel, as shares of the plotting area."""

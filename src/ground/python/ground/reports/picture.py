@@ -25,21 +25,21 @@ WIDTH = 1040  # width of a figure, as on the page [points]
 RESOLUTION = 100  # resolution of a PNG [dots per inch]
 CAPTION, LINE_HEIGHT = 165, 17  # characters in a line of a caption, and its height [points]
 PADDING = 2  # distance of a text from its anchor [points]
-MARKERS = {"circle": "o", "square": "s"}
-DASHES = {"solid": "-", "dash": "--", "dot": ":"}
+MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^"}
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 
 # Attributes of each part of a figure that are drawn, or that a static picture does not need.
 _TRACE = "type x y name legendgroup showlegend visible xaxis yaxis"
 _TRACE += " hovertemplate hoverinfo customdata meta cliponaxis"
 _CELLS = "values height font fill line"
 KNOWN = {
-    "figure": "data layout",
+    "figure": "data layout narrow",  # narrow: for a page
     "layout": "template height font margin legend meta annotations shapes hovermode updatemenus",
     "margin": "l r t b",
     "legend": "orientation x y yanchor",
     "axis": "anchor domain title range type autorange matches scaleanchor side showticklabels "
-    "tickfont nticks tickangle tickvals ticktext visible automargin rangemode zeroline "
-    "zerolinecolor zerolinewidth",
+    "ticks ticklen tickcolor tickfont nticks tickangle tickvals ticktext visible automargin rangemode "
+    "zeroline zerolinecolor zerolinewidth",
     "title": "text font standoff side",
     "font": "size color family",
     "tickfont": "size",
@@ -68,6 +68,7 @@ VALUES = {
     "bar.textposition": ("outside",),
     "heatmap.showscale": (False,),
     "axis.autorange": ("reversed",),
+    "axis.ticks": ("outside",),
     "axis.rangemode": ("tozero",),
     "legend.orientation": ("h",),
     "legend.yanchor": ("bottom",),
@@ -308,7 +309,7 @@ class _Drawing:
         axis = axes.xaxis if name == "x" else axes.yaxis
         places = np.arange(len(trace[name]))
         axis.set_ticks(places)
-        axis.set_ticklabels([_escaped(label) for label in trace[name]])
+        axis.set_ticklabels([_plain(label)[0] for label in trace[name]])
         return places
 
     def _draw_table(self, _: Any, trace: Document) -> Any:
@@ -364,7 +365,8 @@ class _Drawing:
         axis.set_label_position(side)
         labels = {"labelsize": _part("tickfont", described).get("size", self.size)}
         labels["label" + side] = described.get("showticklabels", True)
-        axis.set_tick_params(length=2, color="#c8c8c8", **labels)
+        length, color = described.get("ticklen", 2), described.get("tickcolor", "#c8c8c8")
+        axis.set_tick_params(length=length, color=color, **labels)
         for label in axis.get_ticklabels() if "tickangle" in described else ():
             label.set(rotation=-described["tickangle"], ha="right", rotation_mode="anchor")
         if described.get("zeroline"):

@@ -13,13 +13,14 @@ from ground.reports import appearance, figures, inspection, page, words, wrench_
 from ground.reports.words import number
 
 COLORS = {
-    "complete": "#2a9d5c",
-    "missing": "#1f77b4",
-    "varies": "#7a5195",
-    "memory": "#e08e0b",
-    "unexplained": "#e08e0b",
-    "misread": "#c0392b",
+    "complete": appearance.REFERENCE,
+    "missing": appearance.MODELS[1],
+    "varies": appearance.MODELS[2],
+    "memory": appearance.MODELS[0],
+    "unexplained": appearance.MODELS[0],
+    "misread": appearance.WARNING,
 }
+NUMBERS = ["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)]
 ZOOM = "Zoom in time, and the path shows that stretch only; a double click goes back."
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
@@ -53,7 +54,7 @@ def diagnosis(
             "%d of %d runs, spread evenly, are drawn; identify diagnose --thorough draws all."
             % (most, len(runs))
         )
-    winner = " + ".join(report["improved"]["effects"])
+    winner = words.effects(report, report["improved"]["effects"])
     banded = {id(band.run): band for band in conclusion.bands}
     _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
     if report["verdict"] != "misread":
@@ -155,14 +156,13 @@ def comparison(
 
 def _numbers(sheet: page.Page, pooled: Mapping[str, Document]) -> None:
     sheet.subheading("All runs together")
-    head = ["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)]
     rows = [
         appearance.numbers_row(label, role, groups[role])
         for label, groups in pooled.items()
         for role in ("fit", "held_out")
         if groups[role]
     ]
-    sheet.table(head, rows)
+    sheet.table(NUMBERS, rows)
     sheet.paragraph(
         "Runs a model was fitted to, and held-out ones, by its provenance. Prediction error: initial "
         "velocities from the first 0.4 s of a window, the rest scored. (3.4): the thesis's objective.",
@@ -203,7 +203,10 @@ def _run(
     sheet: page.Page, studies: List[Document], winner: str, bands: Optional[bands_of.Bands]
 ) -> None:
     """One run against all models."""
-    sheet.figure(figures.motion(studies, bands), ZOOM)
+    sheet.figure(figures.motion(studies, bands, table=False), ZOOM)
+    sheet.table(
+        NUMBERS, [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
+    )
     sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
     for heading, figure in (
         ("Error against what was measured", figures.where(studies)),
@@ -220,7 +223,7 @@ def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.paragraph(
         "Each effect added to the refitted nominal model. p: probability of as much evidence without the "
         "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. Inclusion: its "
-        "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Green: "
+        "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Bold: "
         "chosen.",
         "caption",
     )
@@ -228,13 +231,13 @@ def _evidence(sheet: page.Page, report: Document) -> None:
     rows = [
         [
             c["rank"],
-            c["effect"],
+            words.effect(report, c["effect"]),
             number(c["error"]["heldout"]),
             "%.1g" % c["p_value"],
             "%.0f" % c["delta_bic"],
             "%.0f%%" % (100 * c["inclusion"]),
             "\n".join(words.parameters(c["parameters"])),
-            ", ".join(name for name in c["group"] if name != c["effect"]),
+            words.effects(report, [name for name in c["group"] if name != c["effect"]]),
         ]
         for c in report["candidates"]
     ]

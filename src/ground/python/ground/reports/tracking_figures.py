@@ -7,13 +7,22 @@ import numpy as np
 
 from ground.annotations import Document
 from ground.reports import panels
-from ground.reports.appearance import LEFT, MEASURED, MODELS, RIGHT, VIRIDIS, transparent
+from ground.reports.appearance import (
+    LESS,
+    MARKS,
+    MEASURED,
+    MODELS,
+    REFERENCE,
+    VIRIDIS,
+    thruster_line,
+    transparent,
+)
 from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, points, short
 from ground.simulation import tuning
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
 HEADINGS = 24  # number of arrows along a path
-COMPARED = [MEASURED, "#999999", MODELS[4], MODELS[1]]  # colours of gains; the last: the tuned ones
+COMPARED = [MEASURED, MODELS[3], MODELS[0], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
 def driven(
@@ -37,8 +46,8 @@ def driven(
     line = {"color": MEASURED, "width": 1}
     errors = np.maximum(run.errors, MIN_ERROR)
     figure.add(curve(run.times, errors, "craft", line, False), 1, 2)
-    figure.add_span(*counts, 2, 1, fillcolor=transparent(MODELS[2], 0.12), layer="below")
-    note(figure, 1, 2, "shaded: errors count", MODELS[2], 0.98)
+    figure.add_span(*counts, 2, 1, fillcolor=transparent(REFERENCE, 0.12), layer="below")
+    note(figure, 1, 2, "shaded: errors count", REFERENCE, 0.98)
     figure.update_yaxes(title="error [m]", type="log", row=1, col=2)
     _add_inputs(figure, run)
     if len(run.computing):
@@ -65,10 +74,10 @@ def caption(name: str, numbers: Mapping[str, Any]) -> str:
 def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
     if room is not None:
         walls = np.array(list(room.corners) + [room.corners[0]])
-        line = {"color": "#555555", "width": 2}
+        line = {"color": LESS, "width": 2}
         figure.add(curve(walls[:, 1], walls[:, 0], "walls", line, True), 1, 1)
     for path, name, shade, width, opacity in (
-        (run.reference, "reference", MODELS[2], 4, 0.4),
+        (run.reference, "reference", REFERENCE, 4, 0.4),
         (run.eta, "craft", MEASURED, 1, 1.0),
     ):
         line = {"color": shade, "width": width}
@@ -85,8 +94,8 @@ def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
 def _add_inputs(figure: panels.Figure, run: Any) -> None:
     """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
-        for column, name, shade in ((1, "left", LEFT), (2, "right", RIGHT)):
-            line = {"color": shade, "width": 1, "shape": "hv"}
+        for column, name in ((1, "left [-]"), (2, "right [-]")):
+            line = thruster_line(column - 1, 1)
             trace = curve(rows[:, 0], rows[:, column], prefix + name, line, True, opacity)
             if len(rows):
                 figure.add(trace, 2, 2)
@@ -126,7 +135,7 @@ def _add_candidates(
             "y": 0.5,
             "len": 1,
             "thickness": 12,
-            "title": {"text": "effort (mean square of the inputs) [-]", "side": "right"},
+            "title": {"text": "effort, mean square of the inputs [-]", "side": "right"},
         },
     }
     errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
@@ -158,7 +167,7 @@ def _add_errors(figure: panels.Figure, names: Sequence[str], rows: Sequence[Docu
             "thickness": 1.5,
             "width": 0,
         }
-        marker = {"size": 6, "color": shade}
+        marker = {"size": 6, "color": shade, "symbol": MARKS[count]}
         height = places + 0.18 * ((len(names) - 1) / 2 - count)
         figure.add(points(middle, height, marker, name=name, error_x=spread), 1, 2)
     labels = ["%s%s, %s" % (r["reference"], " *" * r["held_out"], r["condition"]) for r in rows]

@@ -18,6 +18,22 @@ def number(value: Optional[float]) -> str:
     return "-" if value is None else "%.3f" % value
 
 
+def effect(report: Document, name: str) -> str:
+    """An effect of a diagnosis in words with its name beside: "moving air (wind)". Names of a user's
+    own effects, and of parameters, stay alone."""
+    means = report["means"].get(name)
+    return "%s (%s)" % (means, name) if means else name
+
+
+def effects(report: Document, names: Sequence[str]) -> str:
+    """Some effects of a diagnosis in words."""
+    return _listed([effect(report, name) for name in names])
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
 def summary(
     numbers: Document, where: Document, correlation: Document, missing: Document
 ) -> List[str]:
@@ -157,7 +173,7 @@ def _listed(names: List[str]) -> str:
 def steps(report: Document) -> List[Tuple[str, float]]:
     """The steps of a diagnosis and the error on held-out runs after each: a list of pairs."""
     found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
-    found += [("+ " + step["added"], step["error"]["heldout"]) for step in report["steps"]]
+    found += [("+ " + effect(report, step["added"]), step["error"]["heldout"]) for step in report["steps"]]
     kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
     if kind and proposal:
         found.append(("+ %s (memory)" % kind["name"], proposal["error"]["heldout"]))
@@ -168,8 +184,8 @@ def verdict(report: Document) -> str:
     """The verdict of a diagnosis in one sentence."""
     before = report["nominal"]["error"]["heldout"]
     after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
-    effects = report["improved"]["effects"]
-    one, chosen = len(effects) == 1, _listed(effects)
+    names = report["improved"]["effects"]
+    one, chosen = len(names) == 1, _capital(effects(report, names))
     fall = "with %s the error on held-out runs falls from %.3f to %.3f" % (
         "it" if one else "them",
         before,
@@ -183,7 +199,7 @@ def verdict(report: Document) -> str:
         )
     if report["verdict"] == "complete":
         small = report["slight"]
-        visible = "; %s is visible and does not matter" % _sized(small) if small else ""
+        visible = "; %s is visible and does not matter" % _sized(report, small) if small else ""
         return (
             "Nothing is missing%s: refitted, the model's error on held-out runs is %.3f, and "
             % (visible, before)
@@ -201,7 +217,7 @@ def verdict(report: Document) -> str:
     if report["verdict"] == "memory":
         kind = report["memory"]["kind"]
         rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
-    if not effects:
+    if not names:
         return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
@@ -219,12 +235,12 @@ def _varying(found: Document) -> str:
     return "the %s differs between runs (sd %s)" % (found["parameter"], size)
 
 
-def _sized(effect: Document) -> str:
-    """An effect with the values of its parameters: "input_delay (delay 0.76 ms)"."""
+def _sized(report: Document, found: Document) -> str:
+    """An effect with the values of its parameters: "moving air (wind), wx 0.3 m/s"."""
     values = [
-        "%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in effect["parameters"].items()
+        "%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in found["parameters"].items()
     ]
-    return "%s (%s)" % (effect["effect"], ", ".join(values))
+    return ", ".join([effect(report, found["effect"])] + values)
 
 
 def quantity(value: float, unit: str) -> str:
@@ -251,9 +267,9 @@ def apart(report: Document) -> Iterator[str]:
         if not c["seen"]:
             others = c["group"][1:]
             yield "These runs cannot show %s: %s." % (
-                c["effect"],
+                effect(report, c["effect"]),
                 (
-                    "other values of %s have the same effect" % _listed(others)
+                    "other values of %s have the same effect" % effects(report, others)
                     if others
                     else "it changes nothing on them"
                 ),
@@ -261,7 +277,10 @@ def apart(report: Document) -> Iterator[str]:
     for step in report["steps"]:
         others = [name for name in step.get("group", []) if name != step.get("added")]
         if others:
-            yield "These runs cannot distinguish %s from %s." % (step["added"], _listed(others))
+            yield "These runs cannot distinguish %s from %s." % (
+                effect(report, step["added"]),
+                effects(report, others),
+            )
     proposed = report["next_experiment"]
     if proposed:
         yield (
@@ -269,9 +288,9 @@ def apart(report: Document) -> Iterator[str]:
             "deviations apart: %s (to simulate it first: identify simulate %s)"
             % (
                 (
-                    "distinguish %s" % _listed(proposed["separates"])
+                    "distinguish %s" % effects(report, proposed["separates"])
                     if len(proposed["separates"]) > 1
-                    else "show " + proposed["separates"][0]
+                    else "show " + effect(report, proposed["separates"][0])
                 ),
                 " %d runs" % proposed["repeat"] if proposed["repeat"] > 1 else "",
                 proposed["input"],
@@ -291,7 +310,7 @@ def slight(report: Document) -> Iterator[str]:
             "%s is visible (%s; p %.1g) and too small to matter: it changes the predicted motion by "
             "%.0f%% of what the noise of the poses leaves, and lowers the error on held-out runs by %.1f%%."
             % (
-                found["effect"],
+                _capital(effect(report, found["effect"])),
                 "; ".join(parameters(found["parameters"])),
                 found["p_value"],
                 100 * found["influence"],
@@ -355,10 +374,13 @@ def _held_poses(report: Document) -> Dict[float, float]:
 def left(report: Document) -> Iterator[str]:
     """What the grown model leaves: differences between runs, dropped effects, the disturbance."""
     for found in report["varies"] if report["verdict"] != "varies" else ():
-        sentence = _varying(found)
-        yield sentence[0].upper() + sentence[1:] + "."
+        yield _capital(_varying(found)) + "."
     for found in report["dropped"]:
-        yield "%s (p %.1g) was not added: %s." % (found["effect"], found["p_value"], found["why"])
+        yield "%s (p %.1g) was not added: %s." % (
+            _capital(effect(report, found["effect"])),
+            found["p_value"],
+            found["why"],
+        )
     if report["budget"]["share"]["disturbance"] < MIN_SHARE:
         return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
@@ -423,21 +445,15 @@ def diagnosis(report: Document) -> Iterator[str]:
             "%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()
         )
     yield ""
-    yield "%4s %-24s %9s %9s %9s  %s" % (
-        "rank",
-        "effect",
-        "p",
-        "dBIC",
-        "held out",
-        "parameters [95%]",
-    )
+    yield "%4s %9s %9s %9s  %s" % ("rank", "p", "dBIC", "held out", "effect: parameters [95%]")
     for c in report["candidates"][:8]:
-        yield "%4d %-24s %9.1g %9.0f %9s  %s" % (
+        yield "%4d %9.1g %9.0f %9s  %s%s: %s" % (
             c["rank"],
-            c["effect"] + ("*" if c["selected"] else ""),
             c["p_value"],
             c["delta_bic"],
             number(c["error"]["heldout"]),
+            "* " if c["selected"] else "",
+            effect(report, c["effect"]),
             "; ".join(parameters(c["parameters"])),
         )
     for i, (what, error) in enumerate(steps(report)):

@@ -9,13 +9,17 @@ from ground.analysis import failure
 from ground.annotations import Array, Document
 from ground.reports import panels
 from ground.reports.appearance import (
+    LESS,
     MEASURED,
+    SHADE,
     WARNING,
     WRENCH,
     WRENCH_AGAINST,
     model_color,
+    model_line,
     scaled,
     transparent,
+    wrapped,
 )
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -27,6 +31,7 @@ from ground.reports.figure_parts import (
     curve,
     every_so_many,
     finish,
+    grid_blocks,
     label_axes,
     note,
     note_share,
@@ -35,7 +40,7 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 
-SHADE = "#f5822a"  # background of panels with a significant share
+NAME_WIDTH = 18  # of a line of a model's name under the arrows of thrust [characters]
 
 
 def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int = 0) -> Document:
@@ -54,7 +59,7 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
             for count, (study, entry) in enumerate(zip(studies, entries), first):
                 one, shade = entry["against"][name], model_color(count)
                 values, errors = (factor * np.array(one[n]) for n in ("mean", "standard_error"))
-                trace = bins(one, values, study["label"], shade, legend, 2 * errors)
+                trace = bins(one, values, study["label"], count, legend, 2 * errors)
                 figure.add(trace, row + 1, column + 1)
                 note_share(figure, row, column, one["share"], shade, count - first)
             accounted = entries[0].get("accounted")
@@ -62,14 +67,16 @@ def wrench(studies: Sequence[Document], winner: Optional[str] = None, first: int
                 line = {"color": MEASURED, "width": 2, "dash": "dot"}
                 at = entries[0]["against"][name]["centres"]
                 predicted = factor * np.array(accounted["mean"][name])
-                text = "what %s adds to %s" % (winner, studies[0]["label"])
+                text = "added by the last model"
                 figure.add(curve(at, predicted, text, line, legend), row + 1, column + 1)
             _shade(figure, row, column, [entry["against"][name]["share"] for entry in entries])
             limits = [-reach, reach] if reach > 0 else None
             label_axes(figure, row, column, entries[0]["against"][name], limits)
         figure.update_yaxes(title="%s<br>[%s]" % (label, unit), row=row + 1, col=1)
     figure.update_yaxes(**ZERO_LINE)
-    return finish(figure, 540, _wrench_caption(studies, winner))
+    caption = _wrench_caption(studies, winner)
+    blocks = grid_blocks(len(against), 330)
+    return finish(figure, 554, caption, {"b": 64}, blocks=blocks)
 
 
 def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
@@ -82,7 +89,7 @@ def _wrench_caption(studies: Sequence[Document], winner: Optional[str]) -> str:
     if "accounted" not in channels["X"]:
         return caption
     return caption + (
-        " Dotted: what %s predicts of it; it accounts for (of the mean square) %s."
+        " Black: what %s predicts of it; it accounts for (of the mean square) %s."
         % (
             winner,
             ", ".join(
@@ -114,7 +121,7 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
         specs=[*top, *below],
         column_widths=[0.58, 0.2, 0.22],
         row_heights=[0.28, 0.28, 0.28, 0.16],
-        horizontal_spacing=0.055,
+        horizontal_spacing=0.075,
         vertical_spacing=0.03,
     )
     run = studies[0]["run"]
@@ -134,12 +141,12 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
             if count == 0:
                 deviations = shaded(at, values - 2 * sigma, values + 2 * sigma, shade, 0.22)
                 figure.add(deviations, row + 1, 1)
-            line = {"color": shade, "width": 1.4}
+            line = model_line(first + count, 1.4)
             figure.add(curve(at, values, study["label"], line, row == 0), row + 1, 1)
         figure.update_yaxes(
             title="%s<br>[%s]" % (label, unit), **ZERO_LINE, row=row + 1, col=1
         )
-        text = "rms %s %s; full thrust gives %.3g" % (
+        text = "rms %s %s; full thrust %.3g" % (
             ", ".join("%.3g" % (factor * entry["rms"]) for entry in numbers),
             unit,
             factor * numbers[0]["full_scale"],
@@ -156,22 +163,23 @@ def wrench_over_time(studies: Sequence[Document], first: int = 0) -> Document:
     caption = (
         "Run %s: missing wrench in the body frame; shaded: two standard deviations of the "
         "estimate. Grey: left out, because no input explains the motion (contact, hand, wrong poses). "
-        "Middle: force that a constant thrust command produces, seen from above. Right: mean "
+        "Arrows from a disc: force that a constant thrust command produces, seen from above. Map: mean "
         "missing force in the axes of world_ned, place by place." % run.name
     )
-    return finish(figure, 480, caption)
+    blocks = [panels.Block((1,), 470), panels.Block((2,), 360), panels.Block((3,), 320)]
+    return finish(figure, 540, caption, blocks=blocks)
 
 
 def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
     """Body axes from above, with the force per unit of command by each model and as measured."""
     figure.update_xaxes(visible=False, range=[-1.35, 1.35], row=1, col=2)
-    figure.update_yaxes(visible=False, range=[-2.3, 1.5], scaleanchor="x2", row=1, col=2)
+    figure.update_yaxes(visible=False, range=[-3.2, 1.5], scaleanchor="x2", row=1, col=2)
     thrusts = [(s["label"], s["missing"].numbers["thrust"]) for s in studies]
     if thrusts[0][1] is None:
         note(figure, 1, 2, "the thrust command<br>never changes", MEASURED, 0.5)
         return
     round_it = np.linspace(0, 2 * np.pi, 61)
-    grey = {"color": "#999999", "width": 1}
+    grey = {"color": LESS, "width": 1}
     circle = curve(0.32 * np.sin(round_it), 0.32 * np.cos(round_it), "", grey, False)
     figure.add(circle, 1, 2)
     figure.add(arrows([0, 0], [0, 0], [0, 1.15], [1.25, 0], "body axes", grey, 0.1), 1, 2)
@@ -184,7 +192,7 @@ def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) 
             text=text,
             yanchor="bottom",
             xanchor="center" if x == 0 else "right",
-            font={"size": 10, "color": "#777777"},
+            font={"size": 10, "color": LESS},
         )
     forces = [
         (label, thrust["model"], model_color(count), 6)
@@ -200,8 +208,8 @@ def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) 
         figure.add(arrows([0], [0], *tip, label, line, opacity=0.8), 1, 2)
         lines.append(
             (
-                "%s:<br>%.3g N per unit at %.0f deg"
-                % (label, size, round(force["angle_deg"]) + 0.0),
+                "%s:<br>%.3g N per unit<br>at %.0f deg"
+                % (wrapped(label, NAME_WIDTH), size, round(force["angle_deg"]) + 0.0),
                 shade,
             )
         )
@@ -210,8 +218,10 @@ def _add_thrust(figure: panels.Figure, studies: Sequence[Document], first: int) 
         for label, thrust in thrusts
         if thrust["body_axes_differ"]
     ]
-    for count, (text, shade) in enumerate(reversed(lines)):
-        note(figure, 1, 2, text, shade, 0.5, -32 * count, y=0)
+    up = 0
+    for text, shade in reversed(lines):
+        note(figure, 1, 2, text, shade, 0.5, -up, y=0)
+        up += 6 + 13 * (1 + text.count("<br>"))
 
 
 def _add_force_map(figure: panels.Figure, studies: Sequence[Document], first: int) -> None:
@@ -231,7 +241,7 @@ def _add_force_map(figure: panels.Figure, studies: Sequence[Document], first: in
         figure.add(arrows(*at, study["label"], line), 1, 3)
     figure.update_xaxes(title=Y_AXIS, row=1, col=3)
     figure.update_yaxes(title={"text": X_AXIS, "standoff": 0}, scaleanchor="x3", row=1, col=3)
-    note(figure, 1, 3, "longest arrow: %.2g N" % largest, MEASURED, 0.98)
+    note(figure, 1, 3, "longest arrow<br>%.2g N" % largest, MEASURED, 0.98)
 
 
 def _mean_force(missing: Any) -> Tuple[Array, Array]:

@@ -12,7 +12,7 @@ struct BatterySag {
   static EffectInfo info() {
     const double infinity = std::numeric_limits<double>::infinity();
     return {"battery_sag",
-            "thrust fades with time since the drive began",
+            "thrust that fades during a drive",
             {{"tau", "s", "time constant", infinity, 1, infinity,
               [](const Body<double>&) { return 1 / 100.0; }, Coordinate::kReciprocal}}};
   }

@@ -9,7 +9,7 @@ struct ComOffset {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
     return {
         "com_offset",
-        "centre of mass away from the thrust axis",
+        "centre of mass off the thrust axis",
         {{"xg", "m", "forward", 0, -1, 1, scale}, {"yg", "m", "to starboard", 0, -1, 1, scale}}};
   }
   template <typename T>

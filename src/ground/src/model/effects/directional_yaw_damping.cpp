@@ -12,7 +12,7 @@ struct DirectionalYawDamping {
 
   static EffectInfo info() {
     return {"directional_yaw_damping",
-            "yaw damping that differs by the direction of spin",
+            "yaw damping that differs by direction",
             {{"na", "N m s", "more damping clockwise, less the other way", 0, -1e3, 1e3,
               [](const Body<double>& b) {
                 return 0.1 * typical::moment(b) / typical::yawRate(b);

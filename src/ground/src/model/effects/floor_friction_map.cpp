@@ -19,7 +19,7 @@ struct FloorFrictionMap {
   static constexpr double kSpacing = 1.0;  ///< [m]
 
   static EffectInfo info() {
-    EffectInfo info{"floor_friction_map", "damping that depends on the place on the floor", {}};
+    EffectInfo info{"floor_friction_map", "damping that varies over the floor", {}};
     for (int i = 0; i < kNodes; ++i)
       for (int j = 0; j < kNodes; ++j)
         info.parameters.push_back({"c_" + std::to_string(i) + "_" + std::to_string(j), "N s/m",

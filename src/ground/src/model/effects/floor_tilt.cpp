@@ -8,7 +8,7 @@ struct FloorTilt {
   static EffectInfo info() {
     const auto scale = [](const Body<double>&) { return 0.005; };
     return {"floor_tilt",
-            "gravity along a floor that is not level",
+            "floor that is not level",
             {{"sx", "-", "slope along world x", 0, -0.5, 0.5, scale},
              {"sy", "-", "slope along world y", 0, -0.5, 0.5, scale}}};
   }

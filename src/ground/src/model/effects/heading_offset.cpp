@@ -6,7 +6,7 @@ namespace ground {
 struct HeadingOffset {
   static EffectInfo info() {
     return {"heading_offset",
-            "measured heading off by a constant",
+            "constant offset of the measured heading",
             {{"psi0", "rad", "measured minus true heading", 0, -M_PI, M_PI,
               [](const Body<double>&) { return 0.1; }}}};
   }

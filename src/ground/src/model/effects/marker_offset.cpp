@@ -8,7 +8,7 @@ struct MarkerOffset {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
     return {
         "marker_offset",
-        "tracked point away from the body's origin",
+        "tracked point away from the body origin",
         {{"dx", "m", "forward", 0, -1, 1, scale}, {"dy", "m", "to starboard", 0, -1, 1, scale}}};
   }
   template <typename T>

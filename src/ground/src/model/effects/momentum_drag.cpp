@@ -9,7 +9,7 @@ struct MomentumDrag {
 
   static EffectInfo info() {
     return {"momentum_drag",
-            "momentum of the air that the lift fan takes in",
+            "drag by air that the lift fan takes in",
             {{"q", "kg/s", "mass flow at full lift", 0, 0, 1e3,
               [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::speed(b); }}}};
   }

@@ -15,7 +15,7 @@ struct QuadraticDrag {
       return 0.1 * typical::force(b) / (typical::speed(b) * typical::speed(b));
     };
     return {"quadratic_drag",
-            "drag with the square of speed",
+            "drag that grows with speed squared",
             {{"cx", "N s^2/m^2", "surge", 0, 0, 1e3, linear},
              {"cy", "N s^2/m^2", "sway", 0, 0, 1e3, linear},
              {"cr", "N m s^2", "yaw", 0, 0, 1e3, [](const Body<double>& b) {

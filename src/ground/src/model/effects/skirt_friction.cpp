@@ -12,7 +12,7 @@ struct SkirtFriction {
 
   static EffectInfo info() {
     return {"skirt_friction",
-            "dry friction of the skirt, none at full lift",
+            "dry friction of the skirt",
             {{"f0", "N", "friction force without lift", 0, 0, 1e3,
               [](const Body<double>& b) { return 0.5 * typical::force(b); }},
              {"n0", "N m", "friction moment without lift", 0, 0, 1e3,

@@ -19,7 +19,7 @@ struct ThrustAsymmetry {
 
   static EffectInfo info() {
     return {"thrust_asymmetry",
-            "left thruster stronger than the right",
+            "unequal left and right thrusters",
             {{"a", "-", "relative difference", 0, -1, 1, [](const Body<double>&) { return 0.1; }}}};
   }
   template <typename T>

@@ -10,7 +10,7 @@ struct ThrustCurve {
 
   static EffectInfo info() {
     return {"thrust_curve",
-            "thrust grows with a power of the input",
+            "thrust as a power of the input",
             {{"p", "-", "exponent", 1, 0.2, 5, [](const Body<double>&) { return 0.2; }}}};
   }
   template <typename T>

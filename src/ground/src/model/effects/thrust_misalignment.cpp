@@ -11,7 +11,7 @@ struct ThrustMisalignment {
 
   static EffectInfo info() {
     return {"thrust_misalignment",
-            "thrust at an angle to the body's x axis",
+            "thrust at an angle to the body axis",
             {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI,
               [](const Body<double>&) { return 0.1; }}}};
   }

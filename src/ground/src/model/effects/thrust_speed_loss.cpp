@@ -10,7 +10,7 @@ struct ThrustSpeedLoss {
 
   static EffectInfo info() {
     return {"thrust_speed_loss",
-            "thrust falls with surge through the air",
+            "thrust that falls with surge speed",
             {{"c", "s/m", "relative loss per surge", 0, -5, 5,
               [](const Body<double>& b) { return 0.1 / typical::speed(b); }}}};
   }
