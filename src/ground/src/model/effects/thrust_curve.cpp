@@ -1,10 +1,12 @@
+#include <algorithm>
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
 
 namespace ground {
 
-/// Nonlinear thrust characteristic, thrust ~ |w|^p. The thrust at the largest input is unchanged.
+/// Nonlinear thrust characteristic, thrust ~ |w|^p. The thrust at the end of the range of a thruster's
+/// inputs is unchanged.
 struct ThrustCurve {
   static constexpr bool kUsesPose = false;
 
@@ -18,7 +20,9 @@ struct ThrustCurve {
     using std::abs;
     using std::pow;
     for (int i = 0; i < force.size(); ++i) {
-      const T w = abs(point.input(i)) / point.body.input_max;
+      const Thruster& one = point.layout[i];
+      const double end = std::max(one.most, -one.least) * point.body.input_max;
+      const T w = abs(point.input(i)) / end;
       force(i) = choose(
           valueOf(w) > kMinInput, [&] { return T(force(i) * pow(w, T(p[0] - 1.0))); },
           [&] { return force(i); });
