@@ -135,3 +135,14 @@ def wait_for(condition, timeout, what):
             return value
         time.sleep(0.05)
     raise AssertionError("waited %d s in vain: %s" % (timeout, what))
+
+
+def mapping_as_logged(folder):
+    """cfg/mapping/four_thrusters.yaml with the names that the logger wrote and no heading offset."""
+    text = (ROOT / "cfg" / "mapping" / "four_thrusters.yaml").read_text()
+    for field in ("position", "orientation"):
+        left, right = "{field: %s.x, unit: mic" % field, "{field: %s.y, unit: mic" % field
+        text = text.replace(left, "{@").replace(right, left).replace("{@", right)
+    path = folder / "as_logged.yaml"
+    path.write_text(text.replace("heading_offset: 3.14", "# heading_offset: 3.14"))
+    return path

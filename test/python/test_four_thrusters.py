@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT, SHARED, identify
+from conftest import ROOT, SHARED, identify, mapping_as_logged
 
 import ground
 
@@ -68,14 +68,7 @@ def test_what_each_thruster_does_is_told(described):
 
 def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path):
     """The rigid body looks backwards, and the logger's left thrusters are on the right."""
-    text = MAPPING.read_text()
-    for first, second in (("position.y", "position.x"), ("orientation.y", "orientation.x")):
-        text = text.replace("{field: %s, unit: mic" % first, "{field: @, unit: mic")
-        text = text.replace("{field: %s, unit: mic" % second, "{field: %s, unit: mic" % first)
-        text = text.replace("{field: @, unit: mic", "{field: %s, unit: mic" % second)
-    text = text.replace("heading_offset: 3.14", "# heading_offset: 3.14")
-    logged = tmp_path / "logged.yaml"
-    logged.write_text(text)
+    logged = mapping_as_logged(tmp_path)
     result = identify("info", RAW, "--mapping", logged, "--model", CRAFT)
     assert result.returncode == 0, result.stderr
     verdict = result.stdout.splitlines()[-1]

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify
+from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
 from ground.recordings import layouts, suspicions
 from ground.recordings.layouts import hypotheses, words
 from ground.recordings.recording import checked
@@ -228,13 +228,12 @@ def test_a_channel_that_is_missing_is_named(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::ground.errors.RecordingWarning")
-def test_the_second_craft_is_read_and_what_cannot_be_told_is_said():
+def test_the_second_craft_is_read_and_what_cannot_be_told_is_said(tmp_path):
     """Its log says back for front, or the other ways that are the same to any motion. The bench decides:
     back thrusters push forward."""
     if not RAW.is_dir():
         pytest.skip("the real recordings of December 2019 are not beside the workspace")
-    mapping = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
-    recordings = ground.read(RAW, mapping=mapping)
+    recordings = ground.read(RAW, mapping=mapping_as_logged(tmp_path))
     verdict = layouts.judge(recordings, FOUR)
     ways = {
         (h.channels, h.heading_offset, h.upside_down)
