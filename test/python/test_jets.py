@@ -70,11 +70,12 @@ def test_inputs_of_another_craft_are_refused(table):
         _core.simulate(table, [[0.0, 1]], times, np.zeros(3), np.zeros(3))
 
 
-def test_tracking_refuses_other_thrusters(table):
+def test_a_controller_of_another_craft_is_refused(table):
     params = _core.TrackingParams()
-    with pytest.raises(ValueError, match="commands a left and a right thruster"):
+    pair = _core.load_model(PAIR)
+    with pytest.raises(ValueError, match="commands 2 thrusters, and Air-bearing table has 8"):
         _core.track_reference(
-            table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
+            table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
         )
 
 

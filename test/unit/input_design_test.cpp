@@ -50,7 +50,7 @@ std::map<std::string, DesignParams> designs() {
 
 Rows rowsOf(const InputSignal& signal) {
   Rows rows;
-  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.left, inputs.right});
+  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
   return rows;
 }
 
@@ -69,7 +69,7 @@ void expectSound(const InputSignal& signal) {
     ASSERT_GT(signal.times[i], signal.times[i - 1]);
   EXPECT_LE(signal.times.back(), signal.end);
   for (const Inputs& inputs : signal.inputs)
-    for (double input : {inputs.left, inputs.right, inputs.lift})
+    for (double input : {inputs.thrusters(0), inputs.thrusters(1), inputs.lift})
       ASSERT_TRUE(input >= 0 && input <= 1) << input;
 }
 
@@ -80,22 +80,22 @@ void expectPlays(const InputSignal& signal) {
     const double next = i + 1 < signal.times.size() ? signal.times[i + 1] : signal.end;
     if (next == signal.times[i]) break;  // the last row of a file only marks its end
     for (double at : {t, 0.5 * (t + next), next - 1e-6}) {
-      ASSERT_EQ(signal.at(at).left, signal.inputs[i].left) << at;
-      ASSERT_EQ(signal.at(at).right, signal.inputs[i].right) << at;
+      ASSERT_EQ(signal.at(at).thrusters(0), signal.inputs[i].thrusters(0)) << at;
+      ASSERT_EQ(signal.at(at).thrusters(1), signal.inputs[i].thrusters(1)) << at;
       ASSERT_EQ(signal.at(at).lift, signal.inputs[i].lift) << at;
       ASSERT_EQ(signal.nextChange(at), next) << at;
     }
     // A time just before an edge by rounding has the inputs after the edge.
     if (t > 0) {
-      ASSERT_EQ(signal.at(t - 1e-12).left, signal.inputs[i].left) << t;
-      ASSERT_EQ(signal.at(t - 1e-12).right, signal.inputs[i].right) << t;
+      ASSERT_EQ(signal.at(t - 1e-12).thrusters(0), signal.inputs[i].thrusters(0)) << t;
+      ASSERT_EQ(signal.at(t - 1e-12).thrusters(1), signal.inputs[i].thrusters(1)) << t;
     }
     t = next;
   }
   EXPECT_EQ(t, signal.end);
   for (double outside : {-0.1, signal.end, signal.end + 1, std::nan("")}) {
     const Inputs inputs = signal.at(outside);
-    EXPECT_EQ(inputs.left + inputs.right + inputs.lift, 0) << outside;
+    EXPECT_EQ(inputs.thrusters(0) + inputs.thrusters(1) + inputs.lift, 0) << outside;
   }
   EXPECT_EQ(signal.nextChange(signal.end), std::numeric_limits<double>::infinity());
 }
@@ -380,8 +380,8 @@ TEST(InputFile, BitsAreFoundAndPlayedAtTheClock) {
   for (std::size_t i = 0; i < 63 + 20; ++i) {
     const auto& bit = bits[i % 63];
     const Inputs inputs = found.at((static_cast<double>(i) + 0.5) / 20);
-    ASSERT_EQ(inputs.left, bit[0] ? 0.8 : 0.1) << i;
-    ASSERT_EQ(inputs.right, bit[1] ? 0.8 : 0.1) << i;
+    ASSERT_EQ(inputs.thrusters(0), bit[0] ? 0.8 : 0.1) << i;
+    ASSERT_EQ(inputs.thrusters(1), bit[1] ? 0.8 : 0.1) << i;
   }
   params.rows_per_bit = 1;
   const InputSignal slow = makeDesign(params, 1);
@@ -401,9 +401,9 @@ TEST(InputFile, TimedRowsAreHeldUntilTheNext) {
   const InputSignal late = makeDesign(
       inputFile(" time , left , right\r\n1, 0.5 ,0.25\r\n\n 3,0,0\n"), 20);
   EXPECT_EQ(late.times, (std::vector<double>{1, 3}));
-  EXPECT_EQ(late.at(0.5).left, 0) << "before the first row";
+  EXPECT_EQ(late.at(0.5).thrusters(0), 0) << "before the first row";
   EXPECT_EQ(late.nextChange(0), 1);
-  EXPECT_EQ(late.at(1).left, 0.5);
+  EXPECT_EQ(late.at(1).thrusters(0), 0.5);
 }
 
 TEST(InputFile, AColumnLiftIsPartOfTheInput) {
@@ -412,8 +412,8 @@ TEST(InputFile, AColumnLiftIsPartOfTheInput) {
   expectPlays(signal);
   EXPECT_TRUE(signal.has_lift);
   EXPECT_EQ(signal.end, 4);
-  EXPECT_EQ(signal.at(2).left, 0.5);
-  EXPECT_EQ(signal.at(2).right, 0.25);
+  EXPECT_EQ(signal.at(2).thrusters(0), 0.5);
+  EXPECT_EQ(signal.at(2).thrusters(1), 0.25);
   EXPECT_EQ(signal.at(2).lift, 1);
   EXPECT_EQ(signal.at(3.5).lift, 0.5);
 }

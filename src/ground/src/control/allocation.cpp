@@ -44,11 +44,11 @@ double inputFor(const ForceCurve& curve, double force) {
 Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
                        const Weights& weights)
     : layout_(layout),
-      per_lever_(1, 1, body.l),
+      lever_(body.l),
       weights_(weights.surge, weights.sway, weights.yaw) {
   const int count = layout.size();
   columns_.resize(3, count);
-  for (Forces* forces : {&full_, &low_, &high_, &squares_}) forces->resize(count);
+  for (Forces* forces : {&full_, &low_, &high_}) forces->resize(count);
   for (int i = 0; i < count; ++i) {
     const Thruster& one = layout[i];
     columns_.col(i) << layout.forward(i), layout.starboard(i), layout.lever(i);
@@ -57,37 +57,54 @@ Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
     high_(i) = full_(i) * one.curve.at(one.most * body.input_max);
   }
   hessian_.noalias() = columns_.transpose() * weights_.asDiagonal() * columns_;
-  squares_ = hessian_.diagonal();
   for (int i = 0; i < count; ++i)
     for (int j = 0; j < i; ++j) separates_ = separates_ && std::abs(hessian_(i, j)) < kParallel;
+  for (int i = 0; i < count && separates_; ++i)
+    alone_.push_back({columns_.col(i), weights_.cwiseProduct(columns_.col(i)) / hessian_(i, i),
+                      low_(i), high_(i), full_(i), layout[i].curve.linear()});
   // A gain only matters relative to the others'.
   const double scale = kEffort * full_.cwiseAbs2().minCoeff();
   for (int i = 0; i < count; ++i) hessian_(i, i) += scale / (full_(i) * full_(i));
 }
 
 Allocation::Output Allocation::run(const Vector3<double>& wrench) const {
-  const Vector3<double> demand = wrench.cwiseQuotient(per_lever_);
-  const Forces slope = columns_.transpose() * weights_.cwiseProduct(demand);
-  Forces force, unbounded;
-  if (separates_) {
-    unbounded = slope.cwiseQuotient(squares_);
-    force = unbounded.cwiseMax(low_).cwiseMin(high_);
-  } else {
-    problem_.solve(hessian_, -slope, low_, high_);
-    force = problem_.minimum();
-    unbounded = problem_.unbounded();
+  const Vector3<double> demand(wrench.x(), wrench.y(), wrench.z() / lever_);
+  Output out = separates_ ? clipped(demand) : solved(demand);
+  out.wrench.z() *= lever_;
+  return out;
+}
+
+/// Inputs if each force can be clipped by itself.
+Allocation::Output Allocation::clipped(const Vector3<double>& demand) const {
+  Output out;
+  out.wanted = out.inputs = Thrusters<double>::zero(static_cast<int>(alone_.size()));
+  out.wrench.setZero();
+  int i = 0;
+  for (const Alone& one : alone_) {
+    const double force = one.share.dot(demand);
+    const double given = std::clamp(force, one.low, one.high);
+    const double wanted = force / one.full;
+    out.wanted(i) = one.linear ? wanted : inputFor(layout_[i].curve, wanted);
+    out.inputs(i) = given == force ? out.wanted(i) : inputFor(layout_[i].curve, given / one.full);
+    out.wrench += given * one.column;
+    ++i;
   }
+  return out;
+}
+
+Allocation::Output Allocation::solved(const Vector3<double>& demand) const {
+  problem_.solve(hessian_, -(columns_.transpose() * weights_.cwiseProduct(demand)), low_, high_);
+  const Forces& force = problem_.minimum();
   const Vector3<double> given = columns_ * force;
-  const Vector3<double> reachable = columns_ * unbounded;
-  const bool met = separates_ ? force == unbounded
-                              : (given - reachable).norm() <= kMet * high_.maxCoeff();
+  const Vector3<double> reachable = columns_ * problem_.unbounded();
+  const bool met = (given - reachable).norm() <= kMet * high_.maxCoeff();
   const Thrusters<double> inputs = inputsOf(force);
-  return {inputs, met ? inputs : inputsOf(unbounded), given.cwiseProduct(per_lever_)};
+  return {inputs, met ? inputs : inputsOf(problem_.unbounded()), given};
 }
 
 Allocation::Output Allocation::most(const Vector3<double>& direction) const {
   const double everything = 2 * (high_ - low_).sum();
-  return run(everything * direction.cwiseProduct(per_lever_));
+  return run(everything * Vector3<double>(direction.x(), direction.y(), lever_ * direction.z()));
 }
 
 Thrusters<double> Allocation::inputsOf(const Forces& force) const {

@@ -5,25 +5,37 @@
 namespace ground {
 namespace {
 
+/// Its levels are those of a left and a right thruster.
+EffectUse openLoopUse(const Model& model) {
+  EffectUse use;
+  if (model.thrusters->size() != 2)
+    use.refusal = "OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
+                  " has " + std::to_string(model.thrusters->size()) + " (" +
+                  model.thrusters->names() + "): use an excitation of design prbs";
+  return use;
+}
+
 /// Plays a binary sequence in open loop, for comparison with tracking.
 class OpenLoop : public TrackingController {
  public:
   OpenLoop(const Model& model, const ControllerChoice& choice) : input_max_(model.body.input_max) {
+    const std::string refusal = openLoopUse(model).refusal;
+    if (!refusal.empty()) throw std::invalid_argument(refusal);
     setParams(choice);
   }
   void setParams(const ControllerChoice& choice) {
     signal_ = PrbsSignal(makePrbs(choice.prbs_order, choice.prbs_seed), choice.prbs);
   }
   bool follows() const override { return false; }
-  Vector2<double> decide(const Observation& seen) override {
+  Thrusters<double> decide(const Observation& seen) override {
     return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
   }
-  Vector2<double> wanted() const override { return wanted_; }
+  Thrusters<double> wanted() const override { return wanted_; }
 
  private:
   double input_max_;
   PrbsSignal signal_{{{}}, {}};
-  Vector2<double> wanted_ = Vector2<double>::Zero();
+  Thrusters<double> wanted_{0.0, 0.0};
 };
 
 ControllerInfo openLoop() {
@@ -41,7 +53,7 @@ ControllerInfo openLoop() {
             const std::string wrong = rangeError(parameters, choice);
             return wrong.empty() ? choice.prbs.validate() : wrong;
           },
-          [](const Model&) { return EffectUse(); },
+          &openLoopUse,
           [](const Model& model, const C& choice) {
             return std::make_unique<OpenLoop>(model, choice);
           },
@@ -108,7 +120,6 @@ std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-  requirePair(model, params.kind);
   return controllerInfo(params.kind).make(model, params);
 }
 

@@ -158,8 +158,8 @@ void Controller::publish(const Inputs& inputs) {
   auto message = boost::make_shared<ground_msgs::Controls>();
   message->header.stamp = stamp;
   if (life_.started()) message->header.frame_id = name_;
-  message->left = inputs.left;
-  message->right = inputs.right;
+  message->left = inputs.thrusters(0);
+  message->right = inputs.thrusters(1);
   message->lift = inputs.lift;
   controls_.publish(message);
   pilot_.commanded(seconds(stamp), inputs);

@@ -164,7 +164,7 @@ class Excitation : public Controller {
     const double most = model_->body.input_max;
     for (std::size_t i = 0; i < signal.times.size(); ++i) {
       const Inputs& row = signal.inputs[i];
-      inputs.add(signal.times[i], most * row.left, most * row.right,
+      inputs.add(signal.times[i], most * asVector(row.thrusters),
                  signal.has_lift ? row.lift : c.lift);
     }
     const std::string leaves =

@@ -236,7 +236,7 @@ class Sender : public nodelet::Nodelet {
     if (armed && (begins || sent.left != noted_->left || sent.right != noted_->right ||
                   sent.lift != noted_->lift))
       obedience_->command(secondsBetween(armed_at_, ros::Time::now()),
-                          input_max_ * Vector2<double>(sent.left, sent.right), sent.lift);
+                          {input_max_ * sent.left, input_max_ * sent.right}, sent.lift);
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 

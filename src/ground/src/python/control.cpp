@@ -72,7 +72,7 @@ void defReferences(py::module_& module) {
       .def(
           "infeasibility",
           [](const ReferenceParams& params, const Model& model) {
-            return infeasibility(*makeReference(params), model.body);
+            return infeasibility(*makeReference(params), model);
           },
           py::arg("model"), "Why the craft cannot follow it exactly; empty if it can.")
       .def(
@@ -170,7 +170,7 @@ void defDesigns(py::module_& module) {
             for (Eigen::Index i = 0; i < rows.rows(); ++i) {
               const auto at = static_cast<std::size_t>(i);
               const Inputs& inputs = signal.inputs[at];
-              rows.row(i) << signal.times[at], inputs.left, inputs.right, inputs.lift;
+              rows.row(i) = inputRow(signal.times[at], inputs.thrusters, inputs.lift);
             }
             return rows;
           },

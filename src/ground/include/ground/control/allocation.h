@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "ground/control/box_minimum.h"
 #include "ground/model/body.h"
 #include "ground/model/thruster.h"
@@ -15,8 +17,8 @@ namespace ground {
 ///
 /// with a small e: the error of the wrench comes first, then the squares of the forces relative to
 /// those of input 1 (of the commands, if force curves are linear). It is the weighted least squares
-/// of Harkegard (Efficient active set algorithms for solving constrained least squares problems in
-/// aircraft control allocation, CDC 2002). If the wrenches of all thrusters are orthogonal in X, Y,
+/// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
+/// aircraft control allocation, CDC 2002. If the wrenches of all thrusters are orthogonal in X, Y,
 /// N / l, as those of the pair, the problem separates: e is not needed, and each force is clipped by
 /// itself. Allocates no memory after construction. One thread at a time.
 class Allocation {
@@ -48,17 +50,27 @@ class Allocation {
  private:
   using Forces = PerThruster<Eigen::Dynamic>;
 
+  /// A thruster whose force does not depend on those of the others.
+  struct Alone {
+    Vector3<double> column;  ///< X, Y, N / l of a force of 1 N
+    Vector3<double> share;   ///< its force for a demand of X, Y, N / l is the product with it
+    double low, high, full;
+    bool linear;             ///< its force curve
+  };
+
+  Output clipped(const Vector3<double>& demand) const;
+  Output solved(const Vector3<double>& demand) const;
   Thrusters<double> inputsOf(const Forces& force) const;
 
   ThrusterLayout layout_;
-  Vector3<double> per_lever_;  ///< 1, 1, l: X, Y, N over X, Y, N / l
+  double lever_;  ///< l [m]
   Vector3<double> weights_;
   /// X, Y, N / l of a force of 1 N.
   Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxThrusters> columns_;
   Forces full_;        ///< force at input 1 [N]
   Forces low_, high_;  ///< range [N]
   bool separates_ = true;
-  Forces squares_;     ///< weighted squares of columns
+  std::vector<Alone> alone_;  ///< all thrusters, if the problem separates
   mutable BoxMinimum<Eigen::Dynamic> problem_;
   BoxMinimum<Eigen::Dynamic>::Square hessian_;
 };

@@ -26,12 +26,12 @@ class BoxMinimum {
   /// Solves; returns false, without a result, if H is not positive definite. Low must not be above
   /// high.
   bool solve(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
-    factor_.compute(H);
-    if (factor_.info() != Eigen::Success) return false;
-    unbounded_ = -factor_.solve(g);
+    if (!factor(H)) return false;
+    unbounded_ = -solved(g);
     minimum_ = unbounded_.cwiseMax(low).cwiseMin(high);
     free_ = (unbounded_.array() >= low.array() && unbounded_.array() <= high.array()).matrix();
-    if (free_.all()) return true;
+    all_free_ = free_.all();
+    if (all_free_) return true;
     // Each change of the active set lowers the function; the limit guards against rounding errors.
     constexpr int kMaxChanges = 64;
     for (int change = 0; change < kMaxChanges; ++change) {
@@ -39,6 +39,7 @@ class BoxMinimum {
       if (!blocked_ && !release(H, g, low)) break;
     }
     factorFree(H);
+    all_free_ = free_.all();
     return true;
   }
 
@@ -52,13 +53,34 @@ class BoxMinimum {
   /// at a bound are zero.
   template <class Columns>
   Columns solveFree(const Columns& columns) const {
+    if (all_free_) return solved(columns);
     Columns rows = columns;
     for (Eigen::Index i = 0; i < free_.size(); ++i)
       if (!free_(i)) rows.row(i).setZero();
-    return factor_.solve(rows);
+    return solved(rows);
   }
 
  private:
+  /// Two elements, the most frequent case, are faster with the inverse.
+  bool factor(const Square& H) {
+    if constexpr (N == 2) {
+      const double determinant = H(0, 0) * H(1, 1) - H(0, 1) * H(1, 0);
+      inverse_ << H(1, 1), -H(0, 1), -H(1, 0), H(0, 0);
+      inverse_ /= determinant;
+      return determinant > 0 && H(0, 0) > 0;
+    } else {
+      factor_.compute(H);
+      return factor_.info() == Eigen::Success;
+    }
+  }
+  template <class Columns>
+  Columns solved(const Columns& columns) const {
+    if constexpr (N == 2)
+      return inverse_ * columns;
+    else
+      return factor_.solve(columns);
+  }
+
   /// Factorises H with the rows and columns of elements at a bound replaced by those of the
   /// identity.
   void factorFree(const Square& H) {
@@ -69,7 +91,7 @@ class BoxMinimum {
       masked.col(i).setZero();
       masked(i, i) = 1;
     }
-    factor_.compute(masked);
+    factor(masked);
   }
 
   /// Moves the free elements towards their minimum, up to the first bound, which becomes active.
@@ -114,10 +136,11 @@ class BoxMinimum {
 
   static constexpr double kRounding = 1e-14;  ///< relative
 
-  Eigen::LLT<Square> factor_;
+  Eigen::LLT<Square> factor_;  ///< unless N is 2
+  Square inverse_;             ///< if N is 2
   Vector unbounded_, minimum_;
   Flags free_;
-  bool blocked_ = false;
+  bool all_free_ = true, blocked_ = false;
 };
 
 }  // namespace ground

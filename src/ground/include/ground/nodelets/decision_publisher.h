@@ -26,8 +26,8 @@ class DecisionPublisher {
     auto wanted = boost::make_shared<ground_msgs::Controls>();
     wanted->header.stamp = ros::Time::now();
     wanted->header.frame_id = controller;
-    wanted->left = made.wanted.x();
-    wanted->right = made.wanted.y();
+    wanted->left = made.wanted(0);
+    wanted->right = made.wanted(1);
     wanted->lift = lift;
     auto decision = boost::make_shared<ground_msgs::Decision>();
     decision->header = wanted->header;

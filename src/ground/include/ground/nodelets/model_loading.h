@@ -15,11 +15,10 @@ namespace ground {
 inline Model loadModelAndWarn(const std::string& path) {
   std::vector<std::string> warnings;
   const Model model = loadModel(path, &warnings);
-  try {
-    requirePair(model, "this node");
-  } catch (const std::invalid_argument& error) {
-    throw std::runtime_error(path + ": " + error.what());
-  }
+  if (!model.thrusters->isPair())
+    throw std::runtime_error(path + ": this node commands a left and a right thruster; the model " +
+                             model.name + " lists others (" + model.thrusters->names() +
+                             "): give one in the short form, without thrusters");
   for (const std::string& warning : warnings) ROS_WARN("%s", warning.c_str());
   return model;
 }

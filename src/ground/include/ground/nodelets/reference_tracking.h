@@ -183,7 +183,7 @@ class ReferenceTracking : public Controller {
     } else if (!remark.empty()) {
       NODELET_INFO("%s: model %s: %s", node.c_str(), model.name.c_str(), remark.c_str());
     }
-    const std::string problem = infeasibility(reference, model.body);
+    const std::string problem = infeasibility(reference, model);
     if (problem.empty()) return remark;
     NODELET_WARN("%s: reference %s: %s", node.c_str(), name.c_str(), problem.c_str());
     return remark + (remark.empty() ? "" : "; ") + problem;

@@ -151,14 +151,14 @@ def _wanted(run: "SimulatedRun") -> Iterator[Message]:
     """The inputs that a controller wanted before they were limited."""
     at = np.searchsorted(run.control_times, run.decisions[:, 0])
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
-        message = _new("ground_msgs/Controls", left=row[2], right=row[3], lift=command[2])
+        message = _new("ground_msgs/Controls", left=row[3], right=row[4], lift=command[2])
         message.header.frame_id = CONTROLLER
         yield message
 
 
 def _decisions(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.decisions:
-        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[4])
+        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[2])
         message.header.frame_id = CONTROLLER
         yield message
 

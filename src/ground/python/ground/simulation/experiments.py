@@ -44,7 +44,7 @@ class SimulatedRun(Recording):
         default_factory=_no_rows
     )  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
-    # (i, 5) time, stamp of the state [s], wanted left and right (of full scale), processor time [s]
+    # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
     # of excitations: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
@@ -228,8 +228,9 @@ def _recorded(
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     references = log["references"]
     references[:, 0] += START
-    decisions = log["decisions"][:, [0, 6, 4, 5, 3]] / [1, 1, full_scale, full_scale, 1]
-    decisions[:, :2] += START
+    decided = log["decisions"]
+    wanted = decided[:, (3 + decided.shape[1]) // 2 :] / full_scale
+    decisions = np.column_stack([START + decided[:, :2], decided[:, 2], wanted])
     return SimulatedRun(
         name=name,
         pose_times=START + frames[:, 0],
