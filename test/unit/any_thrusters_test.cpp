@@ -254,6 +254,30 @@ TEST(ExperimentsOfAnyThrusters, RefuseAControllerOfAnotherCraft) {
   EXPECT_THROW(trackReference(table(), table(), tracking, {}), std::invalid_argument);
 }
 
+TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
+  const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  for (const Model& model : {four(), table()}) {
+    ExcitationParams params;
+    params.duration = 60;
+    params.room = room;
+    const ExperimentLog log = excite(model, model, params, {});
+    EXPECT_EQ(log.stopped, "") << model.name;
+    EXPECT_GE(log.marks.size(), 3u) << model.name << ": bursts and returns";
+    for (const auto& truth : log.truth)
+      ASSERT_GT(room.clearance(truth.state.eta.head<2>()), 0) << model.name;
+    for (const auto& command : log.commands)
+      ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
+  }
+}
+
+TEST(ExcitationOfAnyThrusters, RefusesReturnsByAnotherCraft) {
+  ExcitationPilot pilot([] { return 0.0; }, [](const auto&) {}, [](const auto&) {});
+  DesignParams design;
+  design.thrusters = table().thrusters;
+  EXPECT_THROW(pilot.playInside(makeDesign(design, 1), 1, four(), ReturnParams()),
+               std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace ground
 

@@ -9,9 +9,11 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <memory>
 #include <set>
 
 #include "ground/control/prbs.h"
+#include "ground/model/model_file.h"
 
 namespace ground {
 namespace {
@@ -163,6 +165,99 @@ TEST(InputDesign, InputsStayWithinTheLevelsAndReachThem) {
     EXPECT_EQ(low, 0.2) << name;
     EXPECT_EQ(high, 0.7) << name;
   }
+}
+
+/// Correlation of the inputs of two thrusters over one period of a design.
+double correlation(const InputSignal& signal, int one, int other) {
+  double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+  const auto n = static_cast<double>(signal.inputs.size());
+  for (const Inputs& inputs : signal.inputs) {
+    const double a = inputs.thrusters(one), b = inputs.thrusters(other);
+    x += a;
+    y += b;
+    xx += a * a;
+    yy += b * b;
+    xy += a * b;
+  }
+  return (xy - x * y / n) / std::sqrt((xx - x * x / n) * (yy - y * y / n));
+}
+
+TEST(InputDesignOfAnyThrusters, EveryThrusterHasItsOwnUncorrelatedInput) {
+  DesignParams params = design("prbs");
+  params.thrusters = loadModel("cfg/craft/air_table.yaml").thrusters;
+  const double period = 511 / params.clock;
+  std::map<std::string, double> most = {{"prbs", 0.01}, {"multilevel-prbs", 0.2}, {"multisine", 0.01}};
+  for (const auto& [name, bound] : most) {
+    params.kind = name;
+    const InputSignal signal = makeDesign(params, name == "multisine" ? 8 : period);
+    ASSERT_EQ(signal.inputs.front().thrusters.size(), 8);
+    for (int i = 0; i < 8; ++i)
+      for (int j = 0; j < i; ++j) EXPECT_LT(std::abs(correlation(signal, i, j)), bound) << name;
+  }
+}
+
+TEST(InputDesignOfAnyThrusters, PatternsPushAndTurnTheCraft) {
+  const Model table = loadModel("cfg/craft/air_table.yaml");
+  const auto wrenches = [&](const std::string& kind) {
+    DesignParams params = design(kind);
+    params.thrusters = table.thrusters;
+    std::vector<Vector3<double>> all;
+    for (const Inputs& inputs : makeDesign(params, 8).inputs)
+      all.push_back(table.thrusters->total(table.thrusters->forces(inputs.thrusters)));
+    return all;
+  };
+  EXPECT_LT((wrenches("coast-down")[0] - Vector3<double>(2, 0, 0)).norm(), 1e-6);
+  EXPECT_EQ(wrenches("coast-down")[1].norm(), 0);
+  EXPECT_LT((wrenches("spin")[0] - Vector3<double>(0, 0, 4)).norm(), 1e-6);
+  EXPECT_LT((wrenches("spin")[4] + Vector3<double>(0, 0, 4)).norm(), 1e-6);
+  EXPECT_LT((wrenches("steps")[2] - Vector3<double>(1, 0, 0)).norm(), 1e-6);
+  for (const Vector3<double>& wrench : wrenches("differential-prbs"))
+    EXPECT_NEAR(std::abs(wrench.z()), 4, 1e-12);
+}
+
+TEST(InputDesignOfAnyThrusters, ReversibleThrustersGoBothWays) {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters[0].least = -1;
+  thrusters[1].least = -0.5;
+  DesignParams params = design("prbs");
+  params.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  const InputSignal signal = makeDesign(params, 30);
+  for (int i = 0; i < 2; ++i) {
+    std::set<double> found;
+    for (const Inputs& inputs : signal.inputs) found.insert(inputs.thrusters(i));
+    EXPECT_EQ(found, (std::set<double>{thrusters[static_cast<std::size_t>(i)].least, 1.0}));
+  }
+  params.kind = "coast-down";
+  EXPECT_EQ(makeDesign(params, 30).inputs[1].thrust(), 0) << "off";
+}
+
+TEST(InputDesignOfAnyThrusters, FilesHaveAColumnForEachChannel) {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters.push_back(thrusters[0]);
+  thrusters[2].name = "bow";
+  thrusters[2].channel = "bow_motor";
+  thrusters[2].least = -1;
+  DesignParams params =
+      inputFile("time,left,right,bow_motor,lift\n0,0.5,0.25,-1,1\n1,0,0,0,0.5\n");
+  params.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  const InputSignal signal = makeDesign(params, 1);
+  EXPECT_TRUE(signal.at(0) == Inputs(Thrusters<double>{0.5, 0.25, -1.0}, 1));
+  EXPECT_EQ(signal.at(2).thrusters.size(), 3);
+  const auto complaint = [&](const std::string& text) {
+    params.file = fileWith(text);
+    try {
+      makeDesign(params, 1);
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_NE(complaint("time,left,right\n0,0,0\n1,0,0\n").find("not time,left,right,bow_motor or"),
+            std::string::npos);
+  EXPECT_NE(complaint("1,0\n0,1\n").find("not time,left,right,bow_motor"), std::string::npos);
+  EXPECT_NE(complaint("time,left,right,bow_motor\n0,0,0,-2\n1,0,0,0\n")
+                .find("inputs must be between -1 and 1 for bow_motor"),
+            std::string::npos);
 }
 
 TEST(InputDesign, SameSeedSameRowsOtherSeedsOtherRows) {

@@ -23,7 +23,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
                                     const Model& model) {
   controller_.swap(controller);
   input_max_ = model.body.input_max;
-  thruster_count_ = model.thrusters->size();
+  thrusters_ = model.thrusters;
   obedience_.reset();
   if (expects_obedience_ && controller_->follows()) obedience_.emplace(model);
 }

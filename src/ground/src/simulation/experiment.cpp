@@ -286,9 +286,6 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
                      const ExperimentParams& params) {
   require(excitation.validate());
   requireSameThrusters(model, believed);
-  if (model.thrusters->size() != 2)
-    throw std::invalid_argument("input designs are for two thrusters, and " + model.name + " has " +
-                                std::to_string(model.thrusters->size()));
   ExperimentLog log;
   LivePilot live(excitation, log);
   const double input_max = believed.body.input_max;
@@ -296,7 +293,9 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
       [&live] { return live.now(); },
       [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
       [&log, input_max](const ReferencePilot::Decision& d) { noteDecision(d, input_max, log); });
-  InputSignal signal = makeDesign(excitation.design, excitation.duration);
+  DesignParams design = excitation.design;
+  design.thrusters = believed.thrusters;
+  InputSignal signal = makeDesign(design, excitation.duration);
   if (excitation.room) {
     ReturnParams returns = excitation.returns;
     returns.room = *excitation.room;

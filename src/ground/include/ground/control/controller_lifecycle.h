@@ -48,8 +48,8 @@ class Pilot {
   static constexpr double kByState = -1.0;  ///< value of nextChange() for closed-loop control
 
   virtual ~Pilot() = default;
-  /// Number of thrusters that it commands.
-  virtual int thrusterCount() const { return 2; }
+  /// The thrusters that it commands.
+  virtual const ThrusterLayout& layout() const { return *thrusterPair(); }
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
@@ -163,7 +163,7 @@ class ControllerLifecycle {
   void enter(Instant now, State state, const std::string& reason);
   void change(State state, const std::string& reason);
   void send(Instant now, const Inputs& inputs);
-  Inputs off(double lift) const { return Inputs::off(pilot_.thrusterCount(), lift); }
+  Inputs off(double lift) const { return Inputs::off(pilot_.layout().size(), lift); }
   double liftAlone() const;
   double liftedAt() const;
   double repeatAt() const;

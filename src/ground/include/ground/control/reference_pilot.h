@@ -47,7 +47,7 @@ class ReferencePilot : public Pilot {
   TrackingController* controller() const { return controller_.get(); }
   const ReferencePtr& reference() const { return reference_; }
 
-  int thrusterCount() const override { return thruster_count_; }
+  const ThrusterLayout& layout() const override { return *thrusters_; }
   void commanded(double time, const Inputs& inputs) override;
   /// See DriveClock::record.
   void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
@@ -65,7 +65,7 @@ class ReferencePilot : public Pilot {
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
   double input_max_ = 1;
-  int thruster_count_ = 2;
+  ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< time of the first state with this reference [s]

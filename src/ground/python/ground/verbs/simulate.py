@@ -303,7 +303,7 @@ def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
 
 def _bursts(run: SimulatedRun) -> str:
     """One line on the bursts of an excitation."""
-    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, 2] > 0][-1]]
+    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, -1] > 0][-1]]
     driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
     return "%d bursts, %.1f s of %.1f s; between them the craft returned home" % (
         sum(mark[2] for mark in run.marks),
