@@ -8,10 +8,10 @@ namespace {
 /// Its levels are those of a left and a right thruster.
 EffectUse openLoopUse(const Model& model) {
   EffectUse use;
-  if (model.thrusters->size() != 2)
+  if (!model.thrusters->isPair())
     use.refusal = "OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
-                  " has " + std::to_string(model.thrusters->size()) + " (" +
-                  model.thrusters->names() + "): use an excitation of design prbs";
+                  " lists others (" + model.thrusters->names() +
+                  "): use an excitation of design prbs";
   return use;
 }
 

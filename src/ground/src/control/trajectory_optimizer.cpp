@@ -77,7 +77,7 @@ const Tunables<PlanWeights>& PlanWeights::table() {
   static const Tunables<W> table = {
       {{"velocity", "s^2", "Weight of the velocity error", 0, 100, {1, -4, 1}}, &W::velocity},
       {{"input", "m^2", "Weight of the inputs, of full scale", 0, 100, {1, -7, -1}}, &W::input},
-      {{"turning", "m^2", "Weight of the inputs' moment, of full scale", 0, 100, {1, -7, -1}},
+      {{"turning", "m^2", "Weight of the moment of the inputs, of full scale", 0, 100, {1, -7, -1}},
        &W::turning},
       {{"end_position", "-", "Weight of the position error at the end", 0, 1e4, {1, -2, 3}},
        &W::end_position},

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "ground/control/reference_pilot.h"
+#include "ground/nodelets/controls.h"
 
 namespace ground {
 
@@ -20,15 +21,13 @@ class DecisionPublisher {
     decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   }
 
-  /// state: stamp of the state of the decision; controller: its name; lift: lift input, 0..1.
-  void publish(const ReferencePilot::Decision& made, const ros::Time& state,
-               const std::string& controller, double lift) {
+  /// layout: the thrusters; state: stamp of the state of the decision; controller: its name; lift: lift input, 0..1.
+  void publish(const ReferencePilot::Decision& made, const ThrusterLayout& layout,
+               const ros::Time& state, const std::string& controller, double lift) {
     auto wanted = boost::make_shared<ground_msgs::Controls>();
     wanted->header.stamp = ros::Time::now();
     wanted->header.frame_id = controller;
-    wanted->left = made.wanted(0);
-    wanted->right = made.wanted(1);
-    wanted->lift = lift;
+    writeInputs({made.wanted, lift}, layout, *wanted);
     auto decision = boost::make_shared<ground_msgs::Decision>();
     decision->header = wanted->header;
     decision->state = state;

@@ -113,8 +113,8 @@ def design(
 ) -> _core.InputSignal:
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
-    model: the craft, whose thrusters play it (default: left and right). options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
-    cannot be read.
+    model: the craft, whose thrusters play it (default: left and right). options: members of
+    _core.DesignParams. Raises ValueError on bad ones, GroundError when a file cannot be read.
     """
     try:
         return _core.make_design(design_params(kind, model, **options), duration)
