@@ -56,8 +56,9 @@ def read(path: str, recording: Recording) -> List[Track]:
                 followed.append((stamp, *message.p, *message.p_dot))
             elif topic.endswith("wanted"):
                 thrusters = getattr(message, "thrusters", ())  # none before there were any
-                inputs = thrusters if len(thrusters) else (message.left, message.right)
-                limited.append((stamp, *inputs))
+                limited.append(
+                    (stamp, *(thrusters if len(thrusters) else (message.left, message.right)))
+                )
             elif message.header.frame_id:
                 drivers.append((stamp, message.header.frame_id))
     if not followed:
@@ -66,7 +67,8 @@ def read(path: str, recording: Recording) -> List[Track]:
             % path
         )
     references = np.array(sorted(set(followed)))
-    wanted = np.array(sorted(limited)).reshape(len(limited), -1)
+    inputs = len(recording.thrusters)
+    wanted = np.array(sorted(limited)).reshape(-1, 1 + inputs)
     computing = np.array(sorted(decided)).reshape(-1, 2)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
     found = [
