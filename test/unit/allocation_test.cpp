@@ -114,8 +114,8 @@ Eigen::Vector3d closest(const Problem& problem, const Eigen::Vector3d& demand) {
   forEverySet(problem, [&](Eigen::VectorXd force, const Eigen::MatrixXd& columns,
                            const std::vector<int>& free) {
     if (!free.empty()) {
-      const Eigen::VectorXd solved = columns.completeOrthogonalDecomposition().solve(
-          demand - problem.columns * force);
+      const Eigen::VectorXd solved =
+          columns.completeOrthogonalDecomposition().solve(demand - problem.columns * force);
       for (std::size_t i = 0; i < free.size(); ++i)
         force(free[i]) = solved(static_cast<Eigen::Index>(i));
     }

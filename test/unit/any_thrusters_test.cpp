@@ -59,8 +59,8 @@ Model listed() {
 
 /// Root mean square of the position error after `settled` [s]. Fails if an input is outside of its
 /// range.
-double errorOf(const Model& truth, TrackingController& control, const ReferenceTrajectory& reference,
-               double duration, double settled) {
+double errorOf(const Model& truth, TrackingController& control,
+               const ReferenceTrajectory& reference, double duration, double settled) {
   const Dynamics<double> dynamics(truth);
   InputSequence inputs(truth.thrusters->size());
   Simulation<double> simulation(dynamics, inputs, {}, 0);
@@ -92,7 +92,8 @@ TEST(TrackingLawOfAnyThrusters, GivesAListedPairTheInputsOfThePair) {
     for (int c = 0; c < 3; ++c) state.nu(c) = uniform(random);
     reference.p = {uniform(random), uniform(random)};
     reference.p_dot = {uniform(random), uniform(random)};
-    const TrackingLaw::Output a = pair.run(state, reference, {}), b = other.run(state, reference, {});
+    const TrackingLaw::Output a = pair.run(state, reference, {}),
+                              b = other.run(state, reference, {});
     for (int j = 0; j < 2; ++j) {
       ASSERT_NEAR(a.inputs(j), b.inputs(j), 1e-12);
       ASSERT_NEAR(a.wanted(j), b.wanted(j), 1e-9 * (1 + std::abs(a.wanted(j))));
@@ -188,7 +189,7 @@ TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
         return plan->rollOut();
       };
       const double slope = (at(input + h) - at(input - h)) / (2 * h);
-      const bool low = input < one.least + 1e-6, high = input > one.most - 1e-6;
+      const bool low = input<one.least + 1e-6, high = input> one.most - 1e-6;
       EXPECT_LT(low ? 0 : slope, 2e-5) << k << ' ' << one.name << ' ' << input;
       EXPECT_GT(high ? 0 : slope, -2e-5) << k << ' ' << one.name << ' ' << input;
       (low || high ? at_bounds : inside) += 1;

@@ -86,7 +86,9 @@ class Lifecycle : public testing::Test {
   void expectStopped(const std::string& reason) {
     EXPECT_EQ(life.current(), State::kStopped);
     EXPECT_EQ(life.reason(), reason);
-    EXPECT_EQ(sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift, 0);
+    EXPECT_EQ(
+        sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift,
+        0);
     EXPECT_EQ(pilot.deactivated, pilot.activated);
   }
 

@@ -52,7 +52,8 @@ std::map<std::string, DesignParams> designs() {
 
 Rows rowsOf(const InputSignal& signal) {
   Rows rows;
-  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
+  for (const Inputs& inputs : signal.inputs)
+    rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
   return rows;
 }
 
@@ -186,7 +187,8 @@ TEST(InputDesignOfAnyThrusters, EveryThrusterHasItsOwnUncorrelatedInput) {
   DesignParams params = design("prbs");
   params.thrusters = loadModel("cfg/craft/air_table.yaml").thrusters;
   const double period = 511 / params.clock;
-  std::map<std::string, double> most = {{"prbs", 0.01}, {"multilevel-prbs", 0.2}, {"multisine", 0.01}};
+  std::map<std::string, double> most = {
+      {"prbs", 0.01}, {"multilevel-prbs", 0.2}, {"multisine", 0.01}};
   for (const auto& [name, bound] : most) {
     params.kind = name;
     const InputSignal signal = makeDesign(params, name == "multisine" ? 8 : period);
@@ -237,8 +239,7 @@ TEST(InputDesignOfAnyThrusters, FilesHaveAColumnForEachChannel) {
   thrusters[2].name = "bow";
   thrusters[2].channel = "bow_motor";
   thrusters[2].least = -1;
-  DesignParams params =
-      inputFile("time,left,right,bow_motor,lift\n0,0.5,0.25,-1,1\n1,0,0,0,0.5\n");
+  DesignParams params = inputFile("time,left,right,bow_motor,lift\n0,0.5,0.25,-1,1\n1,0,0,0,0.5\n");
   params.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
   const InputSignal signal = makeDesign(params, 1);
   EXPECT_TRUE(signal.at(0) == Inputs(Thrusters<double>{0.5, 0.25, -1.0}, 1));

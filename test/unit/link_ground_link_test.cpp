@@ -1039,7 +1039,8 @@ TEST_F(LinkOfAnyThrusters, RefusesThrustOfAnyThrusterWithoutLift) {
   }
   Inputs strong(Thrusters<double>{0.0, -0.6, 0.0}, 1);
   command(strong);
-  EXPECT_EQ(link_->silence(0, 1), "the thrust is above 0.5, too much for a craft that may not stop");
+  EXPECT_EQ(link_->silence(0, 1),
+            "the thrust is above 0.5, too much for a craft that may not stop");
 }
 
 TEST_F(LinkOfAnyThrusters, RefusesACommandForAnotherCraft) {

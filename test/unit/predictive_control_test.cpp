@@ -64,8 +64,7 @@ class Plans : public testing::TestWithParam<Planned> {};
 TEST_P(Plans, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
-  const std::unique_ptr<TrajectoryOptimizer> optimizer =
-      TrajectoryOptimizer::make(model, 25, 0.05);
+  const std::unique_ptr<TrajectoryOptimizer> optimizer = TrajectoryOptimizer::make(model, 25, 0.05);
   TrajectoryOptimizer& plan = *optimizer;
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
   std::vector<ReferencePoint> points;
@@ -226,8 +225,7 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
     const double t = i / 50.0;
     simulation.advance(t);
     const long before = allocations;
-    const Thrusters<double> chosen =
-        control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    const Thrusters<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
     control.commanded(t, chosen, 1);
     const long made = allocations - before;
     const double most = truth.body.input_max;

@@ -43,9 +43,7 @@ double inputFor(const ForceCurve& curve, double force) {
 
 Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
                        const Weights& weights)
-    : layout_(layout),
-      lever_(body.l),
-      weights_(weights.surge, weights.sway, weights.yaw) {
+    : layout_(layout), lever_(body.l), weights_(weights.surge, weights.sway, weights.yaw) {
   const int count = layout.size();
   columns_.resize(3, count);
   for (Forces* forces : {&full_, &low_, &high_}) forces->resize(count);

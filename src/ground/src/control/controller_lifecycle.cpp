@@ -230,8 +230,7 @@ void ControllerLifecycle::control(Instant now, double stamp) {
       elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
   last_update_ = stamp;
   schedule(elapsed);
-  if (!inputs.finite())
-    return enter(now, State::kStopped, "the command is not finite");
+  if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
   send(now, inputs);
 }
 

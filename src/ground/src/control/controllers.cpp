@@ -45,21 +45,20 @@ ControllerInfo openLoop() {
       {{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
   parameters.push_back(
       {{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
-  return {"OpenLoopPRBS",
-          "Plays a binary sequence in open loop",
-          false,
-          parameters,
-          [parameters](const C& choice) {
-            const std::string wrong = rangeError(parameters, choice);
-            return wrong.empty() ? choice.prbs.validate() : wrong;
-          },
-          &openLoopUse,
-          [](const Model& model, const C& choice) {
-            return std::make_unique<OpenLoop>(model, choice);
-          },
-          [](TrackingController& controller, const C& choice) {
-            static_cast<OpenLoop&>(controller).setParams(choice);
-          }};
+  return {
+      "OpenLoopPRBS",
+      "Plays a binary sequence in open loop",
+      false,
+      parameters,
+      [parameters](const C& choice) {
+        const std::string wrong = rangeError(parameters, choice);
+        return wrong.empty() ? choice.prbs.validate() : wrong;
+      },
+      &openLoopUse,
+      [](const Model& model, const C& choice) { return std::make_unique<OpenLoop>(model, choice); },
+      [](TrackingController& controller, const C& choice) {
+        static_cast<OpenLoop&>(controller).setParams(choice);
+      }};
 }
 
 /// Description of a Control that follows a reference, with its Params in ControllerChoice.

@@ -11,8 +11,8 @@ namespace {
 
 constexpr int kInstants = 4000;
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
-constexpr double kHeldFirst = 1e-5;    // weight of the moment if the thrust must hold
-constexpr int kDirections = 72;        // directions of a thrust that are tried
+constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
+constexpr int kDirections = 72;       // directions of a thrust that are tried
 constexpr double kNegligible = 1e-3;  // relative to full thrust; with less, any heading is possible
 
 /// What the thrusters of a craft can give.
@@ -31,9 +31,9 @@ class Limits {
     }
   }
 
-  double thrust() const { return forward_; }                ///< largest [N]
-  double fullMoment() const { return full_moment_; }        ///< [N m]
-  bool sways() const { return sways_; }                     ///< pushes to both sides
+  double thrust() const { return forward_; }          ///< largest [N]
+  double fullMoment() const { return full_moment_; }  ///< [N m]
+  bool sways() const { return sways_; }               ///< pushes to both sides
   bool reverses() const { return backward_ > kTolerance * forward_; }
   double least() const { return reverses() ? -backward_ : 0; }  ///< smallest surge force [N]
   /// Largest moment to the side of `moment` while the thrust is `surge` [N m].
@@ -92,9 +92,9 @@ std::string format(const char* text, Args... args) {
 void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
   const double most = limits.thrust();
   if (surge > most)
-    worst.report(surge / most - 1,
-                 format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t,
-                        surge, most));
+    worst.report(
+        surge / most - 1,
+        format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, surge, most));
   if (surge >= limits.least()) return;
   worst.report((limits.least() - surge) / most,
                limits.reverses()

@@ -203,7 +203,8 @@ std::vector<double> numbersIn(const std::string& line) {
   return row;
 }
 
-/// Adds a row of time, inputs of the thrusters and optionally lift. Throws std::runtime_error if it is invalid.
+/// Adds a row of time, inputs of the thrusters and optionally lift. Throws std::runtime_error if it
+/// is invalid.
 void addRow(const std::vector<double>& row, InputSignal& signal) {
   if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
     throw std::runtime_error("times must ascend from 0 or later");
@@ -258,22 +259,29 @@ InputSignal timedRows(const std::string& path, const std::string& header, std::i
 
 const std::vector<DesignInfo>& designTable() {
   static const std::vector<DesignInfo> table = {
-      {"prbs", "all thrusters by a binary sequence between two levels, each delayed differently",
+      {"prbs",
+       "all thrusters by a binary sequence between two levels, each delayed differently",
        {"clock", "levels", "order", "seed"}},
-      {"multilevel-prbs", "each thruster at a pseudo-random one of the levels, every bit",
+      {"multilevel-prbs",
+       "each thruster at a pseudo-random one of the levels, every bit",
        {"clock", "levels", "order", "seed"}},
-      {"differential-prbs", "one binary sequence: those that turn to starboard high while the others are low, and the "
+      {"differential-prbs",
+       "one binary sequence: those that turn to starboard high while the others are low, and the "
        "reverse",
        {"clock", "levels", "order", "seed"}},
       {"steps", "the thrusters that push forward through the levels in turn", {"hold", "levels"}},
       {"coast-down", "full thrust forward, then low three times as long", {"hold", "levels"}},
-      {"spin", "those that turn to starboard high, then all low three times as long; then the others",
+      {"spin",
+       "those that turn to starboard high, then all low three times as long; then the others",
        {"hold", "levels"}},
-      {"single-thruster", "each thruster alone through the levels, one after the other",
+      {"single-thruster",
+       "each thruster alone through the levels, one after the other",
        {"hold", "levels"}},
-      {"multisine", "sums of sines up to a sixth of the clock, uncorrelated between thrusters",
+      {"multisine",
+       "sums of sines up to a sixth of the clock, uncorrelated between thrusters",
        {"clock", "levels", "seed"}},
-      {"file", "a CSV: bits LEFT,RIGHT, or rows under time and the channels of the thrusters, also lift",
+      {"file",
+       "a CSV: bits LEFT,RIGHT, or rows under time and the channels of the thrusters, also lift",
        {"file", "clock", "levels", "rows_per_bit"}},
   };
   return table;
@@ -321,7 +329,8 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   const auto blank = [](unsigned char c) { return std::isspace(c) != 0; };
   header.erase(std::remove_if(header.begin(), header.end(), blank), header.end());
   std::string columns = "time";
-  for (int i = 0; i < params.thrusters->size(); ++i) columns += "," + (*params.thrusters)[i].channel;
+  for (int i = 0; i < params.thrusters->size(); ++i)
+    columns += "," + (*params.thrusters)[i].channel;
   const std::string with_lift = columns + "," + params.thrusters->liftChannel();
   if (header == columns || header == with_lift)
     return timedRows(path, header, file, params.thrusters, header == with_lift);
@@ -330,14 +339,13 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
                              columns + " or " + with_lift);
   try {
     const PrbsFile bits = readPrbs(path, params.rows_per_bit);
-    InputSignal signal =
-        repeated(params, between(bits.rows, levels.front(), levels.back()),
-                 params.clock * bits.rows_per_bit, duration);
+    InputSignal signal = repeated(params, between(bits.rows, levels.front(), levels.back()),
+                                  params.clock * bits.rows_per_bit, duration);
     signal.description = bits.describe(params.clock);
     return signal;
   } catch (const std::runtime_error& error) {
-    throw std::runtime_error(std::string(error.what()) +
-                             "; other inputs need a first line " + columns + " or " + with_lift);
+    throw std::runtime_error(std::string(error.what()) + "; other inputs need a first line " +
+                             columns + " or " + with_lift);
   }
 }
 

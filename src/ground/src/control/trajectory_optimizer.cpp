@@ -19,8 +19,8 @@ constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
 
-/// The optimizer of N inputs; Eigen::Dynamic for any number. Two inputs, the most frequent case, are
-/// faster with a number that the compiler knows.
+/// The optimizer of N inputs; Eigen::Dynamic for any number. Two inputs, the most frequent case,
+/// are faster with a number that the compiler knows.
 template <int N>
 class SizedOptimizer final : public TrajectoryOptimizer {
  public:
@@ -117,8 +117,7 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
 
 std::unique_ptr<TrajectoryOptimizer> TrajectoryOptimizer::make(const Model& model, int steps,
                                                                double step) {
-  if (model.thrusters->size() == 2)
-    return std::make_unique<SizedOptimizer<2>>(model, steps, step);
+  if (model.thrusters->size() == 2) return std::make_unique<SizedOptimizer<2>>(model, steps, step);
   return std::make_unique<SizedOptimizer<Eigen::Dynamic>>(model, steps, step);
 }
 
@@ -174,8 +173,8 @@ void TrajectoryOptimizer::linearize(int k, Square& A, Drive B) const {
       command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
     for (int i = first; i < last; ++i) {
       const int variable = by[static_cast<std::size_t>(i)];
-      Jet& one = variable < kStates ? x[static_cast<std::size_t>(variable)]
-                                    : command(variable - kStates);
+      Jet& one =
+          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
       one.v[i - first] = 1;
     }
     const StepInputs<Jet> acting = derivatives_.actuate(command, lift_, Jet(step_), &x[6]);

@@ -57,8 +57,7 @@ double fullYaw(const Model& model) {
   const ThrusterLayout& layout = *model.thrusters;
   double most = 0;
   for (bool starboard : {false, true}) {
-    const Thrusters<double> forces =
-        layout.forces(fastestTurn(layout, starboard, body.input_max));
+    const Thrusters<double> forces = layout.forces(fastestTurn(layout, starboard, body.input_max));
     most = std::max(most, std::abs(layout.total(forces).z()));
   }
   return body.k * body.l * most / body.I_z;
@@ -101,10 +100,9 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
 void ObedienceMonitor::addExplanations() {
   const ThrusterLayout& layout = dynamics_.layout();
   const Thrusters<double> all = Thrusters<double>::filled(layout.size(), 1);
-  explanations_ = {
-      {"as without thrust", &dynamics_, Thrusters<double>::zero(layout.size())},
-      {"as with a fifth of the model's thrust", &weak_, all},
-      {"as with five times the model's thrust", &strong_, all}};
+  explanations_ = {{"as without thrust", &dynamics_, Thrusters<double>::zero(layout.size())},
+                   {"as with a fifth of the model's thrust", &weak_, all},
+                   {"as with five times the model's thrust", &strong_, all}};
   if (layout.size() == 2)
     explanations_.push_back({"as if " + layout[0].name + " and " + layout[1].name + " were swapped",
                              &dynamics_, all, true});
@@ -221,7 +219,8 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
     Evidence better = i.others - i.told(best);
     // A trim is the same in all intervals, so a slightly better fit in each of them is no evidence,
     // except for the hypothesis of no thrust.
-    if (i.told(best) > kPlausible) better.tail(better.size() - 1) = better.tail(better.size() - 1).min(0);
+    if (i.told(best) > kPlausible)
+      better.tail(better.size() - 1) = better.tail(better.size() - 1).min(0);
     evidence += better;
   }
   return evidence;

@@ -119,9 +119,8 @@ void GroundLink::command(double now, double age, const std::string& source,
                   false);
   if (!command.finite()) return refuse("a command of " + source + " is not finite", true);
   if (command.thrusters.size() != layout_->size())
-    return refuse("a command of " + source + " is for " +
-                      std::to_string(command.thrusters.size()) + " thrusters, and the craft has " +
-                      std::to_string(layout_->size()),
+    return refuse("a command of " + source + " is for " + std::to_string(command.thrusters.size()) +
+                      " thrusters, and the craft has " + std::to_string(layout_->size()),
                   true);
   if (armed && params_.require_lift && thrustAlone(command, *layout_))
     return refuse("a command of " + source + " is thrust without lift", true);

@@ -19,11 +19,11 @@ namespace ground {
 /// Plays any input design or file of inputs with exact timing: in bursts between which
 /// ModelPredictive drives the craft home, or in open loop.
 ///
-/// Parameters: model (model file for the thrusters and the returns; empty: a left and a right thruster) and those of Excitation.cfg, which take effect at
-/// the next start. If returns is true, model and the base's room are required. Also publishes:
-/// bursts (latched; at the beginning of each burst and return), and each decision of a return
-/// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column
-/// lift sets the lift, too.
+/// Parameters: model (model file for the thrusters and the returns; empty: a left and a right
+/// thruster) and those of Excitation.cfg, which take effect at the next start. If returns is true,
+/// model and the base's room are required. Also publishes: bursts (latched; at the beginning of
+/// each burst and return), and each decision of a return (DecisionPublisher). Service: ~load_model
+/// (takes effect at the next start). A file with a column lift sets the lift, too.
 class Excitation : public Controller {
  public:
   Excitation() : Controller(pilot_) {}

@@ -159,12 +159,12 @@ class LiveComparison : public nodelet::Nodelet {
       const Model& model = c.monitor->model();
       const std::string other = misfit(*controls, *model.thrusters);
       if (other.empty())
-        c.monitor->command(time,
-                           model.body.input_max *
-                               asVector(model.thrusters->clipped(inputs.thrusters, 1)),
-                           inputs.lift);
+        c.monitor->command(
+            time, model.body.input_max * asVector(model.thrusters->clipped(inputs.thrusters, 1)),
+            inputs.lift);
       else
-        NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(), other.c_str());
+        NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(),
+                              other.c_str());
     }
   }
 

@@ -11,8 +11,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
-#include <cmath>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <csignal>
 #include <cstring>
@@ -122,7 +122,8 @@ class Sender : public nodelet::Nodelet {
     socket_ =
         std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
-        GroundLinkParams(), peer, [this](const std::string& data, const UdpAddress& to) {
+        GroundLinkParams(), peer,
+        [this](const std::string& data, const UdpAddress& to) {
           return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
         },
         layout_);
@@ -455,7 +456,7 @@ class Sender : public nodelet::Nodelet {
   std::optional<Fence> fence_;  ///< no value without a room
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< null without a model
   double obedience_timeout_ = 0, input_max_ = 1;
-  ThrusterLayoutPtr layout_ = thrusterPair();    ///< constant after start()
+  ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
   bool bench_ = false;  ///< no state is needed; constant after start()
   std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed

@@ -208,10 +208,10 @@ void require(const std::string& wrong) {
 
 void requireSameThrusters(const Model& model, const Model& believed) {
   if (model.thrusters->size() != believed.thrusters->size())
-    throw std::invalid_argument(
-        "the controller's model " + believed.name + " commands " +
-        std::to_string(believed.thrusters->size()) + " thrusters, and " + model.name + " has " +
-        std::to_string(model.thrusters->size()) + ": give a model with the craft's thrusters");
+    throw std::invalid_argument("the controller's model " + believed.name + " commands " +
+                                std::to_string(believed.thrusters->size()) + " thrusters, and " +
+                                model.name + " has " + std::to_string(model.thrusters->size()) +
+                                ": give a model with the craft's thrusters");
 }
 
 }  // namespace

@@ -19,8 +19,8 @@ namespace ground {
 /// those of input 1 (of the commands, if force curves are linear). It is the weighted least squares
 /// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
 /// aircraft control allocation, CDC 2002. If the wrenches of all thrusters are orthogonal in X, Y,
-/// N / l, as those of the pair, the problem separates: e is not needed, and each force is clipped by
-/// itself. Allocates no memory after construction. One thread at a time.
+/// N / l, as those of the pair, the problem separates: e is not needed, and each force is clipped
+/// by itself. Allocates no memory after construction. One thread at a time.
 class Allocation {
  public:
   /// Weights of the squared errors of X, Y and N / l. Equal weights give the pair the inputs of
@@ -55,7 +55,7 @@ class Allocation {
     Vector3<double> column;  ///< X, Y, N / l of a force of 1 N
     Vector3<double> share;   ///< its force for a demand of X, Y, N / l is the product with it
     double low, high, full;
-    bool linear;             ///< its force curve
+    bool linear;  ///< its force curve
   };
 
   Output clipped(const Vector3<double>& demand) const;

@@ -9,8 +9,7 @@ namespace ground {
 
 /// A number for each of N thrusters; N may be Eigen::Dynamic, then there are at most kMaxThrusters.
 template <int N>
-using PerThruster =
-    Eigen::Matrix<double, N, 1, 0, N == Eigen::Dynamic ? kMaxThrusters : N, 1>;
+using PerThruster = Eigen::Matrix<double, N, 1, 0, N == Eigen::Dynamic ? kMaxThrusters : N, 1>;
 
 /// Minimises g' d + d' H d / 2 for low <= d <= high, with a positive definite H: a primal active
 /// set (Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5). An unbounded minimum inside

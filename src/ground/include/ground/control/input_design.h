@@ -53,14 +53,16 @@ struct InputSignal {
   double nextChange(double t) const;
 };
 
-/// A design played for all thrusters of a craft for `duration` [s], repeated as needed; a file with times is not repeated.
-/// Throws std::invalid_argument on bad parameters, std::runtime_error if the file cannot be read.
+/// A design played for all thrusters of a craft for `duration` [s], repeated as needed; a file with
+/// times is not repeated. Throws std::invalid_argument on bad parameters, std::runtime_error if the
+/// file cannot be read.
 InputSignal makeDesign(const DesignParams& params, double duration);
 
-/// Reads inputs from a CSV file. Rows with the header time and the channels of all thrusters, with or
-/// without that of the lift (for the pair time,left,right or time,left,right,lift), are each held until
-/// the next and end with the last time. Bits LEFT,RIGHT (readPrbs), for two thrusters only, are
-/// played with `params` for `duration` [s]. Throws std::runtime_error that names file and line.
+/// Reads inputs from a CSV file. Rows with the header time and the channels of all thrusters, with
+/// or without that of the lift (for the pair time,left,right or time,left,right,lift), are each
+/// held until the next and end with the last time. Bits LEFT,RIGHT (readPrbs), for two thrusters
+/// only, are played with `params` for `duration` [s]. Throws std::runtime_error that names file and
+/// line.
 InputSignal readInputFile(const DesignParams& params, double duration);
 
 }  // namespace ground

@@ -20,7 +20,7 @@ namespace ground {
 class ReferencePilot : public Pilot {
  public:
   struct Decision {
-    double now, stamp;         ///< time of the decision, and stamp of the state it is based on [s]
+    double now, stamp;  ///< time of the decision, and stamp of the state it is based on [s]
     ReferencePoint reference;
     Thrusters<double> inputs;  ///< fractions of the largest input
     Thrusters<double> wanted;  ///< inputs before they were limited

@@ -32,8 +32,8 @@ class TrackingLaw {
   /// sway. Throws std::invalid_argument if steeringProblem() names one.
   explicit TrackingLaw(const Model& model);
 
-  /// Why a craft's thrusters cannot follow the law; empty if they can. It takes a forward force, and
-  /// moments to both sides.
+  /// Why a craft's thrusters cannot follow the law; empty if they can. It takes a forward force,
+  /// and moments to both sides.
   static std::string steeringProblem(const Model& model);
 
   struct Output {

@@ -26,10 +26,11 @@ struct PlanWeights {
   static const Tunables<PlanWeights>& table();
 };
 
-/// Plans the inputs of a craft's thrusters over a horizon by an iterative linear-quadratic regulator with
-/// bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming,
-/// 2014): Gauss-Newton with exact derivatives of the model. Allocates memory only at construction.
-/// A thruster whose force curve is flat at 0 has no derivative there: it gets that of a small input.
+/// Plans the inputs of a craft's thrusters over a horizon by an iterative linear-quadratic
+/// regulator with bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential
+/// dynamic programming, 2014): Gauss-Newton with exact derivatives of the model. Allocates memory
+/// only at construction. A thruster whose force curve is flat at 0 has no derivative there: it gets
+/// that of a small input.
 class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
@@ -102,7 +103,8 @@ class TrajectoryOptimizer {
   std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
   double cost_ = 0;
-  Thrusters<double> unbounded_;  ///< first inputs of the last iteration without bounds; NaN before it
+  /// First inputs of the last iteration without bounds; NaN before it.
+  Thrusters<double> unbounded_;
 };
 
 }  // namespace ground

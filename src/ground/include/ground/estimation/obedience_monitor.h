@@ -18,8 +18,8 @@ namespace ground {
 /// - The craft follows its commands: with half, all and twice the commanded thrust, at once and up
 ///   to 0.2 s later, because the model may be wrong by that much.
 /// - It does not: no thrust (a craft that does not receive its commands turns its motors off), a
-///   fifth or five times the thrust, one thruster off, no lift, or, if there are two thrusters, both
-///   swapped.
+///   fifth or five times the thrust, one thruster off, no lift, or, if there are two thrusters,
+///   both swapped.
 ///
 /// The measured velocities give each hypothesis a log-likelihood (Student's t, so that a single
 /// collision has little weight). Noise, random pushes, a trim and a wrong drag (kPush, kTrim,
@@ -51,10 +51,10 @@ class ObedienceMonitor {
  private:
   /// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
   struct Explanation {
-    std::string text;                      ///< for messages, after "it moves"
-    const Dynamics<double>* dynamics;      ///< by which it moves
-    Thrusters<double> shares;              ///< inputs of the thrusters relative to their commands
-    bool swapped = false, lifted = true;   ///< whether two thrusters are swapped; lift fan works
+    std::string text;                     ///< for messages, after "it moves"
+    const Dynamics<double>* dynamics;     ///< by which it moves
+    Thrusters<double> shares;             ///< inputs of the thrusters relative to their commands
+    bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
   };
   static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
   static constexpr int kDelayCount = 3, kToldCount = 9;

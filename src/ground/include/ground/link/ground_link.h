@@ -58,8 +58,8 @@ class GroundLink {
   /// Sends a datagram; returns an error message, or an empty string.
   using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
 
-  /// `layout`: the thrusters of the craft. `peer`: its address if fixed (port 0: any port); unknown if it is learned from the
-  /// first datagram. Throws std::invalid_argument if params are bad.
+  /// `layout`: the thrusters of the craft. `peer`: its address if fixed (port 0: any port); unknown
+  /// if it is learned from the first datagram. Throws std::invalid_argument if params are bad.
   GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send,
              ThrusterLayoutPtr layout = thrusterPair());
 
@@ -74,8 +74,8 @@ class GroundLink {
                                          const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
   /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
-  /// other thrusters than those of the craft, too old, more than a second ahead or, while armed, not from the controller that the link was armed
-  /// with.
+  /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
+  /// not from the controller that the link was armed with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
   /// Call with a command that is not for this craft; `why` says so. It is refused and counted.
   void refuseCommand(double now, const std::string& source, const std::string& why);

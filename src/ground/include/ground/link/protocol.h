@@ -21,16 +21,15 @@ struct CraftTelemetry {
   std::optional<std::uint32_t> commands;
 };
 
-/// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster in
-/// `layout`; both lift motors get the same. Throws std::invalid_argument if a value is not finite or
-/// the number of thrusters is another.
+/// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster
+/// in `layout`; both lift motors get the same. Throws std::invalid_argument if a value is not
+/// finite or the number of thrusters is another.
 std::string encodeMotors(const MotorCommand& command,
                          const ThrusterLayout& layout = *thrusterPair());
 /// Parses a datagram from the ground. Returns false, sets the reason and leaves `command`
 /// unchanged, if it is not exactly one Motors message for the thrusters of `layout`, or a value is
 /// outside of the range of its thruster.
-bool decodeMotors(const std::string& datagram, MotorCommand& command,
-                  std::string* reason = nullptr,
+bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason = nullptr,
                   const ThrusterLayout& layout = *thrusterPair());
 
 std::string encodeTelemetry(const CraftTelemetry& telemetry);

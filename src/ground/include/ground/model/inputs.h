@@ -20,16 +20,15 @@ inline bool operator==(const Thrusters<double>& a, const Thrusters<double>& b) {
 }
 inline bool operator!=(const Thrusters<double>& a, const Thrusters<double>& b) { return !(a == b); }
 
-/// Inputs of the thrusters, in the order of the model, as fractions of the largest input, and of the
-/// lift fan, 0..1.
+/// Inputs of the thrusters, in the order of the model, as fractions of the largest input, and of
+/// the lift fan, 0..1.
 struct Inputs {
   Thrusters<double> thrusters{0.0, 0.0};
   double lift = 0;
 
   Inputs() = default;  ///< a left and a right thruster and the lift, all off
   Inputs(const Thrusters<double>& all, double lift_input) : thrusters(all), lift(lift_input) {}
-  Inputs(double left, double right, double lift_input)
-      : thrusters{left, right}, lift(lift_input) {}
+  Inputs(double left, double right, double lift_input) : thrusters{left, right}, lift(lift_input) {}
   /// `count` thrusters that are off.
   static Inputs off(int count, double lift_input = 0) {
     return {Thrusters<double>::zero(count), lift_input};

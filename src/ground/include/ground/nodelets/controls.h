@@ -28,8 +28,9 @@ inline void writeInputs(const Inputs& inputs, const ThrusterLayout& layout,
 /// Why a message is not for a craft with these thrusters; empty if it is.
 inline std::string misfit(const ground_msgs::Controls& message, const ThrusterLayout& layout) {
   if (message.thrusters.empty() && message.channels.empty())
-    return layout.isPair() ? "" : "is for a left and a right thruster, and the craft has " +
-                                      layout.names();
+    return layout.isPair()
+               ? ""
+               : "is for a left and a right thruster, and the craft has " + layout.names();
   const bool complete = message.thrusters.size() + 1 == message.channels.size();
   if (complete && !layout.isPair() && message.channels == layout.channels()) return "";
   std::string channels;

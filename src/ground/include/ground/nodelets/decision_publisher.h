@@ -1,10 +1,10 @@
 #pragma once
 
-#include <boost/make_shared.hpp>
 #include <ground_msgs/Controls.h>
 #include <ground_msgs/Decision.h>
 #include <ros/ros.h>
 
+#include <boost/make_shared.hpp>
 #include <string>
 
 #include "ground/control/reference_pilot.h"
@@ -21,7 +21,8 @@ class DecisionPublisher {
     decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   }
 
-  /// layout: the thrusters; state: stamp of the state of the decision; controller: its name; lift: lift input, 0..1.
+  /// layout: the thrusters; state: stamp of the state of the decision; controller: its name; lift:
+  /// lift input, 0..1.
   void publish(const ReferencePilot::Decision& made, const ThrusterLayout& layout,
                const ros::Time& state, const std::string& controller, double lift) {
     auto wanted = boost::make_shared<ground_msgs::Controls>();

@@ -103,8 +103,8 @@ def simulate(
     options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1, -1..1 for reversible
     thrusters), hold [s], rows_per_bit of a design; burst [s] in a room; controller, reference, origin,
     end ((x, y) [m]), sharp, max_error [m], control_rate [Hz], size [m], rate_of_turn [rad/s], petals,
-    speed [m/s] and gains of a controller in the loop. OptionError when one does not go with the input, GroundError when
-    nothing can be recorded.
+    speed [m/s] and gains of a controller in the loop. OptionError when one does not go with the
+    input, GroundError when nothing can be recorded.
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
