@@ -28,7 +28,7 @@ void iterate(benchmark::State& state, const Model& model, TrackingController& co
   double t = 0;
   for (auto _ : state) {
     seen.stamp = seen.now = t;
-    const Vector2<double> inputs = controller.decide(seen);
+    const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);
     dynamics.step<true>(t, seen.state, {{inputs, inputs, inputs}, 1, true}, kPeriod / 4, 4);
     benchmark::DoNotOptimize(seen.state);
@@ -61,7 +61,7 @@ void printCases() {
   std::printf("%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", b.m, b.l, b.I_z, b.Y_v, b.N_r, b.k);
   std::printf("%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", g.k_e, g.k_z, g.k_phi_1, g.k_phi_2,
               g.delta_1, g.delta_2);
-  const TrackingLaw law(b);
+  const TrackingLaw law(model);
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(-1, 1);
   for (int i = 0; i < 500; ++i) {
@@ -72,13 +72,13 @@ void printCases() {
     for (Vector2<double>* of :
          {&reference.p, &reference.p_dot, &reference.p_ddot, &reference.p_dddot})
       *of = {uniform(random), uniform(random)};
-    const Vector2<double> inputs = law.run(state, reference, g).inputs;
+    const Thrusters<double> inputs = law.run(state, reference, g).inputs;
     for (const double x : state.eta) std::printf("%.17g,", x);
     for (const double x : state.nu) std::printf("%.17g,", x);
     for (const Vector2<double>* of :
          {&reference.p, &reference.p_dot, &reference.p_ddot, &reference.p_dddot})
       std::printf("%.17g,%.17g,", of->x(), of->y());
-    std::printf("%.17g,%.17g\n", inputs.x(), inputs.y());
+    std::printf("%.17g,%.17g\n", inputs(0), inputs(1));
   }
 }
 

@@ -46,7 +46,7 @@ Verdict judge(const Model& model, const ExperimentLog& log, bool tracks) {
   for (const MocapFrame& frame : log.frames) {
     for (; next < log.commands.size() && log.commands[next].time <= frame.delivered; ++next) {
       const ExperimentLog::Command& c = log.commands[next];
-      monitor.command(c.time, model.body.input_max * Vector2<double>(c.thrusters(0), c.thrusters(1)), c.lift);
+      monitor.command(c.time, model.body.input_max * asVector(c.thrusters), c.lift);
     }
     const StateEstimate& e = estimator->update(frame.captured, frame.eta);
     if (!e.valid || !e.used) continue;

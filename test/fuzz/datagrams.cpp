@@ -10,7 +10,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string datagram(reinterpret_cast<const char*>(data), size);
   ground::MotorCommand command;
   if (ground::decodeMotors(datagram, command)) {
-    for (const double x : {command.left, command.right, command.lift})
+    for (const double x : {command.thrusters(0), command.thrusters(1), command.lift})
       if (!(x >= 0 && x <= 1)) std::abort();
   }
   ground::CraftTelemetry telemetry;

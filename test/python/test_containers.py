@@ -34,7 +34,7 @@ def pose_stamped(folder):
         set_pose(message.pose.position, message.pose.orientation, in_mocap(eta, OPTITRACK))
         messages.append(("/vrpn_client_node/hovercraft/pose", stamp, message))
     for stamp, (left, right, lift) in commands:
-        messages.append(("/controls", stamp, Controls(None, left, right, lift)))
+        messages.append(("/controls", stamp, Controls(left=left, right=right, lift=lift)))
     return write_bag(folder / "run.bag", messages), ""
 
 

@@ -1,15 +1,18 @@
 """Crafts that list their thrusters: an air-bearing table with eight jets."""
 import os
 import sys
+from types import SimpleNamespace
 
 import conftest
 import numpy as np
 import pytest
 
+import ground
 from ground import _core
 from ground.analysis import candidates, memory, study
 from ground.errors import GroundError
-from ground.recordings import quality, recording
+from ground.recordings import commands, mapping, quality, recording
+from ground.simulation import tracking
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(ROOT, "test", "bench"))
@@ -70,9 +73,57 @@ def test_inputs_of_another_craft_are_refused(table):
         _core.simulate(table, [[0.0, 1]], times, np.zeros(3), np.zeros(3))
 
 
-def test_tracking_refuses_other_thrusters(table):
+def test_a_controller_of_another_craft_is_refused(table):
     params = _core.TrackingParams()
-    with pytest.raises(ValueError, match="commands a left and a right thruster"):
+    pair = _core.load_model(PAIR)
+    with pytest.raises(ValueError, match="commands 2 thrusters, and Air-bearing table has 8"):
+        _core.track_reference(
+            table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
+        )
+
+
+def test_a_simulated_bag_of_the_table_is_read_by_its_channels(table, tmp_path):
+    path = str(tmp_path / "table.bag")
+    run = ground.simulate(TABLE, "prbs", duration=5, seed=2)
+    run.save(path)
+    read = recording.read_bag(path)
+    assert list(read.channels) == table.channels and read.lift_channel == "air"
+    assert list(read.thrusters) == table.channels[:-1]
+    assert read.controls == pytest.approx(run.controls) and read.controls.shape[1] == 9
+    assert read.lift.max() == 1 and np.ptp(read.thrust, axis=0).min() == 1
+    assert quality.Run(read).inputs(table).shape[1] == 10
+
+
+def test_commands_of_two_crafts_in_one_bag_are_an_error():
+    reader = commands.CommandReader("a.bag: /controls", "ground_msgs/Controls", mapping.Commands())
+    stamp = SimpleNamespace(secs=1, nsecs=0, to_nsec=lambda: 10**9)
+    old = SimpleNamespace(header=SimpleNamespace(stamp=stamp), left=0.5, right=0.25, lift=1.0)
+    assert reader(old, stamp)[1] == (0.5, 0.25, 1.0)  # from before there were channels
+    other = SimpleNamespace(**{**vars(old), "thrusters": [0.5], "channels": ["bow", "air"]})
+    with pytest.raises(GroundError, match="some are for left, right, lift, others for bow, air"):
+        reader(other, stamp)
+
+
+def test_the_table_tracks_a_circle_and_stays_in_a_room(table):
+    controller = _core.ControllerChoice()
+    controller.kind = "ModelPredictive"
+    task = tracking.task("circle", 20, 25, size=0.5, rate_of_turn=0.3)
+    found = tracking.run(table, table, controller, task)
+    assert found.numbers["rms"] < 5e-3
+    assert found.inputs.shape[1] == found.wanted.shape[1] == 9
+    room = os.path.join(ROOT, "cfg", "room", "room_4x4.yaml")
+    run = ground.simulate(TABLE, "prbs", duration=30, room=room)
+    assert not run.stopped and run.bursts > 1 and run.decisions.shape[1] == 11
+
+
+def test_designs_for_other_thrusters_say_what_they_need(table, tmp_path):
+    file = tmp_path / "bits.csv"
+    file.write_text("1,0\n0,1\n")
+    with pytest.raises(GroundError, match="not time,front_right_back,.*,air"):
+        ground.simulate(TABLE, str(file), duration=5)
+    with pytest.raises(ValueError, match="OpenLoopPRBS has levels for a left and a right thruster"):
+        params = _core.TrackingParams()
+        params.controller.kind = "OpenLoopPRBS"
         _core.track_reference(
             table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
         )
@@ -153,10 +204,12 @@ def test_a_recording_of_another_craft_is_refused_in_a_sentence(tmp_path):
         refused = conftest.identify(*verb, "--model", TABLE)
         assert refused.returncode == 1 and "Traceback" not in refused.stderr
         assert "no command is named front_right_back" in refused.stderr
-    play = ["simulate", "--input", "prbs", "--duration", 3, "-o", tmp_path / "table.bag"]
-    refused = conftest.identify(*play, "--model", TABLE)
-    assert refused.returncode == 2 and "Traceback" not in refused.stderr
-    assert "thrusters" in refused.stderr
+    table = tmp_path / "table.bag"
+    play = ["simulate", "--input", "prbs", "--duration", 3, "-o", table]
+    made = conftest.identify(*play, "--model", TABLE)
+    assert made.returncode == 0, made.stderr
+    refused = conftest.identify("fit", table, "-o", tmp_path / "m.yaml", "--model", PAIR)
+    assert refused.returncode == 1 and "no command is named left or right" in refused.stderr
 
 
 @pytest.mark.parametrize("seed", [0, 1, 7])

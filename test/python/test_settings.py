@@ -61,7 +61,7 @@ def mocap_bag(path, settings=(), offset=0.0, axes="x, z, -y", seed=1, turned_at=
             q.x, q.y, q.z, q.w = orientation
             bag.write("/vrpn_client_node/hovercraft/pose", pose, pose.header.stamp)
         for t, left, right, lift in inputs:
-            controls = Controls(None, left, right, lift)
+            controls = Controls(left=left, right=right, lift=lift)
             controls.header.stamp = genpy.Time.from_sec(1000 + t)
             bag.write("/controls", controls, controls.header.stamp)
     return str(path)

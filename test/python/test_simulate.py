@@ -468,7 +468,7 @@ def test_existing_bags_are_not_overwritten(tmp_path):
         (["--input", "sine"], ["'sine' is neither one of prbs, multilevel-prbs"]),
         (["--input", "prbs", "--duration", "-3"], ["--duration", "not between"]),
         (["--input", "prbs", "--duration", "nan"], ["--duration", "not between"]),
-        (["--input", "prbs", "--levels", "0", "1.2"], ["--levels", "1.2 is not between 0 and 1"]),
+        (["--input", "prbs", "--levels", "0", "1.2"], ["--levels", "1.2 is not between -1 and 1"]),
         (["--input", "prbs", "--levels", "1", "0"], ["--levels", "LOW and HIGH"]),
         (["--input", "prbs", "--levels", "0.5"], ["--levels", "LOW and HIGH"]),
         (["--input", "prbs", "--order", "30"], ["--order"]),

@@ -52,9 +52,9 @@ long allocationsOf(TrackingController& controller, const Model& model, int count
   for (int i = -100; i < count; ++i) {
     seen.stamp = seen.now = t;
     if (i == 0) before = allocations;
-    const Vector2<double> inputs = controller.decide(seen);
+    const Thrusters<double> inputs = controller.decide(seen);
     controller.commanded(t, inputs, 1);
-    EXPECT_TRUE(inputs.allFinite());
+    EXPECT_TRUE(asVector(inputs).allFinite());
     dynamics.step<true>(t, seen.state, dynamics.actuate(inputs, 1, 0.02, actuators.data()), 0.02);
   }
   return allocations - before;
@@ -80,6 +80,16 @@ TEST(Allocations, NoneByThePredictiveControllerWithEffects) {
   model.setValue("input_delay.delay", 0.01);
   PredictiveControl controller(model, {});
   EXPECT_EQ(allocationsOf(controller, model, 200), 0);
+}
+
+TEST(Allocations, NoneByControllersOfEightThrusters) {
+  const Model model = loadModel("cfg/craft/air_table.yaml");
+  PredictiveControl predictive(model, {});
+  EXPECT_EQ(allocationsOf(predictive, model, 50), 0);
+  TrackingGains gains;
+  gains.k_z = 0.1;
+  BacksteppingControl backstepping(model, gains);
+  EXPECT_EQ(allocationsOf(backstepping, model, 200), 0);
 }
 
 }  // namespace

@@ -86,7 +86,9 @@ class Lifecycle : public testing::Test {
   void expectStopped(const std::string& reason) {
     EXPECT_EQ(life.current(), State::kStopped);
     EXPECT_EQ(life.reason(), reason);
-    EXPECT_EQ(sent.back().inputs.left + sent.back().inputs.right + sent.back().inputs.lift, 0);
+    EXPECT_EQ(
+        sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift,
+        0);
     EXPECT_EQ(pilot.deactivated, pilot.activated);
   }
 
@@ -117,8 +119,8 @@ TEST_F(Lifecycle, WaitsLiftsDrivesAndEnds) {
   EXPECT_EQ(life.reason(), "came to its end");
   for (const Sent& s : sent) {
     const bool runs = s.state == State::kRunning, lifts = runs || s.state == State::kLifting;
-    EXPECT_EQ(s.inputs.left, runs ? 0.4 : 0) << s.time;
-    EXPECT_EQ(s.inputs.right, runs ? 0.6 : 0) << s.time;
+    EXPECT_EQ(s.inputs.thrusters(0), runs ? 0.4 : 0) << s.time;
+    EXPECT_EQ(s.inputs.thrusters(1), runs ? 0.6 : 0) << s.time;
     EXPECT_EQ(s.inputs.lift, lifts ? params.lift : 0) << s.time;
   }
   for (std::size_t i = 1; i < sent.size(); ++i)
@@ -155,7 +157,7 @@ TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
   drive();
   pass(0.5, false);
   EXPECT_EQ(life.current(), State::kRecovering);
-  EXPECT_EQ(sent.back().inputs.left + sent.back().inputs.right, 0);
+  EXPECT_EQ(sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1), 0);
   EXPECT_EQ(sent.back().inputs.lift, params.lift);
   EXPECT_EQ(pilot.deactivated, 0);
   pass(0.1);
@@ -343,7 +345,7 @@ TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
 
   life.start(now());
   pass(1.5, false);
-  EXPECT_EQ(sent.back().inputs.left, 0.4);
+  EXPECT_EQ(sent.back().inputs.thrusters(0), 0.4);
   life.sender(now(), false, "disarmed by hand");
   expectStopped("the sender is not armed: disarmed by hand");
 }
@@ -428,7 +430,7 @@ TEST_F(Lifecycle, ThrustNeedsATrustedState) {
       life.tick(now());
     }
     for (const Sent& s : sent) {
-      if (s.inputs.left + s.inputs.right == 0) continue;
+      if (s.inputs.thrusters(0) + s.inputs.thrusters(1) == 0) continue;
       ASSERT_EQ(s.state, State::kRunning);
       ASSERT_LT(time - trusted, params.state_timeout + 1e-9);
       ASSERT_TRUE(armed);

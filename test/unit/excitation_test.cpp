@@ -138,8 +138,10 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
       // At its end, the last command of a return precedes the first of the burst.
       if (k + 1 < log.commands.size() && log.commands[k + 1].time == command.time) continue;
       const std::size_t now = rowAt(command.time);
-      EXPECT_EQ(command.thrusters(0), signal.inputs[now].left) << command.time << " row " << now;
-      EXPECT_EQ(command.thrusters(1), signal.inputs[now].right) << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(0), signal.inputs[now].thrusters(0))
+          << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(1), signal.inputs[now].thrusters(1))
+          << command.time << " row " << now;
       EXPECT_EQ(command.lift, 1) << command.time;
       seen.push_back(command.time);
     }
@@ -272,7 +274,8 @@ TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
   schedule.add(0, 0, 0, 0);
   schedule.add(log.stages.at(1).time, 0, 0, 1);
   for (std::size_t i = 0; i < signal.times.size(); ++i)
-    schedule.add(begins + signal.times[i], signal.inputs[i].left, signal.inputs[i].right, 1);
+    schedule.add(begins + signal.times[i], signal.inputs[i].thrusters(0),
+                 signal.inputs[i].thrusters(1), 1);
   const double end = begins + 10;
   const ExperimentLog open = playSchedule(tinyWhoover(), schedule, end, place(5));
   ASSERT_LE(open.truth.size(), log.truth.size());

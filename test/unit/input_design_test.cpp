@@ -9,9 +9,11 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <memory>
 #include <set>
 
 #include "ground/control/prbs.h"
+#include "ground/model/model_file.h"
 
 namespace ground {
 namespace {
@@ -50,7 +52,8 @@ std::map<std::string, DesignParams> designs() {
 
 Rows rowsOf(const InputSignal& signal) {
   Rows rows;
-  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.left, inputs.right});
+  for (const Inputs& inputs : signal.inputs)
+    rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
   return rows;
 }
 
@@ -69,7 +72,7 @@ void expectSound(const InputSignal& signal) {
     ASSERT_GT(signal.times[i], signal.times[i - 1]);
   EXPECT_LE(signal.times.back(), signal.end);
   for (const Inputs& inputs : signal.inputs)
-    for (double input : {inputs.left, inputs.right, inputs.lift})
+    for (double input : {inputs.thrusters(0), inputs.thrusters(1), inputs.lift})
       ASSERT_TRUE(input >= 0 && input <= 1) << input;
 }
 
@@ -80,22 +83,22 @@ void expectPlays(const InputSignal& signal) {
     const double next = i + 1 < signal.times.size() ? signal.times[i + 1] : signal.end;
     if (next == signal.times[i]) break;  // the last row of a file only marks its end
     for (double at : {t, 0.5 * (t + next), next - 1e-6}) {
-      ASSERT_EQ(signal.at(at).left, signal.inputs[i].left) << at;
-      ASSERT_EQ(signal.at(at).right, signal.inputs[i].right) << at;
+      ASSERT_EQ(signal.at(at).thrusters(0), signal.inputs[i].thrusters(0)) << at;
+      ASSERT_EQ(signal.at(at).thrusters(1), signal.inputs[i].thrusters(1)) << at;
       ASSERT_EQ(signal.at(at).lift, signal.inputs[i].lift) << at;
       ASSERT_EQ(signal.nextChange(at), next) << at;
     }
     // A time just before an edge by rounding has the inputs after the edge.
     if (t > 0) {
-      ASSERT_EQ(signal.at(t - 1e-12).left, signal.inputs[i].left) << t;
-      ASSERT_EQ(signal.at(t - 1e-12).right, signal.inputs[i].right) << t;
+      ASSERT_EQ(signal.at(t - 1e-12).thrusters(0), signal.inputs[i].thrusters(0)) << t;
+      ASSERT_EQ(signal.at(t - 1e-12).thrusters(1), signal.inputs[i].thrusters(1)) << t;
     }
     t = next;
   }
   EXPECT_EQ(t, signal.end);
   for (double outside : {-0.1, signal.end, signal.end + 1, std::nan("")}) {
     const Inputs inputs = signal.at(outside);
-    EXPECT_EQ(inputs.left + inputs.right + inputs.lift, 0) << outside;
+    EXPECT_EQ(inputs.thrusters(0) + inputs.thrusters(1) + inputs.lift, 0) << outside;
   }
   EXPECT_EQ(signal.nextChange(signal.end), std::numeric_limits<double>::infinity());
 }
@@ -163,6 +166,99 @@ TEST(InputDesign, InputsStayWithinTheLevelsAndReachThem) {
     EXPECT_EQ(low, 0.2) << name;
     EXPECT_EQ(high, 0.7) << name;
   }
+}
+
+/// Correlation of the inputs of two thrusters over one period of a design.
+double correlation(const InputSignal& signal, int one, int other) {
+  double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+  const auto n = static_cast<double>(signal.inputs.size());
+  for (const Inputs& inputs : signal.inputs) {
+    const double a = inputs.thrusters(one), b = inputs.thrusters(other);
+    x += a;
+    y += b;
+    xx += a * a;
+    yy += b * b;
+    xy += a * b;
+  }
+  return (xy - x * y / n) / std::sqrt((xx - x * x / n) * (yy - y * y / n));
+}
+
+TEST(InputDesignOfAnyThrusters, EveryThrusterHasItsOwnUncorrelatedInput) {
+  DesignParams params = design("prbs");
+  params.thrusters = loadModel("cfg/craft/air_table.yaml").thrusters;
+  const double period = 511 / params.clock;
+  std::map<std::string, double> most = {
+      {"prbs", 0.01}, {"multilevel-prbs", 0.2}, {"multisine", 0.01}};
+  for (const auto& [name, bound] : most) {
+    params.kind = name;
+    const InputSignal signal = makeDesign(params, name == "multisine" ? 8 : period);
+    ASSERT_EQ(signal.inputs.front().thrusters.size(), 8);
+    for (int i = 0; i < 8; ++i)
+      for (int j = 0; j < i; ++j) EXPECT_LT(std::abs(correlation(signal, i, j)), bound) << name;
+  }
+}
+
+TEST(InputDesignOfAnyThrusters, PatternsPushAndTurnTheCraft) {
+  const Model table = loadModel("cfg/craft/air_table.yaml");
+  const auto wrenches = [&](const std::string& kind) {
+    DesignParams params = design(kind);
+    params.thrusters = table.thrusters;
+    std::vector<Vector3<double>> all;
+    for (const Inputs& inputs : makeDesign(params, 8).inputs)
+      all.push_back(table.thrusters->total(table.thrusters->forces(inputs.thrusters)));
+    return all;
+  };
+  EXPECT_LT((wrenches("coast-down")[0] - Vector3<double>(2, 0, 0)).norm(), 1e-6);
+  EXPECT_EQ(wrenches("coast-down")[1].norm(), 0);
+  EXPECT_LT((wrenches("spin")[0] - Vector3<double>(0, 0, 4)).norm(), 1e-6);
+  EXPECT_LT((wrenches("spin")[4] + Vector3<double>(0, 0, 4)).norm(), 1e-6);
+  EXPECT_LT((wrenches("steps")[2] - Vector3<double>(1, 0, 0)).norm(), 1e-6);
+  for (const Vector3<double>& wrench : wrenches("differential-prbs"))
+    EXPECT_NEAR(std::abs(wrench.z()), 4, 1e-12);
+}
+
+TEST(InputDesignOfAnyThrusters, ReversibleThrustersGoBothWays) {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters[0].least = -1;
+  thrusters[1].least = -0.5;
+  DesignParams params = design("prbs");
+  params.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  const InputSignal signal = makeDesign(params, 30);
+  for (int i = 0; i < 2; ++i) {
+    std::set<double> found;
+    for (const Inputs& inputs : signal.inputs) found.insert(inputs.thrusters(i));
+    EXPECT_EQ(found, (std::set<double>{thrusters[static_cast<std::size_t>(i)].least, 1.0}));
+  }
+  params.kind = "coast-down";
+  EXPECT_EQ(makeDesign(params, 30).inputs[1].thrust(), 0) << "off";
+}
+
+TEST(InputDesignOfAnyThrusters, FilesHaveAColumnForEachChannel) {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters.push_back(thrusters[0]);
+  thrusters[2].name = "bow";
+  thrusters[2].channel = "bow_motor";
+  thrusters[2].least = -1;
+  DesignParams params = inputFile("time,left,right,bow_motor,lift\n0,0.5,0.25,-1,1\n1,0,0,0,0.5\n");
+  params.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  const InputSignal signal = makeDesign(params, 1);
+  EXPECT_TRUE(signal.at(0) == Inputs(Thrusters<double>{0.5, 0.25, -1.0}, 1));
+  EXPECT_EQ(signal.at(2).thrusters.size(), 3);
+  const auto complaint = [&](const std::string& text) {
+    params.file = fileWith(text);
+    try {
+      makeDesign(params, 1);
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_NE(complaint("time,left,right\n0,0,0\n1,0,0\n").find("not time,left,right,bow_motor or"),
+            std::string::npos);
+  EXPECT_NE(complaint("1,0\n0,1\n").find("not time,left,right,bow_motor"), std::string::npos);
+  EXPECT_NE(complaint("time,left,right,bow_motor\n0,0,0,-2\n1,0,0,0\n")
+                .find("inputs must be between -1 and 1 for bow_motor"),
+            std::string::npos);
 }
 
 TEST(InputDesign, SameSeedSameRowsOtherSeedsOtherRows) {
@@ -380,8 +476,8 @@ TEST(InputFile, BitsAreFoundAndPlayedAtTheClock) {
   for (std::size_t i = 0; i < 63 + 20; ++i) {
     const auto& bit = bits[i % 63];
     const Inputs inputs = found.at((static_cast<double>(i) + 0.5) / 20);
-    ASSERT_EQ(inputs.left, bit[0] ? 0.8 : 0.1) << i;
-    ASSERT_EQ(inputs.right, bit[1] ? 0.8 : 0.1) << i;
+    ASSERT_EQ(inputs.thrusters(0), bit[0] ? 0.8 : 0.1) << i;
+    ASSERT_EQ(inputs.thrusters(1), bit[1] ? 0.8 : 0.1) << i;
   }
   params.rows_per_bit = 1;
   const InputSignal slow = makeDesign(params, 1);
@@ -401,9 +497,9 @@ TEST(InputFile, TimedRowsAreHeldUntilTheNext) {
   const InputSignal late = makeDesign(
       inputFile(" time , left , right\r\n1, 0.5 ,0.25\r\n\n 3,0,0\n"), 20);
   EXPECT_EQ(late.times, (std::vector<double>{1, 3}));
-  EXPECT_EQ(late.at(0.5).left, 0) << "before the first row";
+  EXPECT_EQ(late.at(0.5).thrusters(0), 0) << "before the first row";
   EXPECT_EQ(late.nextChange(0), 1);
-  EXPECT_EQ(late.at(1).left, 0.5);
+  EXPECT_EQ(late.at(1).thrusters(0), 0.5);
 }
 
 TEST(InputFile, AColumnLiftIsPartOfTheInput) {
@@ -412,8 +508,8 @@ TEST(InputFile, AColumnLiftIsPartOfTheInput) {
   expectPlays(signal);
   EXPECT_TRUE(signal.has_lift);
   EXPECT_EQ(signal.end, 4);
-  EXPECT_EQ(signal.at(2).left, 0.5);
-  EXPECT_EQ(signal.at(2).right, 0.25);
+  EXPECT_EQ(signal.at(2).thrusters(0), 0.5);
+  EXPECT_EQ(signal.at(2).thrusters(1), 0.25);
   EXPECT_EQ(signal.at(2).lift, 1);
   EXPECT_EQ(signal.at(3.5).lift, 0.5);
 }

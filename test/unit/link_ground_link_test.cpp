@@ -89,12 +89,12 @@ class GroundLinkTest : public testing::Test {
   }
   bool lastIs(const MotorCommand& c) const {
     const MotorCommand& last = packets_.back().command;
-    return last.left == c.left && last.right == c.right && last.lift == c.lift;
+    return last == c;
   }
   bool allZeroSince(std::size_t first) const {
     for (std::size_t i = first; i < packets_.size(); ++i) {
       const MotorCommand& c = packets_[i].command;
-      if (c.left != 0 || c.right != 0 || c.lift != 0) return false;
+      if (!c.zero()) return false;
     }
     return true;
   }
@@ -373,7 +373,7 @@ TEST_F(GroundLinkTest, DisobedienceIsAFaultWhileArmedOnly) {
   EXPECT_EQ(link().current(), State::kDisarmed);
   armed();
   feed(0.1, kDrive);
-  EXPECT_EQ(link().sent().left, kDrive.left);
+  EXPECT_EQ(link().sent().thrusters(0), kDrive.thrusters(0));
   link().disobeyed(now_, "it moves as without thrust");
   EXPECT_EQ(link().current(), State::kFault);
   EXPECT_EQ(link().reason(), "the craft does not follow its commands: it moves as without thrust");
@@ -783,11 +783,11 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   make({}, params);
   armed();
   feed(0.1, kDrive);
-  EXPECT_EQ(packets_.back().command.left, kDrive.left);
+  EXPECT_EQ(packets_.back().command.thrusters(0), kDrive.thrusters(0));
   // The state becomes invalid while commands continue: zeros at once, and no fault.
   state(false);
   link().tick(now_);
-  EXPECT_EQ(packets_.back().command.left, 0);
+  EXPECT_EQ(packets_.back().command.thrusters(0), 0);
   packets_.clear();
   for (int i = 0; i < 40; ++i) {
     command(kDrive);
@@ -795,11 +795,11 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   }
   EXPECT_EQ(link().current(), State::kArmed);
   ASSERT_FALSE(packets_.empty());
-  for (const Packet& p : packets_) EXPECT_EQ(p.command.left + p.command.right, 0);
+  for (const Packet& p : packets_) EXPECT_EQ(p.command.thrusters(0) + p.command.thrusters(1), 0);
   // The state returns in time: the craft drives on.
   feed(0.05, kDrive);
   EXPECT_EQ(link().current(), State::kArmed);
-  EXPECT_EQ(packets_.back().command.left, kDrive.left);
+  EXPECT_EQ(packets_.back().command.thrusters(0), kDrive.thrusters(0));
   // The next loss may last the whole time again; after that it is a lasting fault.
   state(false);
   for (int i = 0; i < 49; ++i) {
@@ -812,7 +812,7 @@ TEST_F(GroundLinkTest, AShortLossOfTheStateIsBridgedWithZeros) {
   EXPECT_EQ(link().current(), State::kFault);
   feed(0.1, kDrive);
   EXPECT_EQ(link().current(), State::kFault);
-  EXPECT_EQ(packets_.back().command.left, 0);
+  EXPECT_EQ(packets_.back().command.thrusters(0), 0);
 }
 
 /// A command weak enough for a silence.
@@ -973,6 +973,87 @@ TEST_F(GroundLinkTest, AFixedHostMaySendFromAnyPort) {
   EXPECT_EQ(link().peer(), kCraft);
   telemetry(kRestarted);
   EXPECT_EQ(link().peer(), kRestarted);
+}
+
+/// A link to a craft with three thrusters, the second of which goes backwards.
+class LinkOfAnyThrusters : public testing::Test {
+ protected:
+  LinkOfAnyThrusters() {
+    std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+    thrusters[1].least = -1;
+    thrusters.push_back(thrusters[0]);
+    thrusters[2].name = "bow";
+    layout_ = std::make_shared<const ThrusterLayout>(thrusters);
+    link_ = std::make_unique<GroundLink>(
+        GroundLinkParams(), kCraft,
+        [this](const std::string& datagram, const UdpAddress&) {
+          Inputs heard;
+          EXPECT_TRUE(decodeMotors(datagram, heard, nullptr, *layout_));
+          sent_.push_back(heard);
+          return std::string();
+        },
+        layout_);
+    command(Inputs::off(3));
+    link_->state(0, 0, true);
+  }
+  void command(const Inputs& inputs) { link_->command(0, 0, "/a", inputs); }
+
+  ThrusterLayoutPtr layout_;
+  std::unique_ptr<GroundLink> link_;
+  std::vector<Inputs> sent_;
+};
+
+TEST_F(LinkOfAnyThrusters, SendsCommandsOfAllThrustersAndZerosToAll) {
+  ASSERT_EQ(link_->arm(0), "");
+  const Inputs drive(Thrusters<double>{0.5, -0.5, 0.25}, 1);
+  command(drive);
+  EXPECT_TRUE(sent_.back() == drive);
+  link_->tick(1);
+  EXPECT_EQ(link_->current(), State::kFault) << "the command is stale";
+  link_->sendZero(1);
+  EXPECT_TRUE(sent_.back() == Inputs::off(3));
+}
+
+TEST_F(LinkOfAnyThrusters, ArmsOnlyWithZerosForEveryThruster) {
+  for (int i = 0; i < 3; ++i) {
+    Inputs inputs = Inputs::off(3);
+    inputs.thrusters(i) = i == 1 ? -0.1 : 0.1;
+    command(inputs);
+    EXPECT_EQ(link_->arm(0), "the command is not zero") << i;
+  }
+  command(Inputs::off(2));
+  EXPECT_EQ(link_->arm(0),
+            "there is no fresh command: a command of /a is for 2 thrusters, and the craft has 3");
+  command(Inputs::off(3));
+  EXPECT_EQ(link_->arm(0), "");
+}
+
+TEST_F(LinkOfAnyThrusters, RefusesThrustOfAnyThrusterWithoutLift) {
+  ASSERT_EQ(link_->arm(0), "");
+  for (int i = 0; i < 3; ++i) {
+    Inputs inputs = Inputs::off(3);
+    inputs.thrusters(i) = i == 1 ? -0.1 : 0.1;
+    const auto refused = link_->counters().refused;
+    command(inputs);
+    EXPECT_EQ(link_->counters().refused, refused + 1) << i;
+  }
+  Inputs strong(Thrusters<double>{0.0, -0.6, 0.0}, 1);
+  command(strong);
+  EXPECT_EQ(link_->silence(0, 1),
+            "the thrust is above 0.5, too much for a craft that may not stop");
+}
+
+TEST_F(LinkOfAnyThrusters, RefusesACommandForAnotherCraft) {
+  link_->refuseCommand(0, "/b", "is for a left and a right thruster");
+  EXPECT_EQ(link_->refusal(), "a command of /b is for a left and a right thruster");
+  EXPECT_EQ(link_->arm(0),
+            "there is no fresh command: a command of /b is for a left and a right thruster");
+  command(Inputs::off(3));
+  ASSERT_EQ(link_->arm(0), "");
+  link_->refuseCommand(0, "/b", "is for a left and a right thruster");
+  link_->tick(0.1);
+  EXPECT_EQ(link_->current(), State::kArmed) << "only commands of its controller matter";
+  EXPECT_EQ(link_->counters().refused, 2u);
 }
 
 }  // namespace

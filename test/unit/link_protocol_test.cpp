@@ -26,8 +26,8 @@ std::string refusal(const std::string& datagram) {
   MotorCommand command{0.5, 0.5, 0.5};
   std::string reason;
   EXPECT_FALSE(decodeMotors(datagram, command, &reason));
-  EXPECT_EQ(command.left, 0.5);
-  EXPECT_EQ(command.right, 0.5);
+  EXPECT_EQ(command.thrusters(0), 0.5);
+  EXPECT_EQ(command.thrusters(1), 0.5);
   EXPECT_EQ(command.lift, 0.5);
   return reason;
 }
@@ -58,10 +58,66 @@ TEST(Motors, RefusesToEncodeValuesThatAreNotFinite) {
 TEST(Motors, RoundTrip) {
   for (int i = 0; i <= 1000; ++i) {
     const MotorCommand c = decoded(encodeMotors({i / 1000.0, 1 - i / 1000.0, 0.7}));
-    EXPECT_NEAR(c.left, i / 1000.0, 1e-12);
-    EXPECT_NEAR(c.right, 1 - i / 1000.0, 1e-12);
+    EXPECT_NEAR(c.thrusters(0), i / 1000.0, 1e-12);
+    EXPECT_NEAR(c.thrusters(1), 1 - i / 1000.0, 1e-12);
     EXPECT_NEAR(c.lift, 0.7, 1e-12);
   }
+}
+
+/// Two thrusters of which the second goes backwards, and a third one.
+ThrusterLayout three() {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters[1].least = -1;
+  thrusters.push_back(thrusters[0]);
+  thrusters[2].name = "bow";
+  return ThrusterLayout(thrusters);
+}
+
+TEST(MotorsOfAnyThrusters, EncodeToKnownBytes) {
+  // After the four motors comes field 5, packed (key 2a), with the length of its varints.
+  EXPECT_EQ(encodeMotors({Thrusters<double>{0.25, -0.5, 1.0}, 1}, three()),
+            bytes({0x08, 0xd0, 0x0f, 0x10, 0xd0, 0x0f, 0x18, 0xf4, 0x03, 0x20, 0xe2, 0x09, 0x2a,
+                   0x02, 0xd0, 0x0f}));
+  EXPECT_EQ(encodeMotors(Inputs::off(3), three()).substr(0, 12), encodeMotors({0, 0, 0}))
+      << "a zero packet turns every thruster off, whether it can go backwards or not";
+}
+
+TEST(MotorsOfAnyThrusters, RoundTripWithinTheRanges) {
+  const ThrusterLayout layout = three();
+  std::vector<Thruster> alone = {layout[0]};
+  alone[0].position = {0, 1};
+  std::vector<Thruster> eight;
+  for (int i = 0; i < 8; ++i) {
+    eight.push_back(layout[i % 3]);
+    eight.back().name = "t" + std::to_string(i);
+  }
+  for (const ThrusterLayout& one : {ThrusterLayout(alone), layout, ThrusterLayout(eight)}) {
+    Inputs sent = Inputs::off(one.size(), 0.7);
+    for (int i = 0; i < one.size(); ++i) sent.thrusters(i) = -0.9 + 0.3 * i;
+    Inputs heard;
+    std::string reason;
+    ASSERT_TRUE(decodeMotors(encodeMotors(sent, one), heard, &reason, one)) << reason;
+    const Thrusters<double> inside = one.clipped(sent.thrusters, 1);
+    for (int i = 0; i < one.size(); ++i) EXPECT_NEAR(heard.thrusters(i), inside(i), 1e-12) << i;
+    EXPECT_NEAR(heard.lift, 0.7, 1e-12);
+  }
+}
+
+TEST(MotorsOfAnyThrusters, AreRefusedByAnotherCraft) {
+  const ThrusterLayout layout = three();
+  Inputs command = Inputs::off(3, 0.5);
+  std::string reason;
+  EXPECT_FALSE(decodeMotors(encodeMotors({0, 0, 0}), command, &reason, layout));
+  EXPECT_EQ(reason, "it is for another number of thrusters");
+  EXPECT_EQ(refusal(encodeMotors(command, layout)), "it is for another number of thrusters");
+  EXPECT_THROW(encodeMotors({0, 0, 0}, layout), std::invalid_argument);
+  command.thrusters(0) = 0.4;
+  command.thrusters(1) = -0.4;
+  std::vector<Thruster> forward = layout.thrusters();
+  forward[1].least = 0;
+  EXPECT_FALSE(
+      decodeMotors(encodeMotors(command, layout), command, &reason, ThrusterLayout(forward)));
+  EXPECT_EQ(reason, "a motor is outside of the range of its thruster");
 }
 
 TEST(Motors, EveryTruncationIsRefused) {
@@ -75,7 +131,8 @@ TEST(Motors, RefusesGarbageWithAReason) {
   EXPECT_EQ(refusal(""), "a motor is missing");
   EXPECT_EQ(refusal(encodeTelemetry({})), "it has fields of another message");
   const std::string zero = encodeMotors({});
-  EXPECT_EQ(refusal(zero + bytes({0x28, 0x01})), "it has fields of another message");
+  EXPECT_NE(refusal(zero + bytes({0x28, 0x01})), "") << "a further thruster, not packed";
+  EXPECT_EQ(refusal(zero + bytes({0x30, 0x01})), "it has fields of another message");
   EXPECT_EQ(refusal(zero + zero), "a motor is given twice");
   for (int field = 0; field < 4; ++field) {
     std::string low = zero, high = encodeMotors({1, 1, 1});

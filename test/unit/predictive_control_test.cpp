@@ -64,14 +64,15 @@ class Plans : public testing::TestWithParam<Planned> {};
 TEST_P(Plans, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
-  TrajectoryOptimizer plan(model, 25, 0.05);
+  const std::unique_ptr<TrajectoryOptimizer> optimizer = TrajectoryOptimizer::make(model, 25, 0.05);
+  TrajectoryOptimizer& plan = *optimizer;
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
   std::vector<ReferencePoint> points;
   for (int k = 1; k <= 25; ++k) points.push_back(circle->at(0.05 * k));
   TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
   start.head<6>() << 0.97, -0.01, 1.5, 0.75, 0.02, 0.7;
   plan.setProblem(0, start, 1.0, {0.05, -0.02, 0.4}, points);
-  for (auto& input : plan.inputs()) input.setConstant(0.5);
+  for (auto& input : plan.inputs()) asVector(input).setConstant(0.5);
   double cost = plan.rollOut();
   const double first = cost;
   for (int i = 0; i < 400; ++i) {
@@ -80,7 +81,7 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
     cost = plan.cost();
   }
   EXPECT_LT(cost, 0.5 * first);
-  const std::vector<Vector2<double>> best = plan.inputs();
+  const std::vector<Thrusters<double>> best = plan.inputs();
   int inside = 0, at_bounds = 0;
   for (std::size_t k = 0; k < best.size(); ++k) {
     for (int side = 0; side < 2; ++side) {
@@ -116,9 +117,9 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& test) { return test.param.name; });
 
 TEST(TrajectoryOptimizer, RefusesBadHorizons) {
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 10, 0), std::invalid_argument);
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 1000, 0.05), std::invalid_argument);
+  EXPECT_THROW(TrajectoryOptimizer::make(craft(), 0, 0.05), std::invalid_argument);
+  EXPECT_THROW(TrajectoryOptimizer::make(craft(), 10, 0), std::invalid_argument);
+  EXPECT_THROW(TrajectoryOptimizer::make(craft(), 1000, 0.05), std::invalid_argument);
 }
 
 /// Drives `truth` with a fixed pattern and gives its poses to an observer with the model
@@ -224,13 +225,13 @@ void track(const Model& truth, PredictiveControl& control, const ReferenceTrajec
     const double t = i / 50.0;
     simulation.advance(t);
     const long before = allocations;
-    const Vector2<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    const Thrusters<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
     control.commanded(t, chosen, 1);
     const long made = allocations - before;
     const double most = truth.body.input_max;
-    ASSERT_TRUE(chosen.minCoeff() >= 0 && chosen.maxCoeff() <= most);
-    ASSERT_EQ(control.wanted().cwiseMax(0.0).cwiseMin(most), chosen) << t;
-    inputs.add(t, chosen.x(), chosen.y(), 1);
+    ASSERT_TRUE(truth.thrusters->clipped(chosen, most) == chosen);
+    ASSERT_TRUE(truth.thrusters->clipped(control.wanted(), most) == chosen) << t;
+    inputs.add(t, chosen, 1);
     look(t, (simulation.state().eta.head<2>() - reference.at(t).p).norm(), made);
   }
 }
@@ -249,7 +250,8 @@ TEST(PredictiveControl, WorksWithinItsBoundsAndAllocatesNothing) {
     EXPECT_EQ(made, 0) << t;
     EXPECT_LE(control.improvements(), params.iterations + params.search_iterations);
     searched += control.improvements() > params.iterations;
-    const bool beyond = control.wanted().minCoeff() < 0 || control.wanted().maxCoeff() > 1;
+    const Thrusters<double> wanted = control.wanted();
+    const bool beyond = asVector(wanted).minCoeff() < 0 || asVector(wanted).maxCoeff() > 1;
     beyond_at_first += beyond && t < 3;
     beyond_at_last += beyond && t > 15;
     if (t > 15) {
@@ -284,9 +286,9 @@ TEST(PredictiveControl, GivesNoThrustWhileTheStateIsNotFinite) {
   RigidState<double> good, bad;
   good.eta << 2, 0, 1.57;
   bad.eta << std::nan(""), 0, 0;
-  EXPECT_GT(control.decide({0.00, 0.00, good, circle.get(), 0, 1}).norm(), 0);
-  EXPECT_EQ(control.decide({0.02, 0.02, bad, circle.get(), 0, 1}).norm(), 0);
-  EXPECT_GT(control.decide({0.04, 0.04, good, circle.get(), 0, 1}).norm(), 0);
+  EXPECT_GT(asVector(control.decide({0.00, 0.00, good, circle.get(), 0, 1})).norm(), 0);
+  EXPECT_EQ(asVector(control.decide({0.02, 0.02, bad, circle.get(), 0, 1})).norm(), 0);
+  EXPECT_GT(asVector(control.decide({0.04, 0.04, good, circle.get(), 0, 1})).norm(), 0);
 }
 
 TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <random>
 
-#include "ground/control/controllers.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/lane_simulation.h"
 #include "ground/model/model_file.h"
@@ -327,7 +326,6 @@ TEST(AirTable, InputsOfAnotherCraftAreRefused) {
   pair.add(0, 1, 1, 1);
   EXPECT_THROW(Simulation<double>(dynamics, pair, {}, 0), std::invalid_argument);
   EXPECT_THROW(pair.add(1, Thrusters<double>{1, 1, 1}, 1), std::invalid_argument);
-  EXPECT_THROW(makeController(model, {}), std::invalid_argument);
 }
 
 // --- effects

@@ -369,14 +369,14 @@ TEST(TrackingWatch, TheDefaultBoundDependsOnTheSizeOfTheReference) {
 }
 
 TEST(Feasibility, GivesTheReason) {
-  const Body<double> large = mvwt().body;
+  const Model large = mvwt();
   EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 1.5, 0.3), large), "");
   EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.3, 1.0, 0.3), large), "");
   EXPECT_NE(infeasibility(*makeSinusoid({0, 0}, 0.3, 1.0, 0.5), large).find("yaw moment"),
             std::string::npos);
   EXPECT_NE(infeasibility(*makeCircle({0, 0}, 2.0, 1.5), large).find("a thrust of"),
             std::string::npos);
-  const Body<double> small = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml").body;
+  const Model small = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
   EXPECT_EQ(infeasibility(*makeCircle({0, 0}, 2, 0.63), small), "");
   EXPECT_EQ(infeasibility(*makeSinusoid({0, 0}, 0.5, 1, 0.6), small), "");
   EXPECT_EQ(infeasibility(*makeRhodonea({0, 0}, 1.5, 1.5, 0.4), small), "");
@@ -401,7 +401,7 @@ TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
     points.push_back(simulation.state().eta.head<2>());
     inputs.add(t, 0.55 + 0.05 * std::sin(1.1 * t), 0.55 + 0.05 * std::sin(0.9 * t + 0.5), 1);
   }
-  EXPECT_EQ(infeasibility(*makeSpline(times, points), model.body), "");
+  EXPECT_EQ(infeasibility(*makeSpline(times, points), model), "");
 }
 
 TEST(References, RefusesBadArguments) {
@@ -416,7 +416,7 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
   // the law knows the true acceleration.
   Model model = mvwt();
   model.setValue("X_u", model.body.Y_v);
-  const TrackingLaw law(model.body);
+  const TrackingLaw law(model);
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   const ReferencePtr reference = makeSinusoid({0.1, 0}, 0.3, 1.0, 0.3);
@@ -468,7 +468,7 @@ struct Tracked {
 /// Closed loop at 50 Hz; the error counts from `settled` on.
 Tracked track(const Model& model, const TrackingGains& gains, const ReferenceTrajectory& reference,
               const RigidState<double>& initial, double duration, double settled) {
-  const TrackingLaw law(model.body);
+  const TrackingLaw law(model);
   const Dynamics<double> dynamics(model);
   InputSequence inputs;
   Simulation<double> simulation(dynamics, inputs, initial, 0);
@@ -479,14 +479,14 @@ Tracked track(const Model& model, const TrackingGains& gains, const ReferenceTra
     simulation.advance(t);
     const auto out = law.run(simulation.state(), reference.at(t), gains);
     run.error = out.error.norm();
-    run.inputs = out.inputs;
+    run.inputs = asVector(out.inputs);
     if (out.saturated()) run.last_saturation = t;
     if (t >= settled) {
       run.rms += run.error * run.error;
       run.largest = std::max(run.largest, run.error);
       ++samples;
     }
-    inputs.add(t, out.inputs.x(), out.inputs.y(), 1);
+    inputs.add(t, out.inputs, 1);
   }
   run.rms = std::sqrt(run.rms / samples);
   return run;
@@ -529,15 +529,15 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
 
 TEST(BacksteppingControl, GivesItsInputsBeforeSaturation) {
   const Model model = tinyWhoover();
-  const TrackingLaw law(model.body);
+  const TrackingLaw law(model);
   BacksteppingControl control(model, TrackingGains());
   const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
   Observation seen;
   seen.reference = circle.get();
-  const Vector2<double> inputs = control.decide(seen);
-  EXPECT_EQ(control.wanted(), law.run(seen.state, circle->at(0), TrackingGains()).wanted);
-  EXPECT_NE(control.wanted(), inputs) << "far from the circle it saturates";
-  EXPECT_EQ(control.wanted().cwiseMax(0.0).cwiseMin(model.body.input_max), inputs);
+  const Thrusters<double> inputs = control.decide(seen), wanted = control.wanted();
+  EXPECT_TRUE(wanted == law.run(seen.state, circle->at(0), TrackingGains()).wanted);
+  EXPECT_TRUE(wanted != inputs) << "far from the circle it saturates";
+  EXPECT_TRUE(model.thrusters->clipped(wanted, model.body.input_max) == inputs);
 }
 
 TEST(TrackingGains, RefuseBadValues) {
@@ -597,7 +597,8 @@ std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
     seen.state.eta << circle.at(seen.now).p + Vector2<double>(0.01, 0), M_PI / 2 + 0.6 * seen.now;
     seen.state.nu << 1.2, 0, 0.6;
     controller.decide(seen);
-    wanted.push_back(controller.wanted());
+    const Thrusters<double> now = controller.wanted();
+    wanted.emplace_back(now(0), now(1));
   }
   return wanted;
 }

@@ -189,6 +189,7 @@ class DesignParams:
     hold: float
     file: str
     rows_per_bit: int
+    def take_thrusters(self, model: Model) -> None: ...
 
 class DesignInfo:
     @property

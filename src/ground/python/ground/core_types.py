@@ -206,10 +206,10 @@ class ExperimentLog(TypedDict):
     """A simulated experiment; times in [s], inputs 0..1."""
 
     frames: Array  #: (n, 5) captured, delivered, x, y, psi
-    commands: Array  #: (n, 4) time, left, right, lift
+    commands: Array  #: (n, 2 + k) time, inputs of the k thrusters, lift
     truth: Array  #: (n, 13) time, eta, nu, nu_dot, wrench of the disturbance
     references: Array  #: (n, 9) time, p, p_dot, p_ddot, p_dddot
-    decisions: Array  #: (n, 7) time, left, right, processor time, wanted left, right, stamp
+    decisions: Array  #: (n, 3 + 2 k) time, stamp, processor time, inputs, wanted inputs
     marks: List[Tuple[float, int, bool, str]]  #: time, number, whether a burst begins, reason
     stages: List[Tuple[float, str, str]]  #: time, state, reason
     stopped: str  #: why it stopped early; empty when it did not

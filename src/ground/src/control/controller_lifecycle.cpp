@@ -129,7 +129,7 @@ void ControllerLifecycle::act(Instant now) {
     const double upon = change_at_ || !measured_ ? now.time : measured_->stamp;
     if (repeats || (change_at_ && now.time >= *change_at_)) control(now, upon);
   } else if (repeats) {
-    send(now, {0, 0, driving() ? params_.lift : liftAlone()});
+    send(now, off(driving() ? params_.lift : liftAlone()));
   }
 }
 
@@ -230,14 +230,13 @@ void ControllerLifecycle::control(Instant now, double stamp) {
       elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
   last_update_ = stamp;
   schedule(elapsed);
-  if (!std::isfinite(inputs.left + inputs.right + inputs.lift))
-    return enter(now, State::kStopped, "the command is not finite");
+  if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
   send(now, inputs);
 }
 
 void ControllerLifecycle::enter(Instant now, State state, const std::string& reason) {
   change(state, reason);
-  send(now, {0, 0, liftAlone()});
+  send(now, off(liftAlone()));
 }
 
 void ControllerLifecycle::change(State state, const std::string& reason) {

@@ -5,25 +5,37 @@
 namespace ground {
 namespace {
 
+/// Its levels are those of a left and a right thruster.
+EffectUse openLoopUse(const Model& model) {
+  EffectUse use;
+  if (!model.thrusters->isPair())
+    use.refusal = "OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
+                  " lists others (" + model.thrusters->names() +
+                  "): use an excitation of design prbs";
+  return use;
+}
+
 /// Plays a binary sequence in open loop, for comparison with tracking.
 class OpenLoop : public TrackingController {
  public:
   OpenLoop(const Model& model, const ControllerChoice& choice) : input_max_(model.body.input_max) {
+    const std::string refusal = openLoopUse(model).refusal;
+    if (!refusal.empty()) throw std::invalid_argument(refusal);
     setParams(choice);
   }
   void setParams(const ControllerChoice& choice) {
     signal_ = PrbsSignal(makePrbs(choice.prbs_order, choice.prbs_seed), choice.prbs);
   }
   bool follows() const override { return false; }
-  Vector2<double> decide(const Observation& seen) override {
+  Thrusters<double> decide(const Observation& seen) override {
     return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
   }
-  Vector2<double> wanted() const override { return wanted_; }
+  Thrusters<double> wanted() const override { return wanted_; }
 
  private:
   double input_max_;
   PrbsSignal signal_{{{}}, {}};
-  Vector2<double> wanted_ = Vector2<double>::Zero();
+  Thrusters<double> wanted_{0.0, 0.0};
 };
 
 ControllerInfo openLoop() {
@@ -33,21 +45,20 @@ ControllerInfo openLoop() {
       {{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
   parameters.push_back(
       {{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
-  return {"OpenLoopPRBS",
-          "Plays a binary sequence in open loop",
-          false,
-          parameters,
-          [parameters](const C& choice) {
-            const std::string wrong = rangeError(parameters, choice);
-            return wrong.empty() ? choice.prbs.validate() : wrong;
-          },
-          [](const Model&) { return EffectUse(); },
-          [](const Model& model, const C& choice) {
-            return std::make_unique<OpenLoop>(model, choice);
-          },
-          [](TrackingController& controller, const C& choice) {
-            static_cast<OpenLoop&>(controller).setParams(choice);
-          }};
+  return {
+      "OpenLoopPRBS",
+      "Plays a binary sequence in open loop",
+      false,
+      parameters,
+      [parameters](const C& choice) {
+        const std::string wrong = rangeError(parameters, choice);
+        return wrong.empty() ? choice.prbs.validate() : wrong;
+      },
+      &openLoopUse,
+      [](const Model& model, const C& choice) { return std::make_unique<OpenLoop>(model, choice); },
+      [](TrackingController& controller, const C& choice) {
+        static_cast<OpenLoop&>(controller).setParams(choice);
+      }};
 }
 
 /// Description of a Control that follows a reference, with its Params in ControllerChoice.
@@ -108,7 +119,6 @@ std::unique_ptr<TrackingController> makeController(const Model& model,
                                                    const ControllerChoice& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-  requirePair(model, params.kind);
   return controllerInfo(params.kind).make(model, params);
 }
 

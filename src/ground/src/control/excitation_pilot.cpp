@@ -33,6 +33,9 @@ void ExcitationPilot::play(InputSignal signal, double duration) {
 
 void ExcitationPilot::playInside(InputSignal signal, double duration, const Model& model,
                                  const ReturnParams& params) {
+  if (signal.thrusters->channels() != model.thrusters->channels())
+    throw std::invalid_argument("the input is for thrusters " + signal.thrusters->names() +
+                                ", and the model has " + model.thrusters->names());
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   auto control = std::make_unique<PredictiveControl>(model, params.predictive);

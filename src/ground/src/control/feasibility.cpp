@@ -4,12 +4,65 @@
 #include <cmath>
 #include <cstdio>
 
+#include "ground/control/allocation.h"
+
 namespace ground {
 namespace {
 
 constexpr int kInstants = 4000;
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
+constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
+constexpr int kDirections = 72;       // directions of a thrust that are tried
 constexpr double kNegligible = 1e-3;  // relative to full thrust; with less, any heading is possible
+
+/// What the thrusters of a craft can give.
+class Limits {
+ public:
+  explicit Limits(const Model& model)
+      : all_(*model.thrusters, model.body),
+        held_(*model.thrusters, model.body, {1, 1, kHeldFirst}),
+        forward_(most({1, 0, 0})),
+        backward_(most({-1, 0, 0})),
+        full_moment_(std::max(most({0, 0, 1}), most({0, 0, -1}))) {
+    sways_ = std::min(most({0, 1, 0}), most({0, -1, 0})) > kTolerance * model.body.k;
+    for (int i = 0; i < kDirections && sways_; ++i) {
+      const double angle = 2 * M_PI * i / kDirections;
+      forward_ = std::max(forward_, most({std::cos(angle), std::sin(angle), 0}));
+    }
+  }
+
+  double thrust() const { return forward_; }          ///< largest [N]
+  double fullMoment() const { return full_moment_; }  ///< [N m]
+  bool sways() const { return sways_; }               ///< pushes to both sides
+  bool reverses() const { return backward_ > kTolerance * forward_; }
+  double least() const { return reverses() ? -backward_ : 0; }  ///< smallest surge force [N]
+  /// Largest moment to the side of `moment` while the thrust is `surge` [N m].
+  double moment(double surge, double moment) const {
+    return std::abs(held_.run({surge, 0, std::copysign(2 * full_moment_, moment)}).wrench.z());
+  }
+
+ private:
+  double most(const Vector3<double>& along) const { return along.dot(all_.most(along).wrench); }
+
+  Allocation all_, held_;
+  double forward_, backward_, full_moment_;
+  bool sways_ = false;
+};
+
+/// The instant at which a craft misses a reference most.
+class Worst {
+ public:
+  void report(double excess, const std::string& text) {
+    if (excess <= excess_) return;
+    excess_ = excess;
+    message_ = text;
+  }
+  const std::string& message() const { return message_; }
+
+ private:
+  double excess_ = kTolerance;
+  std::string message_;
+};
 
 struct Demand {
   double thrust = 0;  ///< size of the force along which the craft must head [N]
@@ -35,52 +88,73 @@ std::string format(const char* text, Args... args) {
   return buffer;
 }
 
+/// Judges the thrust at time t [s].
+void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
+  const double most = limits.thrust();
+  if (surge > most)
+    worst.report(
+        surge / most - 1,
+        format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, surge, most));
+  if (surge >= limits.least()) return;
+  worst.report((limits.least() - surge) / most,
+               limits.reverses()
+                   ? format("at %.2f s it takes a backward thrust of %.3g N, but the largest is "
+                            "%.3g N",
+                            t, -surge, -limits.least())
+                   : format("at %.2f s it takes a backward thrust of %.3g N, but the thrusters "
+                            "only push forward",
+                            t, -surge));
+}
+
+/// Judges the yaw moment at time t [s] with a thrust.
+void judgeMoment(const Limits& limits, double moment, double surge, double t, Worst& worst) {
+  const double limit = limits.moment(surge, moment);
+  worst.report(
+      (std::abs(moment) - limit) / limits.fullMoment(),
+      format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
+             "is %.3g N m",
+             t, std::abs(moment), surge, limit));
+}
+
 }  // namespace
 
-std::string infeasibility(const ReferenceTrajectory& reference, const Body<double>& body) {
-  const double most = 2 * body.k * body.input_max, full_moment = body.l * most / 2;
-  const double duration = reference.extent();
-  const double h = duration / kInstants;
-  std::string message;
-  double worst = kTolerance;
-  const auto report = [&](double excess, const std::string& text) {
-    if (excess <= worst) return;
-    worst = excess;
-    message = text;
-  };
+std::string infeasibility(const ReferenceTrajectory& reference, const Model& model) {
+  const Body<double>& body = model.body;
+  const Limits limits(model);
+  const double h = reference.extent() / kInstants;
+  Worst worst;
   Demand last;
   double last_time = 0;
+  bool backwards = false;
   for (int i = 0; i < kInstants; ++i) {
     const double t = (i + 0.5) * h;
     const Demand now = demand(reference.at(t), body);
-    if (now.thrust < kNegligible * most) continue;
-    if (now.surge > most)
-      report(now.surge / most - 1,
-             format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t,
-                    now.surge, most));
-    if (now.surge < 0)
-      report(-now.surge / most,
-             format("at %.2f s it takes a backward thrust of %.3g N, but the thrusters only push "
-                    "forward",
-                    t, -now.surge));
-    // The heading follows the force. A jump of the heading would take an infinite moment.
-    const double turned = std::abs(wrapAngle(now.heading - last.heading));
+    if (now.thrust < kNegligible * limits.thrust()) continue;
+    if (limits.sways()) {
+      judgeThrust(limits, now.thrust, t, worst);
+      continue;
+    }
+    // The heading follows the force. A jump of the heading would take an infinite moment, unless
+    // the thrust is reversed.
+    double turned = std::abs(wrapAngle(now.heading - last.heading));
+    if (last.thrust > 0 && turned > M_PI / 2 && limits.reverses()) {
+      backwards = !backwards;
+      turned = M_PI - turned;
+    }
     if (last.thrust > 0 && turned > 1 && t - last_time < 0.25)
-      report(10 + turned,
-             format("at %.2f s the craft would have to turn by %.0f degrees within %.2f s", t,
-                    turned * 180 / M_PI, t - last_time));
+      worst.report(10 + turned,
+                   format("at %.2f s the craft would have to turn by %.0f degrees within %.2f s", t,
+                          turned * 180 / M_PI, t - last_time));
+    const double surge = backwards ? -now.surge : now.surge;
+    judgeThrust(limits, surge, t, worst);
     const double before = demand(reference.at(t - h / 4), body).yaw_rate;
     const double after = demand(reference.at(t + h / 4), body).yaw_rate;
     const double moment = body.I_z * (after - before) / (h / 2) + body.N_r * now.yaw_rate;
-    const double limit = body.l * std::max(0.0, std::min(now.surge, most - now.surge));
-    report(
-        (std::abs(moment) - limit) / full_moment,
-        format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
-               "is %.3g N m",
-               t, std::abs(moment), now.surge, limit));
+    judgeMoment(limits, moment, surge, t, worst);
     last = now;
     last_time = t;
   }
+  const std::string& message = worst.message();
   return message.empty() ? "" : "the craft cannot follow it exactly: " + message;
 }
 

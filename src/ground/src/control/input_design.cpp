@@ -7,6 +7,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "ground/control/allocation.h"
 #include "ground/control/prbs.h"
 #include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
@@ -22,28 +23,28 @@ constexpr double kGolden = 0.6180339887498949;
 constexpr double kSlowest = 1.0 / 8;          // lowest frequency of a multisine [Hz]
 constexpr double kSinesPerClock = 1.0 / 6;    // highest frequency of a multisine over the clock
 const std::vector<double> kTwoLevels = {0, 1}, kFiveLevels = {0, 0.25, 0.5, 0.75, 1};
+const std::vector<double> kBothWays = {-1, 1}, kFiveBothWays = {-1, -0.5, 0, 0.5, 1};
 
-using Pair = Vector2<double>;
+using Row = Thrusters<double>;
 
-/// Rows of equal length, repeated for a duration.
-InputSignal repeated(const std::vector<Pair>& rows, double row_rate, double duration) {
+/// Rows of equal length, repeated for a duration and limited to the ranges of the thrusters.
+InputSignal repeated(const DesignParams& p, const std::vector<Row>& rows, double row_rate,
+                     double duration) {
   const double count = std::ceil(duration * row_rate - kTiny);
   if (!(count <= static_cast<double>(kMaxRows)))
     throw std::invalid_argument("the input has more than 2 million rows: lower clock or duration");
   InputSignal signal;
+  signal.thrusters = p.thrusters;
   signal.end = duration;
   for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
-    const Pair& row = rows[i % rows.size()];
     signal.times.push_back(static_cast<double>(i) / row_rate);
-    signal.inputs.push_back({row.x(), row.y(), 1});
+    signal.inputs.emplace_back(p.thrusters->clipped(rows[i % rows.size()], 1), 1.0);
   }
   return signal;
 }
 
-std::vector<Pair> between(const PrbsBits& bits, double low, double high) {
-  std::vector<Pair> rows;
-  for (const auto& bit : bits) rows.emplace_back(bit[0] ? high : low, bit[1] ? high : low);
-  return rows;
+Row everyThruster(const DesignParams& p, double input) {
+  return Row::filled(p.thrusters->size(), input);
 }
 
 /// Start in the period for a seed; consecutive seeds start far apart.
@@ -52,65 +53,116 @@ std::size_t startOf(const DesignParams& p, std::size_t period) {
   return static_cast<std::size_t>(share * static_cast<double>(period));
 }
 
-std::vector<Pair> prbsRows(const DesignParams& p, bool differential) {
-  PrbsBits bits = makePrbs(p.order, startOf(p, (std::size_t{1} << p.order) - 1));
-  if (differential)
-    for (auto& bit : bits) bit[1] = !bit[0];
-  return between(bits, p.levels.front(), p.levels.back());
+/// Thruster i plays the sequence delayed by i / n of its period. Delayed copies of a maximum-length
+/// sequence are uncorrelated. Differential: those that turn to starboard play the sequence, the
+/// others its opposite.
+std::vector<Row> prbsRows(const DesignParams& p, bool differential) {
+  const std::vector<bool> sequence = makeSequence(p.order);
+  const std::size_t period = sequence.size(), start = startOf(p, period);
+  const auto count = static_cast<std::size_t>(p.thrusters->size());
+  std::vector<Row> rows;
+  for (std::size_t k = 0; k < period; ++k) {
+    Row row = everyThruster(p, 0);
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto thruster = static_cast<int>(i);
+      const std::size_t delay = differential ? 0 : i * period / count;
+      const bool bit = sequence[(k + start + delay) % period];
+      const bool reversed = differential && p.thrusters->lever(thruster) < 0;
+      row(thruster) = bit != reversed ? p.levels.back() : p.levels.front();
+    }
+    rows.push_back(row);
+  }
+  return rows;
 }
 
 /// A pseudo-random level for each bit and thruster.
-std::vector<Pair> multilevelRows(const DesignParams& p) {
+std::vector<Row> multilevelRows(const DesignParams& p) {
   std::mt19937_64 random(p.seed);
-  std::vector<Pair> rows((std::size_t{1} << p.order) - 1);
-  for (Pair& row : rows)
-    for (double* input : {&row.x(), &row.y()}) *input = p.levels[random() % p.levels.size()];
+  std::vector<Row> rows((std::size_t{1} << p.order) - 1, everyThruster(p, 0));
+  for (Row& row : rows)
+    for (double& input : row) input = p.levels[random() % p.levels.size()];
   return rows;
 }
 
-/// Sum and difference of the inputs are sums of sines with phases that minimise the peaks
-/// (Schroeder, Synthesis of low-peak-factor signals, 1970). Odd harmonics form the sum, even ones
-/// the difference, so that the two are uncorrelated.
-std::vector<Pair> multisineRows(const DesignParams& p) {
+/// Sums of sines with phases that minimise the peaks (Schroeder, Synthesis of low-peak-factor
+/// signals, 1970). Of n thrusters, each has every n-th harmonic, so that they are uncorrelated. Two
+/// thrusters have them in the sum (odd harmonics) and the difference of their inputs instead.
+std::vector<Row> multisineRows(const DesignParams& p) {
   const auto rows_of_period = static_cast<std::size_t>(std::lround(p.clock / kSlowest));
-  const int harmonics = std::max(2, static_cast<int>(p.clock * kSinesPerClock / kSlowest));
-  std::vector<Pair> rows(rows_of_period);
-  Pair most = Pair::Zero();
+  const int parts = p.thrusters->size();
+  const int harmonics = std::max(parts, static_cast<int>(p.clock * kSinesPerClock / kSlowest));
+  std::vector<Row> rows(rows_of_period, everyThruster(p, 0));
+  Row most = everyThruster(p, 0);
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    Pair sums = Pair::Zero();
+    Row& sums = rows[i];
     for (int h = 1; h <= harmonics; ++h) {
-      const int number = (h + 1) / 2, count = (harmonics + h % 2) / 2;
+      const int part = (h - 1) % parts;
+      const int number = (h - 1) / parts + 1, count = (harmonics - part - 1) / parts + 1;
       const double phase = -M_PI * number * (number - 1) / count;
       const double turns = static_cast<double>(i + p.seed) / static_cast<double>(rows.size());
-      sums(h % 2 == 1 ? 0 : 1) += std::cos(2 * M_PI * h * turns + phase);
+      sums(part) += std::cos(2 * M_PI * h * turns + phase);
     }
-    rows[i] = sums;
-    most = most.cwiseMax(sums.cwiseAbs());
+    for (int part = 0; part < parts; ++part)
+      most(part) = std::max(most(part), std::abs(sums(part)));
   }
-  const double middle = 0.5 * (p.levels.front() + p.levels.back());
-  const double reach = 0.5 * (p.levels.back() - p.levels.front());
-  for (Pair& row : rows) {
-    const double push = 0.5 * row.x() / most.x(), turn = 0.5 * row.y() / most.y();
-    row = Pair(middle + reach * (push + turn), middle + reach * (push - turn));
+  for (Row& row : rows) {
+    for (int part = 0; part < parts; ++part) row(part) /= most(part);
+    if (parts == 2) row = {0.5 * (row(0) + row(1)), 0.5 * (row(0) - row(1))};
+    for (int i = 0; i < parts; ++i) {
+      const Thruster& one = (*p.thrusters)[i];
+      const double low = std::clamp(p.levels.front(), one.least, one.most);
+      const double high = std::clamp(p.levels.back(), one.least, one.most);
+      row(i) = 0.5 * (low + high) + 0.5 * (high - low) * row(i);
+    }
   }
   return rows;
 }
 
-std::vector<Pair> patternRows(const DesignParams& p) {
+/// A direction of inputs between a low level, where it is 0, and a high one, where it is 1.
+Row towards(const Row& direction, double low, double high) {
+  return direction.each<double>([&](double share) { return (1 - share) * low + share * high; });
+}
+
+std::vector<Row> patternRows(const DesignParams& p) {
   const double low = p.levels.front(), high = p.levels.back();
-  const Pair off(low, low);
-  std::vector<Pair> rows;
+  const Row off = everyThruster(p, low);
+  Body<double> body;
+  body.k = body.l = 1;
+  const Row forward = Allocation(*p.thrusters, body).most({1, 0, 0}).inputs;
+  std::vector<Row> rows;
   if (p.kind == "steps") {
-    for (double level : p.levels) rows.emplace_back(level, level);
+    for (double level : p.levels) rows.push_back(Row(level * asVector(forward)));
   } else if (p.kind == "coast-down") {
-    rows = {{high, high}, off, off, off};
+    rows = {towards(forward, low, high), off, off, off};
   } else if (p.kind == "spin") {
-    rows = {{high, low}, off, off, off, {low, high}, off, off, off};
+    for (bool starboard : {true, false}) {
+      rows.push_back(towards(fastestTurn(*p.thrusters, starboard, 1), low, high));
+      rows.insert(rows.end(), 3, off);
+    }
   } else {
-    for (double level : p.levels) rows.emplace_back(level, 0);
-    for (double level : p.levels) rows.emplace_back(0, level);
+    for (int i = 0; i < p.thrusters->size(); ++i)
+      for (double level : p.levels) {
+        rows.push_back(everyThruster(p, 0));
+        rows.back()(i) = level;
+      }
   }
   return rows;
+}
+
+std::vector<Row> between(const PrbsBits& bits, double low, double high) {
+  std::vector<Row> rows;
+  for (const auto& bit : bits) rows.push_back({bit[0] ? high : low, bit[1] ? high : low});
+  return rows;
+}
+
+bool canReverse(const ThrusterLayout& layout) {
+  const std::vector<Thruster>& all = layout.thrusters();
+  return std::any_of(all.begin(), all.end(), [](const Thruster& one) { return one.least < 0; });
+}
+
+/// Whether a design plays between a forward and a backward push, and not between off and on.
+bool playsBothWays(const DesignParams& p) {
+  return canReverse(*p.thrusters) && p.kind != "coast-down" && p.kind != "spin";
 }
 
 bool staircase(const std::string& kind) { return kind == "steps" || kind == "single-thruster"; }
@@ -118,9 +170,13 @@ bool takesManyLevels(const std::string& kind) {
   return staircase(kind) || kind == "multilevel-prbs";
 }
 
-std::string wrongLevels(const std::string& kind, const std::vector<double>& levels) {
+std::string wrongLevels(const DesignParams& p) {
+  const std::string& kind = p.kind;
+  const std::vector<double>& levels = p.levels;
+  const bool reverses = canReverse(*p.thrusters);
   for (double level : levels)
-    if (!(level >= 0 && level <= 1)) return "levels must be between 0 and 1";
+    if (!(level >= (reverses ? -1 : 0) && level <= 1))
+      return reverses ? "levels must be between -1 and 1" : "levels must be between 0 and 1";
   if (levels.size() > 100) return "at most 100 levels are allowed";
   if (!levels.empty() && !takesManyLevels(kind) && (levels.size() != 2 || levels[0] > levels[1]))
     return kind + " takes two levels, LOW and HIGH";
@@ -147,25 +203,37 @@ std::vector<double> numbersIn(const std::string& line) {
   return row;
 }
 
-/// Adds a row of time, left, right and optionally lift. Throws std::runtime_error if it is invalid.
+/// Adds a row of time, inputs of the thrusters and optionally lift. Throws std::runtime_error if it
+/// is invalid.
 void addRow(const std::vector<double>& row, InputSignal& signal) {
   if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
     throw std::runtime_error("times must ascend from 0 or later");
-  if (*std::min_element(row.begin() + 1, row.end()) < 0 ||
-      *std::max_element(row.begin() + 1, row.end()) > 1)
-    throw std::runtime_error("inputs must be between 0 and 1");
+  const ThrusterLayout& layout = *signal.thrusters;
+  for (std::size_t i = 1; i < row.size(); ++i) {
+    const bool thruster = i <= static_cast<std::size_t>(layout.size());
+    const double least = thruster ? layout[static_cast<int>(i) - 1].least : 0;
+    const double most = thruster ? layout[static_cast<int>(i) - 1].most : 1;
+    if (row[i] >= least && row[i] <= most) continue;
+    std::ostringstream text;
+    text << "inputs must be between " << least << " and " << most;
+    throw std::runtime_error(text.str() +
+                             (layout.isPair() ? "" : " for " + layout.channels()[i - 1]));
+  }
   if (row[0] > kLongestInput)
     throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
   if (signal.times.size() == kMaxRows)
     throw std::runtime_error("it has more than 2 million rows");
   signal.times.push_back(row[0]);
-  signal.inputs.push_back({row[1], row[2], signal.has_lift ? row[3] : 1});
+  Row inputs = Row::zero(layout.size());
+  std::copy_n(row.begin() + 1, inputs.size(), inputs.begin());
+  signal.inputs.emplace_back(inputs, signal.has_lift ? row.back() : 1.0);
 }
 
 InputSignal timedRows(const std::string& path, const std::string& header, std::istringstream& file,
-                      bool has_lift) {
-  const std::size_t width = has_lift ? 4 : 3;
+                      const ThrusterLayoutPtr& thrusters, bool has_lift) {
+  const std::size_t width = static_cast<std::size_t>(thrusters->size()) + (has_lift ? 2 : 1);
   InputSignal signal;
+  signal.thrusters = thrusters;
   signal.has_lift = has_lift;
   signal.once = true;
   std::string line;
@@ -191,21 +259,29 @@ InputSignal timedRows(const std::string& path, const std::string& header, std::i
 
 const std::vector<DesignInfo>& designTable() {
   static const std::vector<DesignInfo> table = {
-      {"prbs", "both thrusters by a binary sequence between two levels",
+      {"prbs",
+       "all thrusters by a binary sequence between two levels, each delayed differently",
        {"clock", "levels", "order", "seed"}},
-      {"multilevel-prbs", "each thruster at a pseudo-random one of the levels, every bit",
+      {"multilevel-prbs",
+       "each thruster at a pseudo-random one of the levels, every bit",
        {"clock", "levels", "order", "seed"}},
-      {"differential-prbs", "one binary sequence: left high while right is low, and the reverse",
+      {"differential-prbs",
+       "one binary sequence: those that turn to starboard high while the others are low, and the "
+       "reverse",
        {"clock", "levels", "order", "seed"}},
-      {"steps", "both thrusters through the levels in turn", {"hold", "levels"}},
-      {"coast-down", "both thrusters high, then low three times as long", {"hold", "levels"}},
-      {"spin", "left high, then both low three times as long; then the same with right",
+      {"steps", "the thrusters that push forward through the levels in turn", {"hold", "levels"}},
+      {"coast-down", "full thrust forward, then low three times as long", {"hold", "levels"}},
+      {"spin",
+       "those that turn to starboard high, then all low three times as long; then the others",
        {"hold", "levels"}},
-      {"single-thruster", "the left thruster alone through the levels, then the right one",
+      {"single-thruster",
+       "each thruster alone through the levels, one after the other",
        {"hold", "levels"}},
-      {"multisine", "sums of sines up to a sixth of the clock, pushing and turning uncorrelated",
+      {"multisine",
+       "sums of sines up to a sixth of the clock, uncorrelated between thrusters",
        {"clock", "levels", "seed"}},
-      {"file", "a CSV: bits LEFT,RIGHT, or rows under time,left,right or time,left,right,lift",
+      {"file",
+       "a CSV: bits LEFT,RIGHT, or rows under time and the channels of the thrusters, also lift",
        {"file", "clock", "levels", "rows_per_bit"}},
   };
   return table;
@@ -222,22 +298,25 @@ std::string DesignParams::validate() const {
   if (!within(hold, 0.02, 100)) return "hold must be between 0.02 and 100 s";
   if (!within(order, 2, 20)) return "order must be between 2 and 20";
   if (rows_per_bit < 0) return "rows_per_bit must be positive, or 0 to find it in the file";
-  return wrongLevels(kind, levels);
+  return wrongLevels(*this);
 }
 
 InputSignal makeDesign(const DesignParams& params, double duration) {
   DesignParams p = params;
-  if (p.levels.empty()) p.levels = takesManyLevels(p.kind) ? kFiveLevels : kTwoLevels;
+  const bool both_ways = playsBothWays(p);
+  if (p.levels.empty())
+    p.levels = takesManyLevels(p.kind) ? (both_ways ? kFiveBothWays : kFiveLevels)
+                                       : (both_ways ? kBothWays : kTwoLevels);
   const std::string wrong = p.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   if (!(duration > 0) || duration > kLongestInput)
     throw std::invalid_argument("duration must be between 0 and 3600 s");
   if (p.kind == "file") return readInputFile(p, duration);
-  if (p.kind == "multilevel-prbs") return repeated(multilevelRows(p), p.clock, duration);
-  if (p.kind == "multisine") return repeated(multisineRows(p), p.clock, duration);
+  if (p.kind == "multilevel-prbs") return repeated(p, multilevelRows(p), p.clock, duration);
+  if (p.kind == "multisine") return repeated(p, multisineRows(p), p.clock, duration);
   if (p.kind == "prbs" || p.kind == "differential-prbs")
-    return repeated(prbsRows(p, p.kind != "prbs"), p.clock, duration);
-  return repeated(patternRows(p), 1 / p.hold, duration);
+    return repeated(p, prbsRows(p, p.kind != "prbs"), p.clock, duration);
+  return repeated(p, patternRows(p), 1 / p.hold, duration);
 }
 
 InputSignal readInputFile(const DesignParams& params, double duration) {
@@ -249,31 +328,34 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   std::getline(file, header);
   const auto blank = [](unsigned char c) { return std::isspace(c) != 0; };
   header.erase(std::remove_if(header.begin(), header.end(), blank), header.end());
-  if (header == "time,left,right" || header == "time,left,right,lift")
-    return timedRows(path, header, file, header == "time,left,right,lift");
-  if (header.rfind("time", 0) == 0)
-    throw std::runtime_error(path + ", line 1: the columns are " + shortened(header) +
-                             ", not time,left,right or time,left,right,lift");
+  std::string columns = "time";
+  for (int i = 0; i < params.thrusters->size(); ++i)
+    columns += "," + (*params.thrusters)[i].channel;
+  const std::string with_lift = columns + "," + params.thrusters->liftChannel();
+  if (header == columns || header == with_lift)
+    return timedRows(path, header, file, params.thrusters, header == with_lift);
+  if (header.rfind("time", 0) == 0 || params.thrusters->size() != 2)
+    throw std::runtime_error(path + ", line 1: the columns are " + shortened(header) + ", not " +
+                             columns + " or " + with_lift);
   try {
     const PrbsFile bits = readPrbs(path, params.rows_per_bit);
-    InputSignal signal =
-        repeated(between(bits.rows, levels.front(), levels.back()),
-                 params.clock * bits.rows_per_bit, duration);
+    InputSignal signal = repeated(params, between(bits.rows, levels.front(), levels.back()),
+                                  params.clock * bits.rows_per_bit, duration);
     signal.description = bits.describe(params.clock);
     return signal;
   } catch (const std::runtime_error& error) {
-    throw std::runtime_error(std::string(error.what()) +
-                             "; other inputs need a first line time,left,right or "
-                             "time,left,right,lift");
+    throw std::runtime_error(std::string(error.what()) + "; other inputs need a first line " +
+                             columns + " or " + with_lift);
   }
 }
 
 bool InputSignal::ended(double t) const { return t >= end - kTiny; }
 
 Inputs InputSignal::at(double t) const {
-  if (!(t >= -kTiny) || ended(t)) return {};
+  if (!(t >= -kTiny) || ended(t)) return Inputs::off(thrusters->size());
   const auto next = std::upper_bound(times.begin(), times.end(), t + kTiny);
-  return next == times.begin() ? Inputs() : inputs[static_cast<std::size_t>(next - times.begin()) - 1];
+  if (next == times.begin()) return Inputs::off(thrusters->size());
+  return inputs[static_cast<std::size_t>(next - times.begin()) - 1];
 }
 
 double InputSignal::nextChange(double t) const {

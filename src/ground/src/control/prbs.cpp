@@ -58,7 +58,7 @@ bool parseBit(std::string text, bool& bit) {
 
 }  // namespace
 
-PrbsBits makePrbs(int order, unsigned long seed) {
+std::vector<bool> makeSequence(int order) {
   if (order < 2 || order > 20)
     throw std::invalid_argument("the order of a PRBS must be between 2 and 20");
   const std::size_t period = (std::size_t{1} << order) - 1;
@@ -70,6 +70,12 @@ PrbsBits makePrbs(int order, unsigned long seed) {
     for (int tap : taps()[order]) feedback ^= reg >> (tap - 1);
     reg = ((reg << 1) | (feedback & 1u)) & static_cast<std::uint32_t>(period);
   }
+  return sequence;
+}
+
+PrbsBits makePrbs(int order, unsigned long seed) {
+  const std::vector<bool> sequence = makeSequence(order);
+  const std::size_t period = sequence.size();
   PrbsBits bits(period);
   for (std::size_t i = 0; i < period; ++i)
     bits[i] = {sequence[(i + seed) % period], sequence[(i + seed + period / 2) % period]};

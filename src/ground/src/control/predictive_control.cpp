@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "ground/control/allocation.h"
 #include "ground/model/measurement.h"
 
 namespace ground {
@@ -38,8 +39,22 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
 std::string PredictiveParams::validate() const { return rangeError(table(), *this); }
 
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
-    : model_(model), seen_(model), input_max_(model.body.input_max), observer_(model, params.observer) {
+    : model_(model),
+      turns_{turnTo(false), turnTo(true)},
+      seen_(model),
+      observer_(model, params.observer) {
+  const Allocation::Output full = Allocation(*model.thrusters, model.body).most({1, 0, 0});
+  forward_ = full.inputs;
+  full_thrust_ = full.wrench.x();
+  wanted_ = Thrusters<double>::zero(forward_.size());
   setParams(params);
+}
+
+PredictiveControl::Turn PredictiveControl::turnTo(bool starboard) const {
+  const ThrusterLayout& layout = *model_.thrusters;
+  const Body<double>& body = model_.body;
+  const Thrusters<double> inputs = fastestTurn(layout, starboard, body.input_max);
+  return {inputs, body.l * body.k * std::abs(layout.total(layout.forces(inputs)).z())};
 }
 
 void PredictiveControl::setParams(const PredictiveParams& params) {
@@ -47,8 +62,8 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   if (!plan_ || params.steps != params_.steps || params.horizon != params_.horizon) {
     const double step = params.horizon / params.steps;
-    plan_ = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
-    other_ = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
+    plan_ = TrajectoryOptimizer::make(model_, params.steps, step);
+    other_ = TrajectoryOptimizer::make(model_, params.steps, step);
     references_.resize(static_cast<std::size_t>(params.steps));
     has_plan_ = false;
   }
@@ -71,34 +86,37 @@ void PredictiveControl::reset() {
   has_plan_ = false;
 }
 
-void PredictiveControl::commanded(double time, const Vector2<double>& thrusters, double lift) {
+void PredictiveControl::commanded(double time, const Thrusters<double>& thrusters, double lift) {
   observer_.command(time, thrusters, lift);
 }
 
 void PredictiveControl::carryOn(double time) {
-  std::vector<Vector2<double>>& inputs = plan_->inputs();
+  std::vector<Thrusters<double>>& inputs = plan_->inputs();
   if (!has_plan_) {
-    std::fill(inputs.begin(), inputs.end(), Vector2<double>::Constant(0.5 * input_max_));
+    std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
   } else {
     // Each step gets the mean of the inputs planned for its time.
     const double shift = std::max(0.0, time - plan_time_) / plan_->step();
     const double whole = std::floor(shift), part = shift - whole;
     const std::size_t last = inputs.size() - 1;
-    const auto at = [&](std::size_t k) {
+    const auto at = [&](std::size_t k) -> const Thrusters<double>& {
       return inputs[std::min(last, k + static_cast<std::size_t>(std::min(whole, 1e6)))];
     };
     for (std::size_t k = 0; k <= last; ++k)
-      inputs[k] = (1 - part) * at(k) + part * at(std::min(last, k + 1));
+      asVector(inputs[k]) =
+          (1 - part) * asVector(at(k)) + part * asVector(at(std::min(last, k + 1)));
   }
   has_plan_ = true;
   plan_time_ = time;
 }
 
 void PredictiveControl::follow(const Seed& seed) {
-  std::vector<Vector2<double>>& inputs = other_->inputs();
+  std::vector<Thrusters<double>>& inputs = other_->inputs();
   const double step = other_->step();
   const double half = 0.5 * turnTime(seed.turn);
-  const auto left = static_cast<int>(seed.turn < 0);  // the thruster that pushes first
+  const bool starboard = seed.turn >= 0;
+  const Thrusters<double>& first = turns_[starboard ? 1 : 0].inputs;
+  const Thrusters<double>& second = turns_[starboard ? 0 : 1].inputs;
   for (std::size_t k = 0; k < inputs.size(); ++k) {
     // Fraction of this step in each phase.
     const double from = static_cast<double>(k) * step;
@@ -106,15 +124,18 @@ void PredictiveControl::follow(const Seed& seed) {
       return std::clamp((std::min(from + step, b) - std::max(from, a)) / step, 0.0, 1.0);
     };
     const double then = seed.thrust * share(2 * half, params_.horizon);
-    inputs[k](left) = input_max_ * std::min(1.0, share(0, half) + then);
-    inputs[k](1 - left) = input_max_ * std::min(1.0, share(half, 2 * half) + then);
+    const double before = share(0, half), after = share(half, 2 * half);
+    asVector(inputs[k]) =
+        before * asVector(first) + after * asVector(second) + then * asVector(forward_);
+    inputs[k] = other_->clipped(inputs[k]);
   }
 }
 
 double PredictiveControl::turnTime(double angle) const {
-  // One thruster for the first half, the other for the second half: a turn that ends at rest.
-  const Body<double>& body = model_.body;
-  return 2 * std::sqrt(std::abs(angle) * body.I_z / (body.l * body.k * body.input_max));
+  // To one side for the first half, to the other for the second half: a turn that ends at rest.
+  if (angle == 0) return 0;
+  const double moment = std::min(turns_[0].moment, turns_[1].moment);
+  return 2 * std::sqrt(std::abs(angle) * model_.body.I_z / moment);
 }
 
 void PredictiveControl::makeSeeds() {
@@ -129,14 +150,13 @@ void PredictiveControl::makeSeeds() {
   // reaches it.
   follow(seeds_[0]);
   other_->rollOut();
-  const Body<double>& body = model_.body;
   const Vector2<double> way = references_.back().p - other_->states().back().head<2>();
   const double turn = wrapAngle(std::atan2(way.y(), way.x()) - start_.state.eta.z());
   const double other_way = turn > 0 ? turn - 2 * M_PI : turn + 2 * M_PI;
   for (double by : {turn, other_way}) {
     const double time = std::max(0.25 * params_.horizon, params_.horizon - turnTime(by));
-    const double force = 2 * body.m * way.norm() / (time * time);
-    const double thrust = std::clamp(force / (2 * body.k * body.input_max), 0.0, 1.0);
+    const double force = 2 * model_.body.m * way.norm() / (time * time);
+    const double thrust = force < full_thrust_ ? force / full_thrust_ : 1;
     seeds_[count++] = {by, thrust};
     seeds_[count++] = {by, 0.5 * thrust};
   }
@@ -179,15 +199,15 @@ Vector2<double> PredictiveControl::position(const RigidState<double>& measured) 
   }
 }
 
-Vector2<double> PredictiveControl::decide(const Observation& seen) {
-  wanted_.setZero();
+Thrusters<double> PredictiveControl::decide(const Observation& seen) {
+  wanted_ = Thrusters<double>::zero(forward_.size());
   observer_.countFrom(seen.drive_start);
   observer_.measure(seen.stamp, seen.state);
   const double acts = seen.now + observer_.delay();
   start_ = observer_.at(acts);
   if (!start_.state.eta.allFinite() || !start_.state.nu.allFinite()) {
     reset();  // restarts with the next state
-    return Vector2<double>::Zero();
+    return wanted_;
   }
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
@@ -212,7 +232,7 @@ Vector2<double> PredictiveControl::decide(const Observation& seen) {
   if (!(plan_->error() < params_.lost)) search();
   if (!std::isfinite(plan_->cost())) {
     has_plan_ = false;
-    return Vector2<double>::Zero();
+    return wanted_;
   }
   wanted_ = plan_->wanted();
   return plan_->inputs().front();

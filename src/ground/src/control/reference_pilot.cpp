@@ -23,6 +23,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
                                     const Model& model) {
   controller_.swap(controller);
   input_max_ = model.body.input_max;
+  thrusters_ = model.thrusters;
   obedience_.reset();
   if (expects_obedience_ && controller_->follows()) obedience_.emplace(model);
 }
@@ -34,7 +35,7 @@ void ReferencePilot::swapReference(ReferencePtr& reference) {
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
   drive_.command(time, inputs.lift);
-  const Vector2<double> thrusters = input_max_ * Vector2<double>(inputs.left, inputs.right);
+  const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
   if (controller_) controller_->commanded(time, thrusters, inputs.lift);
   if (obedience_) obedience_->command(time, thrusters, inputs.lift);
 }
@@ -65,13 +66,13 @@ Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& st
                               double lift) {
   const double before = processorTime();
   const double now = std::max(stamp, clock_());
-  const Vector2<double> inputs =
-      controller_->decide(
-          {now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)}) /
-      input_max_;
-  decided_({now, stamp, at(stamp), inputs, controller_->wanted() / input_max_,
-            processorTime() - before});
-  return {inputs.x(), inputs.y(), lift};
+  Thrusters<double> inputs = controller_->decide(
+      {now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)});
+  asVector(inputs) /= input_max_;
+  Thrusters<double> wanted = controller_->wanted();
+  asVector(wanted) /= input_max_;
+  decided_({now, stamp, at(stamp), inputs, wanted, processorTime() - before});
+  return {inputs, lift};
 }
 
 ReferencePoint ReferencePilot::at(double stamp) const {

@@ -6,6 +6,12 @@
 #include <stdexcept>
 
 namespace ground {
+namespace {
+
+/// Smallest useful force and moment of all thrusters, relative to one at its lever.
+constexpr double kMinShare = 0.01;
+
+}  // namespace
 
 const Tunables<TrackingGains>& TrackingGains::table() {
   using G = TrackingGains;
@@ -25,6 +31,29 @@ const Tunables<TrackingGains>& TrackingGains::table() {
 std::string TrackingGains::validate() const {
   const std::string wrong = rangeError(table(), *this);
   return wrong.empty() && delta_1 == 0 ? "delta_1 must not be 0" : wrong;
+}
+
+TrackingLaw::TrackingLaw(const Model& model)
+    : body_(model.body),
+      allocation_(*model.thrusters, model.body),
+      least_force_(allocation_.most({-1, 0, 0}).wrench.x()),
+      most_force_(allocation_.most({1, 0, 0}).wrench.x()) {
+  const std::string problem = steeringProblem(model);
+  if (!problem.empty()) throw std::invalid_argument(problem);
+}
+
+std::string TrackingLaw::steeringProblem(const Model& model) {
+  const Allocation allocation(*model.thrusters, model.body);
+  const auto most = [&](const Vector3<double>& along) {
+    return along.dot(allocation.most(along).wrench);
+  };
+  const char* missing = nullptr;
+  if (most({0, 0, -1}) < kMinShare * model.body.l * model.body.k) missing = "turn it to port";
+  if (most({0, 0, 1}) < kMinShare * model.body.l * model.body.k) missing = "turn it to starboard";
+  if (most({1, 0, 0}) < kMinShare * model.body.k) missing = "push it forward";
+  if (!missing) return "";
+  return std::string("TrajectoryTracking cannot drive this craft: its thrusters (") +
+         model.thrusters->names() + ") do not " + missing + "; use ModelPredictive";
 }
 
 TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
@@ -58,7 +87,7 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
   out.force = out.alpha.x();
 
   // The acceleration by the saturated force. Only its sway component affects u_2.
-  const double applied = std::clamp(out.force, 0.0, 2 * body_.k * body_.input_max);
+  const double applied = std::clamp(out.force, least_force_, most_force_);
   const Vector v_dot = Vector(applied / m, 0) - S * v - d / m * v;
   const Vector z1_dot = v_dot + S * w_d - a_d + k_e / m * e_dot;
   const Vector h_dot = -d * (-S * w_d + a_d) + k_e / m * d * e_dot - m * (-S * a_d + j_d) +
@@ -68,14 +97,20 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
   const double z2 = r - out.alpha.y();
   out.torque = -m * B.col(1).dot(phi) + body_.N_r * out.alpha.y() + body_.I_z * out.alpha_dot.y() -
                gains.k_z * z2;
-  out.wanted =
-      Vector(out.force + out.torque / body_.l, out.force - out.torque / body_.l) / (2 * body_.k);
-  out.inputs = out.wanted.cwiseMax(0.0).cwiseMin(body_.input_max);
+  const Allocation::Output given = allocation_.run({out.force, 0, out.torque});
+  out.wanted = given.wanted;
+  out.inputs = given.inputs;
   return out;
 }
 
+EffectUse BacksteppingControl::effectUse(const Model& model) {
+  EffectUse use = bodyOnlyUse(model, "TrajectoryTracking");
+  if (use.refusal.empty()) use.refusal = TrackingLaw::steeringProblem(model);
+  return use;
+}
+
 BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
-    : law_(model.body), gains_(gains) {
+    : law_(model), gains_(gains) {
   const std::string refusal = effectUse(model).refusal;
   if (!refusal.empty()) throw std::invalid_argument(refusal);
 }

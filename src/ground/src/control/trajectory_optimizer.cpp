@@ -8,44 +8,67 @@
 #include <string>
 #include <utility>
 
+#include "ground/control/allocation.h"
+#include "ground/control/box_minimum.h"
+
 namespace ground {
 namespace {
 
 constexpr double kMinDamping = 1e-9, kMaxDamping = 1e3;
 constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
-/// The minimum of g' d + d' H d / 2 for low <= d <= high with positive definite H. Sets which
-/// elements are not at a bound in `free`.
-Vector2<double> boxMinimum(const Eigen::Matrix2d& H, const Vector2<double>& g,
-                           const Vector2<double>& low, const Vector2<double>& high,
-                           std::array<bool, 2>& free) {
-  const auto inside = [&](double x, int i) { return std::clamp(x, low(i), high(i)); };
-  const double determinant = H.determinant();
-  const Vector2<double> whole((H(0, 1) * g(1) - H(1, 1) * g(0)) / determinant,
-                              (H(0, 1) * g(0) - H(0, 0) * g(1)) / determinant);
-  free = {true, true};
-  if ((whole.array() >= low.array()).all() && (whole.array() <= high.array()).all()) return whole;
-  // The minimum lies on an edge; along each edge the function is a parabola.
-  Vector2<double> best = Vector2<double>::Zero();
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < 2; ++i) {
-    const int j = 1 - i;
-    for (double bound : {low(i), high(i)}) {
-      Vector2<double> d;
-      d(i) = bound;
-      const double wanted = -(g(j) + H(i, j) * bound) / H(j, j);
-      d(j) = inside(wanted, j);
-      const double value = g.dot(d) + 0.5 * d.dot(H * d);
-      if (value < least) {
-        least = value;
-        best = d;
-        free[static_cast<std::size_t>(i)] = false;
-        free[static_cast<std::size_t>(j)] = d(j) == wanted;
-      }
+constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
+
+/// The optimizer of N inputs; Eigen::Dynamic for any number. Two inputs, the most frequent case,
+/// are faster with a number that the compiler knows.
+template <int N>
+class SizedOptimizer final : public TrajectoryOptimizer {
+ public:
+  SizedOptimizer(const Model& model, int steps, double step)
+      : TrajectoryOptimizer(model, steps, step) {
+    const auto count = static_cast<std::size_t>(steps);
+    const int inputs = thrusterCount();
+    Input levers = Input::Zero(inputs);
+    low_ = high_ = levers;
+    for (int i = 0; i < inputs; ++i) {
+      const Thruster& one = dynamics_.layout()[i];
+      low_(i) = one.least * input_max_;
+      high_(i) = one.most * input_max_;
+      levers(i) = levers_(i);
     }
+    turning_ = levers * levers.transpose();
+    open_.assign(count, Input::Zero(inputs));
+    linear_.assign(count, {Square::Identity(), Drive::Zero(kStates, inputs)});
+    gains_.assign(count, Gain::Zero(inputs, kStates));
   }
-  return best;
-}
+
+  bool improve() override;
+
+ private:
+  using Input = PerThruster<N>;
+  static constexpr int kMax = BoxMinimum<N>::kMax;
+  using InputSquare = typename BoxMinimum<N>::Square;
+  using Drive = Eigen::Matrix<double, kStates, N, 0, kStates, kMax>;
+  using Gain = Eigen::Matrix<double, N, kStates, 0, kMax, kStates>;
+  struct Linear {
+    Square A;
+    Drive B;
+  };
+
+  static Eigen::Map<const Input> vectorOf(const Thrusters<double>& inputs) {
+    return Eigen::Map<const Input>(inputs.begin(), inputs.size());
+  }
+
+  bool backward();
+
+  Input low_, high_;     ///< ranges of the inputs
+  InputSquare turning_;  ///< curvature of the cost of turning
+  std::vector<Input> open_;
+  std::vector<Linear> linear_;
+  std::vector<Gain> gains_;
+  BoxMinimum<N> box_;
+  double damping_ = 0;
+};
 
 }  // namespace
 
@@ -54,7 +77,7 @@ const Tunables<PlanWeights>& PlanWeights::table() {
   static const Tunables<W> table = {
       {{"velocity", "s^2", "Weight of the velocity error", 0, 100, {1, -4, 1}}, &W::velocity},
       {{"input", "m^2", "Weight of the inputs, of full scale", 0, 100, {1, -7, -1}}, &W::input},
-      {{"turning", "m^2", "Weight of their difference, of full scale", 0, 100, {1, -7, -1}},
+      {{"turning", "m^2", "Weight of the moment of the inputs, of full scale", 0, 100, {1, -7, -1}},
        &W::turning},
       {{"end_position", "-", "Weight of the position error at the end", 0, 1e4, {1, -2, 3}},
        &W::end_position},
@@ -77,14 +100,25 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const auto count = static_cast<std::size_t>(steps);
-  inputs_.assign(count, Vector2<double>::Zero());
-  tried_inputs_ = open_ = inputs_;
+  const int inputs = thrusterCount();
+  inputs_.assign(count, Thrusters<double>::zero(inputs));
+  tried_inputs_ = inputs_;
   states_.assign(count + 1, State::Zero());
   tried_states_ = states_;
   references_.resize(count);
-  unbounded_.setConstant(std::numeric_limits<double>::quiet_NaN());
-  linear_.assign(count, {Square::Identity(), Drive::Zero()});
-  gains_.assign(count, Gain::Zero());
+  unbounded_ = Thrusters<double>::filled(inputs, std::numeric_limits<double>::quiet_NaN());
+  least_input_ = levers_ = Thrusters<double>::zero(inputs);
+  for (int i = 0; i < inputs; ++i) {
+    levers_(i) = dynamics_.layout().lever(i);
+    const ForceCurve& curve = dynamics_.layout()[i].curve;
+    if (!curve.linear()) least_input_(i) = inputFor(curve, kSmallForce);
+  }
+}
+
+std::unique_ptr<TrajectoryOptimizer> TrajectoryOptimizer::make(const Model& model, int steps,
+                                                               double step) {
+  if (model.thrusters->size() == 2) return std::make_unique<SizedOptimizer<2>>(model, steps, step);
+  return std::make_unique<SizedOptimizer<Eigen::Dynamic>>(model, steps, step);
 }
 
 void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
@@ -93,13 +127,13 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   t_ = t;
   lift_ = lift;
   missing_ = missing;
-  unbounded_.setConstant(std::numeric_limits<double>::quiet_NaN());
+  asVector(unbounded_).setConstant(std::numeric_limits<double>::quiet_NaN());
   states_[0] = tried_states_[0] = start;
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
 TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& state,
-                                                        const Vector2<double>& input) const {
+                                                        const Thrusters<double>& input) const {
   State next = state;
   const StepInputs<double> acting = dynamics_.actuate(input, lift_, step_, next.data() + 6);
   const RigidState<double> before{state.head<3>(), state.segment<3>(3)};
@@ -110,35 +144,40 @@ TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& stat
   return next;
 }
 
-void TrajectoryOptimizer::linearize(int k) {
+void TrajectoryOptimizer::linearize(int k, Square& A, Drive B) const {
   const State& state = states_[static_cast<std::size_t>(k)];
   const State& after = states_[static_cast<std::size_t>(k) + 1];
-  const Vector2<double>& input = inputs_[static_cast<std::size_t>(k)];
-  Linear& linear = linear_[static_cast<std::size_t>(k)];
+  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
+  const int inputs = input.size();
   // Variables of the derivatives: indices of states, then of inputs.
-  std::array<int, kStates + 2> by{};
+  std::array<int, kStates + kMaxThrusters> by{};
   int count = 0;
   for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
-  for (int i = 0; i < 2; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
+  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
   if (dynamics_.usesPose()) {
     for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
   } else {
     // The motion is invariant under translation and rotation of the pose.
-    linear.A.leftCols<3>().setZero();
-    linear.A.topLeftCorner<3, 3>().setIdentity();
-    linear.A(0, 2) = -(after(1) - state(1));
-    linear.A(1, 2) = after(0) - state(0);
+    A.leftCols<3>().setZero();
+    A.topLeftCorner<3, 3>().setIdentity();
+    A(0, 2) = -(after(1) - state(1));
+    A(1, 2) = after(0) - state(0);
   }
   constexpr int kAtOnce = Jet::kDirections;
   for (int first = 0; first < count; first += kAtOnce) {
     const int last = std::min(count, first + kAtOnce);
-    std::array<Jet, kStates + 2> x;
+    std::array<Jet, kStates> x;
     for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
-    for (int i = 0; i < 2; ++i) x[static_cast<std::size_t>(kStates + i)] = Jet(input(i));
-    for (int i = first; i < last; ++i)
-      x[static_cast<std::size_t>(by[static_cast<std::size_t>(i)])].v[i - first] = 1;
-    const StepInputs<Jet> acting =
-        derivatives_.actuate({x[kStates], x[kStates + 1]}, lift_, Jet(step_), &x[6]);
+    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
+    for (int i = 0; i < inputs; ++i)
+      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
+    for (int i = first; i < last; ++i) {
+      const int variable = by[static_cast<std::size_t>(i)];
+      Jet& one =
+          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
+      one.v[i - first] = 1;
+    }
+    const StepInputs<Jet> acting = derivatives_.actuate(command, lift_, Jet(step_), &x[6]);
     const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
     const Vector3<Jet> missing = missing_.cast<Jet>();
     const RigidState<Jet> body =
@@ -153,9 +192,9 @@ void TrajectoryOptimizer::linearize(int k) {
       for (int j = 0; j < effect_states_; ++j)
         derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v[i - first];
       if (column < kStates) {
-        linear.A.col(column) = derivative;
+        A.col(column) = derivative;
       } else {
-        linear.B.col(column - kStates) = derivative;
+        B.col(column - kStates) = derivative;
       }
     }
   }
@@ -178,10 +217,14 @@ double TrajectoryOptimizer::stateCost(int k, const State& state) const {
   return cost;
 }
 
-double TrajectoryOptimizer::inputCost(const Vector2<double>& input) const {
-  const Vector2<double> share = input / input_max_;
-  const double difference = share(0) - share(1);
-  return weights_.input * share.squaredNorm() + weights_.turning * difference * difference;
+double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
+  double squares = 0, turning = 0;
+  for (int i = 0; i < input.size(); ++i) {
+    squares += input(i) * input(i);
+    turning += levers_(i) * input(i);
+  }
+  return (weights_.input * squares + weights_.turning * turning * turning) /
+         (input_max_ * input_max_);
 }
 
 double TrajectoryOptimizer::rollOut() {
@@ -201,11 +244,13 @@ double TrajectoryOptimizer::error() const {
   return std::sqrt(sum / steps());
 }
 
-Vector2<double> TrajectoryOptimizer::wanted() const {
-  Vector2<double> wanted = inputs_.front();
-  for (int i = 0; i < 2; ++i) {
-    if (wanted(i) <= 0 && unbounded_(i) < 0) wanted(i) = unbounded_(i);
-    if (wanted(i) >= input_max_ && unbounded_(i) > input_max_) wanted(i) = unbounded_(i);
+Thrusters<double> TrajectoryOptimizer::wanted() const {
+  Thrusters<double> wanted = inputs_.front();
+  for (int i = 0; i < wanted.size(); ++i) {
+    const Thruster& one = dynamics_.layout()[i];
+    const double low = one.least * input_max_, high = one.most * input_max_;
+    if (wanted(i) <= low && unbounded_(i) < low) wanted(i) = unbounded_(i);
+    if (wanted(i) >= high && unbounded_(i) > high) wanted(i) = unbounded_(i);
   }
   return wanted;
 }
@@ -240,28 +285,14 @@ void TrajectoryOptimizer::addWallCost(const State& state, State& gradient,
   curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
 }
 
-/// Feedback gain of the inputs that are not at a bound.
-TrajectoryOptimizer::Gain TrajectoryOptimizer::feedback(const Eigen::Matrix2d& damped,
-                                                        const Gain& Qux,
-                                                        const std::array<bool, 2>& free) {
-  Gain gain = Gain::Zero();
-  if (free[0] && free[1]) {
-    gain.noalias() = -damped.inverse() * Qux;
-  } else if (free[0]) {
-    gain.row(0) = -Qux.row(0) / damped(0, 0);
-  } else if (free[1]) {
-    gain.row(1) = -Qux.row(1) / damped(1, 1);
-  }
-  return gain;
-}
-
-bool TrajectoryOptimizer::backward() {
+template <int N>
+bool SizedOptimizer<N>::backward() {
   const double scale = 1 / (input_max_ * input_max_);
+  const int inputs = thrusterCount();
   State gradient = State::Zero();
   Square curvature = Square::Zero();
-  Eigen::Matrix2d input_curvature;
-  input_curvature << weights_.input + weights_.turning, -weights_.turning, -weights_.turning,
-      weights_.input + weights_.turning;
+  InputSquare input_curvature = weights_.turning * turning_;
+  input_curvature.diagonal().array() += weights_.input;
   input_curvature *= 2 * step_ * scale;
   for (int k = steps() - 1; k >= 0; --k) {
     const auto i = static_cast<std::size_t>(k);
@@ -270,25 +301,23 @@ bool TrajectoryOptimizer::backward() {
 
     const Square& A = linear_[i].A;
     const Drive& B = linear_[i].B;
-    const Vector2<double>& input = inputs_[i];
+    const auto input = vectorOf(inputs_[i]);
     Square VA;
     VA.noalias() = curvature * A;
-    Drive VB;
+    Drive VB(static_cast<int>(kStates), inputs);
     VB.noalias() = curvature * B;
-    Vector2<double> Qu = input_curvature * input;
+    Input Qu = input_curvature * input;
     Qu.noalias() += B.transpose() * gradient;
-    Eigen::Matrix2d Quu = input_curvature;
+    InputSquare Quu = input_curvature;
     Quu.noalias() += B.transpose() * VB;
-    Gain Qux;
+    Gain Qux(inputs, static_cast<int>(kStates));
     Qux.noalias() = VB.transpose() * A;
-    Eigen::Matrix2d damped = Quu;
+    InputSquare damped = Quu;
     damped.diagonal().array() += damping_ * scale;
-    if (!(damped.determinant() > 0) || !(damped(0, 0) > 0)) return false;
-    std::array<bool, 2> free{};
-    const Vector2<double> change =
-        boxMinimum(damped, Qu, -input, Vector2<double>::Constant(input_max_) - input, free);
-    if (k == 0) unbounded_ = input - damped.inverse() * Qu;
-    const Gain gain = feedback(damped, Qux, free);
+    if (!box_.solve(damped, Qu, low_ - input, high_ - input)) return false;
+    const Input& change = box_.minimum();
+    if (k == 0) asVector(unbounded_) = input + box_.unbounded();
+    const Gain gain = -box_.solveFree(Qux);
     open_[i] = change;
     gains_[i] = gain;
     State Qx;
@@ -306,8 +335,12 @@ bool TrajectoryOptimizer::backward() {
   return true;
 }
 
-bool TrajectoryOptimizer::improve() {
-  for (int k = 0; k < steps(); ++k) linearize(k);
+template <int N>
+bool SizedOptimizer<N>::improve() {
+  for (int k = 0; k < steps(); ++k) {
+    Linear& linear = linear_[static_cast<std::size_t>(k)];
+    linearize(k, linear.A, linear.B);
+  }
   if (!backward()) {
     damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
     return false;
@@ -316,9 +349,9 @@ bool TrajectoryOptimizer::improve() {
     double cost = 0;
     for (int k = 0; k < steps() && cost < cost_; ++k) {
       const auto i = static_cast<std::size_t>(k);
-      Vector2<double> input = inputs_[i] + length * open_[i];
+      Input input = vectorOf(inputs_[i]) + length * open_[i];
       input.noalias() += gains_[i] * (tried_states_[i] - states_[i]);
-      tried_inputs_[i] = input.cwiseMax(0.0).cwiseMin(input_max_);
+      tried_inputs_[i] = input.cwiseMax(low_).cwiseMin(high_).eval();
       tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
       cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
     }

@@ -1,5 +1,6 @@
 #include "ground/estimation/obedience_monitor.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -34,22 +35,6 @@ double loss(double square_of_z, int dimension) {
   return 0.5 * (kFreedom + dimension) * std::log1p(square_of_z / kFreedom);
 }
 
-/// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
-struct Explanation {
-  const char* text;    ///< for messages, after "it moves"
-  bool swapped;        ///< left and right thruster are swapped
-  double left, right;  ///< thrust of the thrusters relative to the commanded one
-  bool lifted;         ///< whether the lift fan works
-};
-constexpr Explanation kExplanations[] = {
-    {"as without thrust", false, 0, 0, true},
-    {"as with a fifth of the model's thrust", false, 0.2, 0.2, true},
-    {"as with five times the model's thrust", false, 5, 5, true},
-    {"as if left and right were swapped", true, 1, 1, true},
-    {"as if the left thruster were off", false, 0, 1, true},
-    {"as if the right thruster were off", false, 1, 0, true},
-    {"as if it sat on the floor, without lift", false, 1, 1, false}};
-
 /// The model with friction of the skirt, so that without lift full thrust hardly moves the craft.
 Model sitting(Model model) {
   if (!model.hasEffect("skirt_friction")) {
@@ -58,6 +43,24 @@ Model sitting(Model model) {
     model.setValue("skirt_friction.n0", typical::moment(model.body));
   }
   return model;
+}
+
+/// The model with another thrust.
+Model thrusting(Model model, double share) {
+  model.body.k *= share;
+  return model;
+}
+
+/// Yaw acceleration by the fastest turn of a craft [rad/s^2].
+double fullYaw(const Model& model) {
+  const Body<double>& body = model.body;
+  const ThrusterLayout& layout = *model.thrusters;
+  double most = 0;
+  for (bool starboard : {false, true}) {
+    const Thrusters<double> forces = layout.forces(fastestTurn(layout, starboard, body.input_max));
+    most = std::max(most, std::abs(layout.total(forces).z()));
+  }
+  return body.k * body.l * most / body.I_z;
 }
 
 /// Velocity over the floor, world_ned [m/s], and yaw rate [rad/s].
@@ -84,30 +87,54 @@ struct ObedienceMonitor::Spread {
 ObedienceMonitor::ObedienceMonitor(const Model& model)
     : dynamics_(model),
       sitting_(sitting(model)),
+      weak_(thrusting(model, 0.2)),
+      strong_(thrusting(model, 5)),
       derivatives_(model),
-      most_(2 * model.body.k * model.body.input_max / model.body.m),
-      most_yaw_(model.body.k * model.body.input_max * model.body.l / model.body.I_z) {
-  static_assert(std::size(kExplanations) == kCount);
+      most_(model.thrusters->fullThrust() * model.body.k * model.body.input_max / model.body.m),
+      most_yaw_(fullYaw(model)) {
   static_assert(kShares.size() * kExtraDelays.size() == kToldCount && kExtraDelays.size() == kDelayCount);
+  addExplanations();
+  reset();
+}
+
+void ObedienceMonitor::addExplanations() {
+  const ThrusterLayout& layout = dynamics_.layout();
+  const Thrusters<double> all = Thrusters<double>::filled(layout.size(), 1);
+  explanations_ = {{"as without thrust", &dynamics_, Thrusters<double>::zero(layout.size())},
+                   {"as with a fifth of the model's thrust", &weak_, all},
+                   {"as with five times the model's thrust", &strong_, all}};
+  if (layout.size() == 2)
+    explanations_.push_back({"as if " + layout[0].name + " and " + layout[1].name + " were swapped",
+                             &dynamics_, all, true});
+  for (int i = 0; i < layout.size() && layout.size() > 1; ++i) {
+    Thrusters<double> shares = all;
+    shares(i) = 0;
+    explanations_.push_back(
+        {"as if the " + layout[i].name + " thruster were off", &dynamics_, shares});
+  }
+  explanations_.push_back(
+      {"as if it sat on the floor, without lift", &sitting_, all, false, false});
 }
 
 void ObedienceMonitor::reset() {
-  told_.fill(InputSequence());
-  others_.fill(InputSequence());
+  const InputSequence none(dynamics_.layout().size());
+  told_.fill(none);
+  others_.assign(explanations_.size(), none);
   started_ = false;
   intervals_.clear();
 }
 
-void ObedienceMonitor::command(double time, const Vector2<double>& thrusters, double lift) {
+void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
   if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
   forgetOldCommands(time);
   for (std::size_t i = 0; i < told_.size(); ++i)
-    told_[i].add(time + kExtraDelays[i], thrusters.x(), thrusters.y(), lift);
+    told_[i].add(time + kExtraDelays[i], thrusters, lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
-    const Explanation& e = kExplanations[i];
-    const double left = e.swapped ? thrusters.y() : thrusters.x();
-    const double right = e.swapped ? thrusters.x() : thrusters.y();
-    others_[i].add(time, e.left * left, e.right * right, e.lifted ? lift : 0);
+    const Explanation& e = explanations_[i];
+    Thrusters<double> inputs = Thrusters<double>::zero(thrusters.size());
+    for (int j = 0; j < inputs.size(); ++j)
+      inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
+    others_[i].add(time, inputs, e.lifted ? lift : 0);
   }
 }
 
@@ -155,9 +182,9 @@ Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
 
 ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const double dt = now.time - start_.time;
-  std::array<Vector3<double>, std::size_t{kCount}> others;
+  std::array<Vector3<double>, std::size_t{kMaxCount}> others;
   for (std::size_t i = 0; i < others_.size(); ++i)
-    others[i] = predict(kExplanations[i].lifted ? dynamics_ : sitting_, others_[i], now.time);
+    others[i] = predict(*explanations_[i].dynamics, others_[i], now.time);
   const Vector3<double>& free = others[0];
   const Vector3<double> dragged = free - overFloor(start_.state), seen = overFloor(now.state);
   const auto variance = [&](double most, double drag, double noise) {
@@ -166,7 +193,7 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const Vector3<double> noise = start_.nu_variance + now.nu_variance;
   const Spread spread{variance(most_, dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
                       variance(most_yaw_, dragged.z(), noise.z())};
-  Interval interval{now.time, {}, {}};
+  Interval interval{now.time, {}, noEvidence()};
   Eigen::Index told = 0;
   for (const InputSequence& inputs : told_) {
     const Vector3<double> thrust = predict(dynamics_, inputs, now.time) - free;
@@ -186,13 +213,14 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
     if (recent(i)) told += i.told;
   Eigen::Index best = 0;
   told.maxCoeff(&best);
-  Evidence evidence = Evidence::Zero();
+  Evidence evidence = noEvidence();
   for (const Interval& i : intervals_) {
     if (!recent(i)) continue;
     Evidence better = i.others - i.told(best);
     // A trim is the same in all intervals, so a slightly better fit in each of them is no evidence,
     // except for the hypothesis of no thrust.
-    if (i.told(best) > kPlausible) better.tail<kCount - 1>() = better.tail<kCount - 1>().min(0);
+    if (i.told(best) > kPlausible)
+      better.tail(better.size() - 1) = better.tail(better.size() - 1).min(0);
     evidence += better;
   }
   return evidence;
@@ -218,14 +246,14 @@ std::string ObedienceMonitor::disobedience(double duration) const {
 /// the last `duration` seconds in which the craft clearly did not follow its commands, because
 /// earlier obedience is evidence against all of them. Without such an interval, the text of `best`.
 std::string ObedienceMonitor::likely(double duration, Eigen::Index best) const {
-  Evidence others = Evidence::Zero();
+  Evidence others = noEvidence();
   for (const Interval& i : intervals_)
     if (i.end > start_.time - duration && i.told.maxCoeff() < kPlausible) others += i.others;
-  if ((others == 0).all()) return kExplanations[best].text;
+  if ((others == 0).all()) return explanations_[static_cast<std::size_t>(best)].text;
   std::string text;
   for (Eigen::Index i = 0; i < others.size(); ++i)
     if (others(i) > others.maxCoeff() - kEvidence)
-      text += (text.empty() ? "" : ", or ") + std::string(kExplanations[i].text);
+      text += (text.empty() ? "" : ", or ") + explanations_[static_cast<std::size_t>(i)].text;
   return text;
 }
 

@@ -12,13 +12,11 @@ namespace {
 constexpr double kMaxAhead = 1.0;  // a stamp farther in the future is from another clock [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
-bool finite(const MotorCommand& c) {
-  return std::isfinite(c.left) && std::isfinite(c.right) && std::isfinite(c.lift);
+/// Whether a thruster pushes without lift. An input of the wrong sign for the thruster is clipped.
+bool thrustAlone(const MotorCommand& c, const ThrusterLayout& layout) {
+  const Thrusters<double> inside = layout.clipped(c.thrusters, 1);
+  return MotorCommand(inside, 0).thrust() > 0 && !(c.lift > 0);
 }
-
-bool thrustAlone(const MotorCommand& c) { return (c.left > 0 || c.right > 0) && !(c.lift > 0); }
-
-bool zero(const MotorCommand& c) { return c.left == 0 && c.right == 0 && c.lift == 0; }
 
 std::string because(const std::string& what, const std::string& why) {
   return why.empty() ? what : what + ": " + why;
@@ -47,9 +45,11 @@ std::string GroundLinkParams::validate() const {
   return "";
 }
 
-GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send)
+GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send,
+                       ThrusterLayoutPtr layout)
     : params_(params),
       send_(std::move(send)),
+      layout_(std::move(layout)),
       fixed_(peer),
       peer_(peer),
       peer_heard_(kNever),
@@ -60,6 +60,7 @@ GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, S
       lost_since_(kNever),
       sent_until_(kNever),
       next_packet_(kNever) {
+  sent_ = command_ = Inputs::off(layout_->size());
   check(params);
 }
 
@@ -116,8 +117,12 @@ void GroundLink::command(double now, double age, const std::string& source,
     return refuse("a command of " + source + " is not of " + armed_source_ +
                       ", with which the craft is armed",
                   false);
-  if (!finite(command)) return refuse("a command of " + source + " is not finite", true);
-  if (armed && params_.require_lift && thrustAlone(command))
+  if (!command.finite()) return refuse("a command of " + source + " is not finite", true);
+  if (command.thrusters.size() != layout_->size())
+    return refuse("a command of " + source + " is for " + std::to_string(command.thrusters.size()) +
+                      " thrusters, and the craft has " + std::to_string(layout_->size()),
+                  true);
+  if (armed && params_.require_lift && thrustAlone(command, *layout_))
     return refuse("a command of " + source + " is thrust without lift", true);
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
@@ -133,6 +138,12 @@ void GroundLink::command(double now, double age, const std::string& source,
   command_problem_.clear();
   command_until_ = now - std::max(0.0, age) + params_.command_timeout;
   if (armed) transmit(now);
+}
+
+void GroundLink::refuseCommand(double now, const std::string& source, const std::string& why) {
+  watch(now);
+  const bool driver = state_ != State::kArmed || source == armed_source_;
+  refuse("a command of " + source + " " + why, driver);
 }
 
 void GroundLink::refuse(const std::string& why, bool of_controller) {
@@ -212,7 +223,7 @@ std::string GroundLink::commandMissing(double now) const {
     return std::to_string(publishers_) + " nodes publish commands: stop all but one";
   if (clash_until_ > now) return clash_;
   if (command_until_ <= now) return because("there is no fresh command", command_problem_);
-  if (!zero(command_)) return "the command is not zero";
+  if (!command_.zero()) return "the command is not zero";
   return "";
 }
 
@@ -222,7 +233,7 @@ std::string GroundLink::silence(double now, double duration) {
   if (silent_until_ || lost_since_ != kNever) return reason_;
   if (!(duration > 0 && duration <= kLongestSilence))
     return "a silence must be longer than 0 s and at most 2 s";
-  if (std::max(command_.left, command_.right) > kMaxSilentThrust)
+  if (command_.thrust() > kMaxSilentThrust)
     return "the thrust is above 0.5, too much for a craft that may not stop";
   transmit(now);  // so that the silence begins with a packet at a known time
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);
@@ -309,14 +320,14 @@ void GroundLink::transmit(double now) {
   next_packet_ = now + 1 / params_.keepalive_rate;
   if (silent_until_) return;
   const bool obeys = state_ == State::kArmed && lost_since_ == kNever;
-  sendPacket(now, obeys ? command_ : MotorCommand());
+  sendPacket(now, obeys ? command_ : MotorCommand::off(layout_->size()));
 }
 
-void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand()); }
+void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand::off(layout_->size())); }
 
 void GroundLink::sendPacket(double now, const MotorCommand& command) {
   if (peer_.port == 0) return;
-  const std::string problem = send_(encodeMotors(command), peer_);
+  const std::string problem = send_(encodeMotors(command, *layout_), peer_);
   sent_ = command;
   if (problem.empty()) {
     ++counters_.sent;

@@ -3,23 +3,33 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <vector>
 
 #include "drone.pb.h"
 
 namespace ground {
 namespace {
 
-constexpr unsigned kOff = 1000, kRange = 1000;
+constexpr int kOff = 1000, kRange = 1000;
 // A message has three floats, nine ints and a count: at most 120 bytes.
 constexpr std::size_t kLongestTelemetry = 128;
 
-unsigned toMotor(double value) {
-  return kOff + static_cast<unsigned>(std::lround(kRange * std::clamp(value, 0.0, 1.0)));
+unsigned toMotor(double value, double least, double most) {
+  const auto share = static_cast<int>(std::lround(kRange * std::clamp(value, least, most)));
+  return static_cast<unsigned>(kOff + share);
 }
 
-bool fromMotor(unsigned motor, double& value) {
+bool fromMotor(unsigned motor, double least, double most, double& value) {
   value = (static_cast<double>(motor) - kOff) / kRange;
-  return motor >= kOff && motor <= kOff + kRange;
+  return value >= least && value <= most;
+}
+
+/// The motors of all thrusters.
+std::vector<unsigned> thrustersIn(const proto::Motors& motors, int count) {
+  std::vector<unsigned> all = {motors.motor_l(), motors.motor_r()};
+  all.insert(all.end(), motors.motors_further().begin(), motors.motors_further().end());
+  if (count == 1 && all.size() == 2 && motors.motor_r() == kOff) all.pop_back();
+  return all;
 }
 
 bool refuse(const char* why, std::string* reason) {
@@ -29,29 +39,46 @@ bool refuse(const char* why, std::string* reason) {
 
 }  // namespace
 
-std::string encodeMotors(const MotorCommand& command) {
-  if (!std::isfinite(command.left) || !std::isfinite(command.right) || !std::isfinite(command.lift))
-    throw std::invalid_argument("a motor command is not finite");
+std::string encodeMotors(const MotorCommand& command, const ThrusterLayout& layout) {
+  if (!command.finite()) throw std::invalid_argument("a motor command is not finite");
+  if (command.thrusters.size() != layout.size())
+    throw std::invalid_argument("a motor command is for another number of thrusters");
+  const unsigned lift = toMotor(command.lift, 0, 1);
   proto::Motors motors;
-  motors.set_motor_dl(toMotor(command.lift));
-  motors.set_motor_dr(toMotor(command.lift));
-  motors.set_motor_r(toMotor(command.right));
-  motors.set_motor_l(toMotor(command.left));
+  motors.set_motor_dl(lift);
+  motors.set_motor_dr(lift);
+  motors.set_motor_r(kOff);
+  for (int i = 0; i < layout.size(); ++i) {
+    const unsigned motor = toMotor(command.thrusters(i), layout[i].least, layout[i].most);
+    if (i == 0) motors.set_motor_l(motor);
+    if (i == 1) motors.set_motor_r(motor);
+    if (i > 1) motors.add_motors_further(motor);
+  }
   return motors.SerializeAsString();
 }
 
-bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason) {
+bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason,
+                  const ThrusterLayout& layout) {
   proto::Motors motors;
   // Partial, because protobuf prints to stderr if a required field is missing.
   if (!motors.ParsePartialFromString(datagram)) return refuse("it is cut or garbled", reason);
   if (!motors.unknown_fields().empty()) return refuse("it has fields of another message", reason);
   if (!motors.IsInitialized()) return refuse("a motor is missing", reason);
   if (motors.ByteSizeLong() != datagram.size()) return refuse("a motor is given twice", reason);
-  MotorCommand read;
+  const std::vector<unsigned> all = thrustersIn(motors, layout.size());
+  if (static_cast<int>(all.size()) != layout.size())
+    return refuse("it is for another number of thrusters", reason);
+  MotorCommand read = Inputs::off(layout.size());
   double lift_right = 0;
-  if (!fromMotor(motors.motor_l(), read.left) || !fromMotor(motors.motor_r(), read.right) ||
-      !fromMotor(motors.motor_dl(), read.lift) || !fromMotor(motors.motor_dr(), lift_right))
-    return refuse("a motor is outside 1000..2000", reason);
+  bool inside = fromMotor(motors.motor_dl(), 0, 1, read.lift) &&
+                fromMotor(motors.motor_dr(), 0, 1, lift_right);
+  for (int i = 0; i < layout.size(); ++i)
+    inside = inside && fromMotor(all[static_cast<std::size_t>(i)], layout[i].least, layout[i].most,
+                                 read.thrusters(i));
+  if (!inside)
+    return refuse(layout.isPair() ? "a motor is outside 1000..2000"
+                                  : "a motor is outside of the range of its thruster",
+                  reason);
   command = read;
   return true;
 }

@@ -53,13 +53,6 @@ const std::vector<ParameterInfo>& bodyParameters() {
   return infos;
 }
 
-void requirePair(const Model& model, const std::string& user) {
-  if (model.thrusters->isPair()) return;
-  throw std::invalid_argument(user + " commands a left and a right thruster; the model " +
-                              model.name + " lists others (" + model.thrusters->names() +
-                              "): give one in the short form, without thrusters");
-}
-
 std::string checkValue(const ParameterInfo& parameter, double value) {
   if (value >= parameter.lower && value <= parameter.upper &&
       (std::isfinite(value) || value == parameter.neutral))

@@ -163,6 +163,15 @@ double ThrusterLayout::fullThrust() const {
   return best;
 }
 
+Thrusters<double> fastestTurn(const ThrusterLayout& layout, bool starboard, double full) {
+  Thrusters<double> inputs = Thrusters<double>::zero(layout.size());
+  for (int i = 0; i < inputs.size(); ++i) {
+    const bool helps = (layout.lever(i) > 0) == starboard;
+    inputs(i) = full * (helps ? layout[i].most : layout[i].least);
+  }
+  return inputs;
+}
+
 const ThrusterLayoutPtr& thrusterPair() {
   static const ThrusterLayoutPtr pair = std::make_shared<const ThrusterLayout>();
   return pair;

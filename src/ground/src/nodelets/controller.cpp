@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/parameters.h"
 
 namespace ground {
@@ -91,10 +92,10 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   const std::string& driver = message->header.frame_id;
   const std::lock_guard<std::recursive_mutex> lock(mutex_);
   if (driver.empty() || driver == name_) return;
-  for (double input : {message->left, message->right, message->lift})
-    if (!std::isfinite(input)) return;
-  pilot_.commanded(seconds(message->header.stamp), {message->left, message->right, message->lift});
-  life_.otherDrives(now(), driver, message->lift);
+  const bool fits = misfit(*message, pilot_.layout()).empty();
+  if (fits && !readInputs(*message).finite()) return;
+  if (fits) pilot_.commanded(seconds(message->header.stamp), readInputs(*message));
+  if (std::isfinite(message->lift)) life_.otherDrives(now(), driver, message->lift);
 }
 
 void Controller::onSender(const ground_msgs::SenderStatus::ConstPtr& message) {
@@ -158,9 +159,7 @@ void Controller::publish(const Inputs& inputs) {
   auto message = boost::make_shared<ground_msgs::Controls>();
   message->header.stamp = stamp;
   if (life_.started()) message->header.frame_id = name_;
-  message->left = inputs.left;
-  message->right = inputs.right;
-  message->lift = inputs.lift;
+  writeInputs(inputs, pilot_.layout(), *message);
   controls_.publish(message);
   pilot_.commanded(seconds(stamp), inputs);
 }

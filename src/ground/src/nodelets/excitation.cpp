@@ -19,11 +19,11 @@ namespace ground {
 /// Plays any input design or file of inputs with exact timing: in bursts between which
 /// ModelPredictive drives the craft home, or in open loop.
 ///
-/// Parameters: model (model file for the returns) and those of Excitation.cfg, which take effect at
-/// the next start. If returns is true, model and the base's room are required. Also publishes:
-/// bursts (latched; at the beginning of each burst and return), and each decision of a return
-/// (DecisionPublisher). Service: ~load_model (takes effect at the next start). A file with a column
-/// lift sets the lift, too.
+/// Parameters: model (model file for the thrusters and the returns; empty: a left and a right
+/// thruster) and those of Excitation.cfg, which take effect at the next start. If returns is true,
+/// model and the base's room are required. Also publishes: bursts (latched; at the beginning of
+/// each burst and return), and each decision of a return (DecisionPublisher). Service: ~load_model
+/// (takes effect at the next start). A file with a column lift sets the lift, too.
 class Excitation : public Controller {
  public:
   Excitation() : Controller(pilot_) {}
@@ -44,10 +44,12 @@ class Excitation : public Controller {
                           [&excitation](const Mark& mark) { excitation.marked(mark); },
                           [&excitation](const ReferencePilot::Decision& decision) {
                             excitation.decision_publisher_.publish(
-                                decision, excitation.measuredAt(), excitation.getName(),
-                                excitation.config_.lift);
+                                decision, excitation.pilot_.layout(), excitation.measuredAt(),
+                                excitation.getName(), excitation.config_.lift);
                           }),
           owner(excitation) {}
+    /// Those of the model; without one, a left and a right thruster.
+    const ThrusterLayout& layout() const override { return *owner.thrusters(); }
     void activate(double stamp) override {
       owner.prepare();
       ExcitationPilot::activate(stamp);
@@ -66,6 +68,8 @@ class Excitation : public Controller {
     model_service_ =
         ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
           const std::lock_guard<std::recursive_mutex> lock(mutex());
+          const std::string other = otherThrusters(*thrusters(), *model.thrusters);
+          if (!other.empty()) throw std::runtime_error(other);
           model_ = model;
           pilot_.setCaution(judge(config_, signal_));
           return pilot_.caution();
@@ -95,8 +99,14 @@ class Excitation : public Controller {
     return found;
   }
 
-  static InputSignal signal(const Config& c) {
+  ThrusterLayoutPtr thrusters() const { return model_ ? model_->thrusters : thrusterPair(); }
+
+  InputSignal signal(const Config& c) {
     DesignParams design;
+    {
+      const std::lock_guard<std::recursive_mutex> lock(mutex());
+      design.thrusters = thrusters();
+    }
     design.kind = c.design;
     design.file = c.file;
     design.rows_per_bit = c.rows_per_bit;
@@ -160,11 +170,11 @@ class Excitation : public Controller {
     if (!room()) return "open loop, without a room that would keep it inside";
     if (c.returns) return "bursts of " + c.design + " between returns home";
     if (!model_) return "open loop; the room stops it";
-    InputSequence inputs;
+    InputSequence inputs(model_->thrusters->size());
     const double most = model_->body.input_max;
     for (std::size_t i = 0; i < signal.times.size(); ++i) {
       const Inputs& row = signal.inputs[i];
-      inputs.add(signal.times[i], most * row.left, most * row.right,
+      inputs.add(signal.times[i], most * asVector(row.thrusters),
                  signal.has_lift ? row.lift : c.lift);
     }
     const std::string leaves =

@@ -19,6 +19,7 @@
 
 #include "ground/estimation/model_monitor.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
@@ -149,14 +150,21 @@ class LiveComparison : public nodelet::Nodelet {
 
   void onControls(const ground_msgs::Controls::ConstPtr& controls) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!std::isfinite(controls->left + controls->right + controls->lift)) return;
+    const Inputs inputs = readInputs(*controls);
+    if (!inputs.finite()) return;
     const double time = seconds(controls->header.stamp);
     drive_.command(time, controls->lift);
     for (Contestant& c : contestants_) {
       if (!c.monitor) continue;
-      const double most = c.monitor->model().body.input_max;
-      const auto input = [most](double value) { return most * std::clamp(value, 0.0, 1.0); };
-      c.monitor->command(time, {input(controls->left), input(controls->right)}, controls->lift);
+      const Model& model = c.monitor->model();
+      const std::string other = misfit(*controls, *model.thrusters);
+      if (other.empty())
+        c.monitor->command(
+            time, model.body.input_max * asVector(model.thrusters->clipped(inputs.thrusters, 1)),
+            inputs.lift);
+      else
+        NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(),
+                              other.c_str());
     }
   }
 

@@ -3,8 +3,10 @@
 #include <memory>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "ground/control/controllers.h"
 #include "ground/control/prbs.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 
 namespace ground {
@@ -13,8 +15,9 @@ namespace ground {
 /// inputs.
 ///
 /// Parameters: csv (file of rows LEFT,RIGHT; empty: generated from order and seed), rows_per_bit of
-/// that file (0: determined from the file), order (9), seed (1), and those of OpenLoopPRBS.cfg,
-/// which take effect at the next start.
+/// that file (0: determined from the file), order (9), seed (1), model (of the craft, to refuse one
+/// with other thrusters; empty: no check), and those of OpenLoopPRBS.cfg, which take effect at the
+/// next start.
 class OpenLoopPRBS : private Pilot, public Controller {
  public:
   OpenLoopPRBS() : Controller(static_cast<Pilot&>(*this)) {}
@@ -22,6 +25,10 @@ class OpenLoopPRBS : private Pilot, public Controller {
 
  private:
   void load(ros::NodeHandle& nh) override {
+    const auto model = optionalParameter<std::string>(nh, "model", "");
+    const std::string refusal =
+        model.empty() ? "" : effectUse("OpenLoopPRBS", loadModelAndWarn(model)).refusal;
+    if (!refusal.empty()) throw std::runtime_error(refusal);
     const auto csv = optionalParameter<std::string>(nh, "csv", "");
     const int order = optionalParameter<int>(nh, "order", 9);
     const int seed = optionalParameter<int>(nh, "seed", 1);

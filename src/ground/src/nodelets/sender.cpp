@@ -11,8 +11,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
-#include <cmath>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <csignal>
 #include <cstring>
@@ -28,6 +28,7 @@
 #include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/time.h"
@@ -40,8 +41,8 @@ namespace ground {
 /// - port (3333), bind_address (0.0.0.0)
 /// - peer: HOST or HOST:PORT of the craft; empty: learned from its first datagram
 /// - auto_arm (false): arms once, as soon as possible
-/// - model: model file of the craft, to detect that it does not follow its commands; empty: no
-///   detection
+/// - model: model file of the craft, for its thrusters and to detect that it does not follow its
+///   commands; empty: a left and a right thruster, and no detection
 /// - own_stop: records of prove_stop, for a remark at arming if the craft of `model` is not proven
 /// to
 ///   stop by itself; empty: no remark
@@ -103,6 +104,7 @@ class Sender : public nodelet::Nodelet {
       const Model model = loadModelAndWarn(model_file);
       obedience_ = std::make_unique<ObedienceMonitor>(model);
       input_max_ = model.body.input_max;
+      layout_ = model.thrusters;
       craft_ = model.name;
     }
     own_stop_ = optionalParameter<std::string>(nh, "own_stop", "");
@@ -120,9 +122,11 @@ class Sender : public nodelet::Nodelet {
     socket_ =
         std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
-        GroundLinkParams(), peer, [this](const std::string& data, const UdpAddress& to) {
+        GroundLinkParams(), peer,
+        [this](const std::string& data, const UdpAddress& to) {
           return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
-        });
+        },
+        layout_);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
@@ -192,8 +196,12 @@ class Sender : public nodelet::Nodelet {
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
     const std::lock_guard<std::mutex> lock(mutex_);
-    link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
-                   {controls.left, controls.right, controls.lift});
+    const std::string other = misfit(controls, *layout_);
+    if (other.empty())
+      link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
+                     readInputs(controls));
+    else
+      link_->refuseCommand(steadyNow(), event.getPublisherName(), other);
     noteLift();
     collect();
   }
@@ -233,10 +241,9 @@ class Sender : public nodelet::Nodelet {
       obedience_->reset();
       armed_at_ = ros::Time::now();
     }
-    if (armed && (begins || sent.left != noted_->left || sent.right != noted_->right ||
-                  sent.lift != noted_->lift))
+    if (armed && (begins || sent != *noted_))
       obedience_->command(secondsBetween(armed_at_, ros::Time::now()),
-                          input_max_ * Vector2<double>(sent.left, sent.right), sent.lift);
+                          input_max_ * asVector(sent.thrusters), sent.lift);
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
@@ -449,6 +456,7 @@ class Sender : public nodelet::Nodelet {
   std::optional<Fence> fence_;  ///< no value without a room
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< null without a model
   double obedience_timeout_ = 0, input_max_ = 1;
+  ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
   bool bench_ = false;  ///< no state is needed; constant after start()
   std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed

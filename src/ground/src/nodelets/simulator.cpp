@@ -20,6 +20,7 @@
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
@@ -91,6 +92,8 @@ class Simulator : public nodelet::Nodelet {
         [this](const Config& c) { apply(c); });
     model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
       const std::lock_guard<std::mutex> lock(mutex_);
+      const std::string other = otherThrusters(*loaded_.thrusters, *m.thrusters);
+      if (!other.empty()) throw std::runtime_error(other);
       room_->setModel(scaled(m, factors_));
       loaded_ = m;
       input_max_ = m.body.input_max;
@@ -193,12 +196,14 @@ class Simulator : public nodelet::Nodelet {
 
   void obey(const std::string& datagram) {
     MotorCommand command;
-    if (!decodeMotors(datagram, command)) {
-      NODELET_WARN_THROTTLE(1, "simulator: a datagram of the sender is not a Motors message");
+    std::string why;
+    if (!decodeMotors(datagram, command, &why, *loaded_.thrusters)) {
+      NODELET_WARN_THROTTLE(1, "simulator: a datagram of the sender is not a Motors message: %s",
+                            why.c_str());
       return;
     }
     ++commands_;
-    room_->command(input_max_ * command.left, input_max_ * command.right, command.lift);
+    room_->command(input_max_ * asVector(command.thrusters), command.lift);
   }
 
   void publishClock(double now) {

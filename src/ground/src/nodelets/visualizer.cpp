@@ -24,6 +24,7 @@
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/legend.h"
 #include "ground/nodelets/markers.h"
 #include "ground/nodelets/model_loading.h"
@@ -200,9 +201,10 @@ class Visualizer : public nodelet::Nodelet {
 
   /// Force of each thruster at the newest command [N].
   Thrusters<double> thrust() const {
-    auto inputs = Thrusters<double>::zero(model_.thrusters->size());
-    if (controls_ && inputs.size() == 2) inputs = {controls_->left, controls_->right};
-    Thrusters<double> forces = model_.thrusters->forces(inputs);
+    const ThrusterLayout& layout = *model_.thrusters;
+    const bool fits = controls_ && misfit(*controls_, layout).empty();
+    const Inputs inputs = fits ? readInputs(*controls_) : Inputs::off(layout.size());
+    Thrusters<double> forces = layout.forces(layout.clipped(inputs.thrusters, 1));
     forces *= model_.body.k * model_.body.input_max;
     return forces;
   }

@@ -72,7 +72,7 @@ void defReferences(py::module_& module) {
       .def(
           "infeasibility",
           [](const ReferenceParams& params, const Model& model) {
-            return infeasibility(*makeReference(params), model.body);
+            return infeasibility(*makeReference(params), model);
           },
           py::arg("model"), "Why the craft cannot follow it exactly; empty if it can.")
       .def(
@@ -153,7 +153,11 @@ void defDesigns(py::module_& module) {
       .def_readwrite("seed", &DesignParams::seed)
       .def_readwrite("hold", &DesignParams::hold)
       .def_readwrite("file", &DesignParams::file)
-      .def_readwrite("rows_per_bit", &DesignParams::rows_per_bit);
+      .def_readwrite("rows_per_bit", &DesignParams::rows_per_bit)
+      .def(
+          "take_thrusters",
+          [](DesignParams& params, const Model& model) { params.thrusters = model.thrusters; },
+          py::arg("model"), "Makes it a design for the thrusters of a model.");
   py::class_<DesignInfo>(module, "DesignInfo", "Description of a design.")
       .def_readonly("name", &DesignInfo::name)
       .def_readonly("text", &DesignInfo::text)
@@ -166,15 +170,16 @@ void defDesigns(py::module_& module) {
       .def_property_readonly(
           "rows",
           [](const InputSignal& signal) {
-            Eigen::MatrixXd rows(static_cast<Eigen::Index>(signal.times.size()), 4);
+            Eigen::MatrixXd rows(static_cast<Eigen::Index>(signal.times.size()),
+                                 2 + signal.thrusters->size());
             for (Eigen::Index i = 0; i < rows.rows(); ++i) {
               const auto at = static_cast<std::size_t>(i);
               const Inputs& inputs = signal.inputs[at];
-              rows.row(i) << signal.times[at], inputs.left, inputs.right, inputs.lift;
+              rows.row(i) = inputRow(signal.times[at], inputs.thrusters, inputs.lift);
             }
             return rows;
           },
-          "Time [s], left, right, lift (0..1).");
+          "Time [s], inputs of the thrusters, lift.");
   module.def("make_design", &makeDesign, py::arg("params"), py::arg("duration"));
   py::class_<ReturnParams>(module, "ReturnParams", "Bursts and returns of an excitation in a room.")
       .def(py::init<>())

@@ -30,9 +30,9 @@ py::dict toDict(const ExperimentLog& log) {
             r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
         .finished();
   });
-  d["decisions"] = toRows(log.decisions, 7, [](const ExperimentLog::Decision& c) {
-    return (Eigen::RowVectorXd(7) << c.time, c.thrusters.transpose(), c.computing,
-            c.wanted.transpose(), c.stamp)
+  d["decisions"] = toRows(log.decisions, 3 + 2 * thrusters, [](const ExperimentLog::Decision& c) {
+    return (Eigen::RowVectorXd(3 + 2 * c.thrusters.size()) << c.time, c.stamp, c.computing,
+            asVector(c.thrusters).transpose(), asVector(c.wanted).transpose())
         .finished();
   });
   py::list marks;

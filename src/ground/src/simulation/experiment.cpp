@@ -124,7 +124,7 @@ class LivePilot : public Driver {
   using Stage = ControllerLifecycle::State;
 
   void send(const Inputs& inputs) {
-    commands_.push_back({now_, {inputs.left, inputs.right}, inputs.lift});
+    commands_.push_back({now_, inputs.thrusters, inputs.lift});
     pilot_->commanded(now_, inputs);
   }
 
@@ -139,8 +139,8 @@ class LivePilot : public Driver {
 };
 
 void noteDecision(const ReferencePilot::Decision& made, double input_max, ExperimentLog& log) {
-  log.decisions.push_back({made.now, made.stamp, input_max * made.inputs, input_max * made.wanted,
-                           made.computing});
+  log.decisions.push_back({made.now, made.stamp, input_max * asVector(made.inputs),
+                           input_max * asVector(made.wanted), made.computing});
 }
 
 void note(const ReferencePilot::Decision& decision, double input_max, ExperimentLog& log) {
@@ -206,6 +206,14 @@ void require(const std::string& wrong) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
+void requireSameThrusters(const Model& model, const Model& believed) {
+  if (model.thrusters->size() != believed.thrusters->size())
+    throw std::invalid_argument("the controller's model " + believed.name + " commands " +
+                                std::to_string(believed.thrusters->size()) + " thrusters, and " +
+                                model.name + " has " + std::to_string(model.thrusters->size()) +
+                                ": give a model with the craft's thrusters");
+}
+
 }  // namespace
 
 std::string DriveParams::validate() const {
@@ -254,7 +262,7 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 ExperimentLog trackReference(const Model& model, const Model& believed,
                              const TrackingParams& tracking, const ExperimentParams& params) {
   require(tracking.validate());
-  requirePair(model, "tracking");
+  requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(tracking, log);
   const double input_max = believed.body.input_max;
@@ -277,7 +285,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed,
 ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
                      const ExperimentParams& params) {
   require(excitation.validate());
-  requirePair(model, "an experiment with an input design");
+  requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(excitation, log);
   const double input_max = believed.body.input_max;
@@ -285,7 +293,9 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
       [&live] { return live.now(); },
       [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
       [&log, input_max](const ReferencePilot::Decision& d) { noteDecision(d, input_max, log); });
-  InputSignal signal = makeDesign(excitation.design, excitation.duration);
+  DesignParams design = excitation.design;
+  design.thrusters = believed.thrusters;
+  InputSignal signal = makeDesign(design, excitation.duration);
   if (excitation.room) {
     ReturnParams returns = excitation.returns;
     returns.room = *excitation.room;

@@ -8,6 +8,7 @@
 
 #include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
+#include "ground/model/inputs.h"
 
 namespace ground {
 
@@ -24,11 +25,6 @@ struct LifecycleParams {
   bool require_state = true;
 
   std::string validate() const;  ///< error message; empty if all values are valid
-};
-
-/// Inputs of the two thrusters and of the lift fan, 0..1.
-struct Inputs {
-  double left = 0, right = 0, lift = 0;
 };
 
 /// One instant on two clocks: the steady clock of the watchdogs, and the clock of stamps, which may
@@ -52,6 +48,8 @@ class Pilot {
   static constexpr double kByState = -1.0;  ///< value of nextChange() for closed-loop control
 
   virtual ~Pilot() = default;
+  /// The thrusters that it commands.
+  virtual const ThrusterLayout& layout() const { return *thrusterPair(); }
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
@@ -129,7 +127,7 @@ class ControllerLifecycle {
   /// Call with every state.
   void state(Instant now, const MeasuredState& measured);
   /// Sends zero inputs, unless another controller drives.
-  void sendZero(Instant now) { send(now, {}); }
+  void sendZero(Instant now) { send(now, off(0)); }
   /// Call when the clock of stamps was set.
   void timeJumped(Instant now, const std::string& what);
   /// Advances to now.
@@ -165,6 +163,7 @@ class ControllerLifecycle {
   void enter(Instant now, State state, const std::string& reason);
   void change(State state, const std::string& reason);
   void send(Instant now, const Inputs& inputs);
+  Inputs off(double lift) const { return Inputs::off(pilot_.layout().size(), lift); }
   double liftAlone() const;
   double liftedAt() const;
   double repeatAt() const;

@@ -55,10 +55,12 @@ class ExcitationPilot : public Pilot {
   /// ends.
   void play(InputSignal signal, double duration);
   /// Like play(), in bursts; in between, a controller with the internal model `model` returns home.
-  /// Throws std::invalid_argument if parameters are bad.
+  /// Throws std::invalid_argument if parameters are bad or the model has other thrusters than the
+  /// signal.
   void playInside(InputSignal signal, double duration, const Model& model,
                   const ReturnParams& params);
 
+  const ThrusterLayout& layout() const override { return *signal_.thrusters; }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
   /// See DriveClock::record.
   void driveBegan(double began, double as_of) { home_.driveBegan(began, as_of); }

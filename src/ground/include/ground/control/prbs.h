@@ -13,9 +13,11 @@ namespace ground {
 using PrbsBits = std::vector<std::array<bool, 2>>;
 
 /// Maximum-length sequence of 2^order - 1 bits, order 2..20, from a shift register with primitive
-/// feedback polynomial. The right channel is the left one delayed by half a period, so that the two
-/// are uncorrelated. `seed` sets the start in the period. Throws std::invalid_argument on a bad
-/// order.
+/// feedback polynomial. Throws std::invalid_argument on a bad order.
+std::vector<bool> makeSequence(int order);
+
+/// The same sequence for a left and a right thruster: the right channel is the left one delayed by
+/// half a period, so that the two are uncorrelated. `seed` sets the start in the period.
 PrbsBits makePrbs(int order, unsigned long seed);
 
 /// A binary sequence from a file: rows at a fixed rate, one or several per bit.

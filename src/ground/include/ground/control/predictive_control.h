@@ -32,7 +32,7 @@ struct PredictiveParams {
 /// An observer estimates velocity and missing acceleration, so that a wrong model leaves no
 /// constant error. It also predicts the state at the time when the inputs will act, which
 /// compensates latency, delay and lag. A plan is continued from decision to decision and improved a
-/// few times each (real-time iterations). The craft cannot brake: if the plan does not follow the
+/// few times each (real-time iterations). Most crafts cannot brake: if the plan does not follow the
 /// reference, others that first turn the craft left or right are tried. A decision takes bounded
 /// work and allocates no memory. Without a finite state or plan the thrust is zero.
 class PredictiveControl : public TrackingController {
@@ -47,10 +47,10 @@ class PredictiveControl : public TrackingController {
   void setParams(const PredictiveParams& params);
   void avoid(const PlanWalls& walls) override;
   void reset() override;
-  void commanded(double time, const Vector2<double>& thrusters, double lift) override;
+  void commanded(double time, const Thrusters<double>& thrusters, double lift) override;
   Vector2<double> position(const RigidState<double>& measured) const override;
-  Vector2<double> decide(const Observation& observation) override;
-  Vector2<double> wanted() const override { return wanted_; }
+  Thrusters<double> decide(const Observation& observation) override;
+  Thrusters<double> wanted() const override { return wanted_; }
 
   /// Number of improvements of plans in the last decision.
   int improvements() const { return improvements_; }
@@ -70,10 +70,19 @@ class PredictiveControl : public TrackingController {
   void follow(const Seed& seed);
   double turnTime(double angle) const;
 
+  /// The inputs that turn the craft fastest to one side.
+  struct Turn {
+    Thrusters<double> inputs;
+    double moment;  ///< [N m]
+  };
+  Turn turnTo(bool starboard) const;
+
   Model model_;
+  Thrusters<double> forward_;  ///< inputs of full forward thrust
+  double full_thrust_;         ///< [N]
+  std::array<Turn, 2> turns_;  ///< to port, to starboard
   Dynamics<Jet> seen_;  ///< for the state from its measurement
   PredictiveParams params_;
-  double input_max_;
   DisturbanceObserver observer_;
   std::unique_ptr<TrajectoryOptimizer> plan_, other_;
   std::vector<ReferencePoint> references_;
@@ -84,7 +93,7 @@ class PredictiveControl : public TrackingController {
   std::size_t next_seed_ = 0;
   int improvements_ = 0;
   std::optional<PlanWalls> walls_;
-  Vector2<double> wanted_ = Vector2<double>::Zero();
+  Thrusters<double> wanted_;
 };
 
 }  // namespace ground

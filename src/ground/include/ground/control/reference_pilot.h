@@ -20,11 +20,11 @@ namespace ground {
 class ReferencePilot : public Pilot {
  public:
   struct Decision {
-    double now, stamp;        ///< time of the decision, and stamp of the state it is based on [s]
+    double now, stamp;  ///< time of the decision, and stamp of the state it is based on [s]
     ReferencePoint reference;
-    Vector2<double> inputs;   ///< left, right, 0..1
-    Vector2<double> wanted;   ///< inputs before saturation
-    double computing;         ///< CPU time [s]
+    Thrusters<double> inputs;  ///< fractions of the largest input
+    Thrusters<double> wanted;  ///< inputs before they were limited
+    double computing;          ///< CPU time [s]
   };
   static constexpr double kDisobedient = 1.0;  ///< shortest period for ObedienceMonitor [s]
   /// Returns the time on the clock of stamps [s].
@@ -47,6 +47,7 @@ class ReferencePilot : public Pilot {
   TrackingController* controller() const { return controller_.get(); }
   const ReferencePtr& reference() const { return reference_; }
 
+  const ThrusterLayout& layout() const override { return *thrusters_; }
   void commanded(double time, const Inputs& inputs) override;
   /// See DriveClock::record.
   void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
@@ -64,6 +65,7 @@ class ReferencePilot : public Pilot {
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
   double input_max_ = 1;
+  ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;
   std::optional<double> reference_start_;  ///< time of the first state with this reference [s]

@@ -3,6 +3,7 @@
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/dynamics.h"
+#include "ground/model/inputs.h"
 
 namespace ground {
 
@@ -25,7 +26,8 @@ class TrackingController {
   virtual void reset() {}
   /// Called with every command that is sent, by any controller, in order of time [s], in the
   /// model's units.
-  virtual void commanded(double /*time*/, const Vector2<double>& /*thrusters*/, double /*lift*/) {}
+  virtual void commanded(double /*time*/, const Thrusters<double>& /*thrusters*/, double /*lift*/) {
+  }
   /// Sets walls to avoid; a controller without plans ignores them.
   virtual void avoid(const PlanWalls& /*walls*/) {}
   /// Whether it follows the reference; false for open-loop control.
@@ -35,11 +37,11 @@ class TrackingController {
   virtual Vector2<double> position(const RigidState<double>& measured) const {
     return measured.eta.head<2>();
   }
-  /// Inputs left, right, in the model's units, in 0..input_max; not finite if it cannot decide.
-  virtual Vector2<double> decide(const Observation& observation) = 0;
-  /// Inputs left, right of the last decision before saturation to 0..input_max, in the model's
-  /// units.
-  virtual Vector2<double> wanted() const = 0;
+  /// Inputs of all thrusters, in the model's units and within their ranges; not finite if it cannot
+  /// decide.
+  virtual Thrusters<double> decide(const Observation& observation) = 0;
+  /// Inputs of the last decision before they were limited to the ranges, in the model's units.
+  virtual Thrusters<double> wanted() const = 0;
 };
 
 }  // namespace ground

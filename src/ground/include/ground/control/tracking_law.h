@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include "ground/control/allocation.h"
 #include "ground/control/effect_use.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/model/dynamics.h"
@@ -27,11 +28,13 @@ struct TrackingGains {
 /// 2003; thesis 4.2 with the derivatives of alpha corrected).
 class TrackingLaw {
  public:
-  /// The law uses the same damping d_v = Y_v for surge and sway.
-  explicit TrackingLaw(const Body<double>& body) : body_(body) {}
+  /// Takes body and thrusters of a model. The law uses the same damping d_v = Y_v for surge and
+  /// sway. Throws std::invalid_argument if steeringProblem() names one.
+  explicit TrackingLaw(const Model& model);
 
-  /// Largest input of a thruster, in the units of Output::inputs.
-  double inputMax() const { return body_.input_max; }
+  /// Why a craft's thrusters cannot follow the law; empty if they can. It takes a forward force,
+  /// and moments to both sides.
+  static std::string steeringProblem(const Model& model);
 
   struct Output {
     Vector2<double> error;      ///< position error e in the body frame [m]
@@ -39,8 +42,8 @@ class TrackingLaw {
     Vector2<double> alpha_dot;  ///< time derivative of alpha
     double force = 0.0;         ///< u_1 [N]
     double torque = 0.0;        ///< u_2 [N m]
-    Vector2<double> wanted;     ///< inputs left, right by (4.8), unbounded
-    Vector2<double> inputs;     ///< inputs after saturation to 0..input_max
+    Thrusters<double> wanted;   ///< inputs before they are limited, (4.8): see Allocation
+    Thrusters<double> inputs;   ///< inputs within the ranges of the thrusters
     bool saturated() const { return wanted != inputs; }
   };
 
@@ -49,29 +52,31 @@ class TrackingLaw {
 
  private:
   Body<double> body_;
+  Allocation allocation_;
+  double least_force_, most_force_;  ///< what all thrusters together can push forward [N]
 };
 
 /// Controller by TrackingLaw. It takes the measured state as the current state of the craft's
 /// centre, and uses no effects of the model.
 class BacksteppingControl : public TrackingController {
  public:
-  static EffectUse effectUse(const Model& model) { return bodyOnlyUse(model, "TrajectoryTracking"); }
+  static EffectUse effectUse(const Model& model);
 
   /// Throws std::invalid_argument if it must not drive by this model (effectUse).
   BacksteppingControl(const Model& model, const TrackingGains& gains);
   void setParams(const TrackingGains& gains) { gains_ = gains; }
-  Vector2<double> decide(const Observation& seen) override {
+  Thrusters<double> decide(const Observation& seen) override {
     const double t = std::max(0.0, seen.stamp - seen.reference_start);
     const TrackingLaw::Output out = law_.run(seen.state, seen.reference->at(t), gains_);
     wanted_ = out.wanted;
     return out.inputs;
   }
-  Vector2<double> wanted() const override { return wanted_; }
+  Thrusters<double> wanted() const override { return wanted_; }
 
  private:
   TrackingLaw law_;
   TrackingGains gains_;
-  Vector2<double> wanted_ = Vector2<double>::Zero();
+  Thrusters<double> wanted_;
 };
 
 }  // namespace ground

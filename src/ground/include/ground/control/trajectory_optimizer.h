@@ -1,10 +1,12 @@
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
+#include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"
 #include "ground/model/tunable.h"
 
@@ -15,16 +17,20 @@ namespace ground {
 struct PlanWeights {
   double velocity = 0.1;     ///< weight of the velocity error [s^2]
   double input = 1e-5;       ///< weight of the inputs, relative to full scale [m^2]
-  double turning = 1e-3;     ///< weight of the inputs' difference, relative to full scale [m^2]
+  /// Weight of turning [m^2]: of the sum of all inputs, relative to full scale, each times its
+  /// lever over l. For the pair this is the inputs' difference.
+  double turning = 1e-3;
   double end_position = 50;  ///< additional weight of the position error at the end [-]
   double end_velocity = 1;   ///< additional weight of the velocity error at the end [s^2]
 
   static const Tunables<PlanWeights>& table();
 };
 
-/// Plans the inputs of a craft over a horizon by an iterative linear-quadratic regulator with
-/// bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential dynamic programming,
-/// 2014): Gauss-Newton with exact derivatives of the model. Allocates memory only at construction.
+/// Plans the inputs of a craft's thrusters over a horizon by an iterative linear-quadratic
+/// regulator with bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential
+/// dynamic programming, 2014): Gauss-Newton with exact derivatives of the model. Allocates memory
+/// only at construction. A thruster whose force curve is flat at 0 has no derivative there: it gets
+/// that of a small input.
 class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
@@ -33,7 +39,8 @@ class TrajectoryOptimizer {
 
   /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
   /// kMaxStates states or the horizon is bad.
-  TrajectoryOptimizer(const Model& model, int steps, double step);
+  static std::unique_ptr<TrajectoryOptimizer> make(const Model& model, int steps, double step);
+  virtual ~TrajectoryOptimizer() = default;
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
   /// Sets walls to avoid; without value, no walls.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
@@ -45,57 +52,59 @@ class TrajectoryOptimizer {
   /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
-  /// The plan's inputs left, right, in the model's units. Call rollOut() after changing them.
-  std::vector<Vector2<double>>& inputs() { return inputs_; }
+  /// The plan's inputs, in the model's units. Call rollOut() after changing them.
+  std::vector<Thrusters<double>>& inputs() { return inputs_; }
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
   /// One iteration; returns whether the cost decreased.
-  bool improve();
+  virtual bool improve() = 0;
   double cost() const { return cost_; }
   /// The plan's first inputs before saturation, in the model's units: an input at a bound is
   /// replaced by the minimum of the last iteration's quadratic problem without bounds on that step.
-  Vector2<double> wanted() const;
+  Thrusters<double> wanted() const;
   /// Root mean square of the position error along the plan [m].
   double error() const;
   const std::vector<State>& states() const { return states_; }  ///< at the start, after each step
 
- private:
-  using Square = Eigen::Matrix<double, kStates, kStates>;
-  using Drive = Eigen::Matrix<double, kStates, 2>;
-  using Gain = Eigen::Matrix<double, 2, kStates>;
-  struct Linear {
-    Square A;
-    Drive B;
-  };
+  /// Limits inputs to the ranges of the thrusters, in the model's units.
+  Thrusters<double> clipped(const Thrusters<double>& inputs) const {
+    return dynamics_.layout().clipped(inputs, input_max_);
+  }
 
+ protected:
+  using Square = Eigen::Matrix<double, kStates, kStates>;
+  /// Derivatives of a state by the inputs, a column each.
+  using Drive = Eigen::Ref<Eigen::Matrix<double, kStates, Eigen::Dynamic>>;
+
+  TrajectoryOptimizer(const Model& model, int steps, double step);
+
+  int thrusterCount() const { return dynamics_.layout().size(); }
   /// The state after step k of the horizon.
-  State advance(int k, const State& state, const Vector2<double>& input) const;
-  void linearize(int k);
+  State advance(int k, const State& state, const Thrusters<double>& input) const;
+  /// Derivatives of the state after step k of the plan by the state before it and by the inputs.
+  void linearize(int k, Square& A, Drive B) const;
   void addStateCost(int k, State& gradient, Square& curvature) const;
   void addWallCost(const State& state, State& gradient, Square& curvature) const;
-  static Gain feedback(const Eigen::Matrix2d& damped, const Gain& Qux,
-                       const std::array<bool, 2>& free);
-  bool backward();
   double stateCost(int k, const State& state) const;
-  double inputCost(const Vector2<double>& input) const;
+  double inputCost(const Thrusters<double>& input) const;
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
   int effect_states_;
   double input_max_;
+  Thrusters<double> levers_;       ///< of the thrusters, over l
+  Thrusters<double> least_input_;  ///< smallest inputs at which derivatives are taken
   PlanWeights weights_;
   std::optional<PlanWalls> walls_;
   double step_;
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
   std::vector<ReferencePoint> references_;
-  std::vector<Vector2<double>> inputs_, tried_inputs_, open_;
+  std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
-  std::vector<Linear> linear_;
-  std::vector<Gain> gains_;
   double cost_ = 0;
-  double damping_ = 0;
-  Vector2<double> unbounded_;  ///< first inputs of the last iteration without bounds; NaN before it
+  /// First inputs of the last iteration without bounds; NaN before it.
+  Thrusters<double> unbounded_;
 };
 
 }  // namespace ground

@@ -4,6 +4,7 @@
 #include <array>
 #include <deque>
 #include <string>
+#include <vector>
 
 #include "ground/model/simulation.h"
 
@@ -17,7 +18,8 @@ namespace ground {
 /// - The craft follows its commands: with half, all and twice the commanded thrust, at once and up
 ///   to 0.2 s later, because the model may be wrong by that much.
 /// - It does not: no thrust (a craft that does not receive its commands turns its motors off), a
-///   fifth or five times the thrust, left and right swapped, one thruster off, or no lift.
+///   fifth or five times the thrust, one thruster off, no lift, or, if there are two thrusters,
+///   both swapped.
 ///
 /// The measured velocities give each hypothesis a log-likelihood (Student's t, so that a single
 /// collision has little weight). Noise, random pushes, a trim and a wrong drag (kPush, kTrim,
@@ -26,11 +28,13 @@ namespace ground {
 class ObedienceMonitor {
  public:
   explicit ObedienceMonitor(const Model& model);
+  ObedienceMonitor(const ObedienceMonitor&) = delete;
+  ObedienceMonitor& operator=(const ObedienceMonitor&) = delete;
 
   /// Discards all commands and states.
   void reset();
   /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
-  void command(double time, const Vector2<double>& thrusters, double lift);
+  void command(double time, const Thrusters<double>& thrusters, double lift);
   /// Adds a valid state measured at `time` [s], and the variance of its velocities. Ignored if its
   /// time does not ascend.
   void measure(double time, const RigidState<double>& state, const Vector3<double>& nu_variance);
@@ -45,11 +49,18 @@ class ObedienceMonitor {
   static constexpr double kEvidence = 4.0;  ///< evidence above which disobedience is reported
 
  private:
-  static constexpr int kCount = 7;  ///< number of other hypotheses
+  /// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
+  struct Explanation {
+    std::string text;                     ///< for messages, after "it moves"
+    const Dynamics<double>* dynamics;     ///< by which it moves
+    Thrusters<double> shares;             ///< inputs of the thrusters relative to their commands
+    bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
+  };
+  static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
   static constexpr int kDelayCount = 3, kToldCount = 9;
   /// Log-likelihoods with half, all and twice the commanded thrust, at once and later.
   using Told = Eigen::Array<double, kToldCount, 1>;
-  using Evidence = Eigen::Array<double, kCount, 1>;
+  using Evidence = Eigen::Array<double, Eigen::Dynamic, 1, 0, kMaxCount, 1>;
   /// Log-likelihoods of one interval.
   struct Interval {
     double end;  ///< [s]
@@ -63,6 +74,8 @@ class ObedienceMonitor {
   };
   struct Spread;
 
+  void addExplanations();
+  Evidence noEvidence() const { return Evidence::Zero(static_cast<Eigen::Index>(others_.size())); }
   Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs,
                           double time) const;
   Interval compare(const Sample& now) const;
@@ -72,12 +85,15 @@ class ObedienceMonitor {
   bool lifted() const;
   void forgetOldCommands(double time);
 
-  Dynamics<double> dynamics_, sitting_;  ///< sitting_: with a skirt that brakes without lift
+  Dynamics<double> dynamics_;
+  Dynamics<double> sitting_;             ///< with a skirt that brakes without lift
+  Dynamics<double> weak_, strong_;       ///< with a fifth and five times the thrust
   Dynamics<Jet> derivatives_;            ///< dynamics_ with derivatives
   double most_;                          ///< acceleration by full thrust [m/s^2]
-  double most_yaw_;                      ///< yaw acceleration by one thruster [rad/s^2]
+  double most_yaw_;                      ///< yaw acceleration by the fastest turn [rad/s^2]
   std::array<InputSequence, std::size_t{kDelayCount}> told_;
-  std::array<InputSequence, std::size_t{kCount}> others_;
+  std::vector<Explanation> explanations_;
+  std::vector<InputSequence> others_;  ///< inputs by each explanation
   bool started_ = false;
   Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;

@@ -58,9 +58,10 @@ class GroundLink {
   /// Sends a datagram; returns an error message, or an empty string.
   using Send = std::function<std::string(const std::string& datagram, const UdpAddress& to)>;
 
-  /// `peer`: the craft's address if fixed (port 0: any port); unknown if it is learned from the
-  /// first datagram. Throws std::invalid_argument if params are bad.
-  GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send);
+  /// `layout`: the thrusters of the craft. `peer`: its address if fixed (port 0: any port); unknown
+  /// if it is learned from the first datagram. Throws std::invalid_argument if params are bad.
+  GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send,
+             ThrusterLayoutPtr layout = thrusterPair());
 
   /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
@@ -72,10 +73,12 @@ class GroundLink {
   std::optional<CraftTelemetry> datagram(double now, const std::string& data,
                                          const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
-  /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, too
-  /// old, more than a second ahead or, while armed, not from the controller that the link was armed
-  /// with.
+  /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
+  /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
+  /// not from the controller that the link was armed with.
   void command(double now, double age, const std::string& source, const MotorCommand& command);
+  /// Call with a command that is not for this craft; `why` says so. It is refused and counted.
+  void refuseCommand(double now, const std::string& source, const std::string& why);
   /// Call with every state, measured `age` seconds ago (stale if more than a second in the future).
   /// `problem`: why it is invalid.
   void state(double now, double age, bool valid, const std::string& problem = "");
@@ -141,6 +144,7 @@ class GroundLink {
 
   GroundLinkParams params_;
   Send send_;
+  ThrusterLayoutPtr layout_;
   UdpAddress fixed_;  ///< the craft's address as given by the caller
   UdpAddress peer_;
   bool peer_speaks_ = false;  ///< the peer has sent a DroneState
@@ -152,8 +156,7 @@ class GroundLink {
   State state_ = State::kDisarmed;
   bool stopped_ = false;
   std::string reason_ = "not armed yet";
-  MotorCommand sent_;
-  MotorCommand command_;  ///< last accepted command
+  MotorCommand sent_, command_;  ///< last packet, last accepted command
   std::string command_source_, armed_source_;
   std::string armed_reason_;
   std::optional<double> silent_until_;  ///< end of the silence; set only while armed

@@ -5,14 +5,13 @@
 #include <optional>
 #include <string>
 
+#include "ground/model/inputs.h"
+#include "ground/model/thruster.h"
+
 namespace ground {
 
-/// Normalised inputs of the craft, each 0..1.
-struct MotorCommand {
-  double left = 0.0;   ///< left thruster
-  double right = 0.0;  ///< right thruster
-  double lift = 0.0;   ///< lift fan
-};
+/// Normalised inputs of the craft.
+using MotorCommand = Inputs;
 
 /// Telemetry of the craft, in the flight controller's units.
 struct CraftTelemetry {
@@ -22,13 +21,16 @@ struct CraftTelemetry {
   std::optional<std::uint32_t> commands;
 };
 
-/// Datagram to the craft: each motor gets 1000 + 1000 clip(value), both lift motors the same.
-/// Throws std::invalid_argument if a value is not finite.
-std::string encodeMotors(const MotorCommand& command);
+/// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster
+/// in `layout`; both lift motors get the same. Throws std::invalid_argument if a value is not
+/// finite or the number of thrusters is another.
+std::string encodeMotors(const MotorCommand& command,
+                         const ThrusterLayout& layout = *thrusterPair());
 /// Parses a datagram from the ground. Returns false, sets the reason and leaves `command`
-/// unchanged, if it is not exactly one Motors message or a value is outside 1000..2000.
-bool decodeMotors(const std::string& datagram, MotorCommand& command,
-                  std::string* reason = nullptr);
+/// unchanged, if it is not exactly one Motors message for the thrusters of `layout`, or a value is
+/// outside of the range of its thruster.
+bool decodeMotors(const std::string& datagram, MotorCommand& command, std::string* reason = nullptr,
+                  const ThrusterLayout& layout = *thrusterPair());
 
 std::string encodeTelemetry(const CraftTelemetry& telemetry);
 /// Parses a datagram from the craft. Returns false, sets the reason and leaves `telemetry`

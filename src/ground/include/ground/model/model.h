@@ -68,10 +68,6 @@ class Model {
   int stateCount() const;  ///< states of all effects together
 };
 
-/// Throws std::invalid_argument unless the craft has a left and a right thruster, the pair that
-/// `user`, such as "tracking", commands.
-void requirePair(const Model& model, const std::string& user);
-
 /// The seven nominal parameters with units and ranges.
 const std::vector<ParameterInfo>& bodyParameters();
 

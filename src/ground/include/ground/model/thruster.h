@@ -145,4 +145,8 @@ using ThrusterLayoutPtr = std::shared_ptr<const ThrusterLayout>;
 /// The layout of the pair.
 const ThrusterLayoutPtr& thrusterPair();
 
+/// Inputs of all thrusters that turn a craft fastest to one side; `full` is the input of full
+/// thrust.
+Thrusters<double> fastestTurn(const ThrusterLayout& layout, bool starboard, double full);
+
 }  // namespace ground

@@ -1,13 +1,14 @@
 #pragma once
 
-#include <boost/make_shared.hpp>
 #include <ground_msgs/Controls.h>
 #include <ground_msgs/Decision.h>
 #include <ros/ros.h>
 
+#include <boost/make_shared.hpp>
 #include <string>
 
 #include "ground/control/reference_pilot.h"
+#include "ground/nodelets/controls.h"
 
 namespace ground {
 
@@ -20,15 +21,14 @@ class DecisionPublisher {
     decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   }
 
-  /// state: stamp of the state of the decision; controller: its name; lift: lift input, 0..1.
-  void publish(const ReferencePilot::Decision& made, const ros::Time& state,
-               const std::string& controller, double lift) {
+  /// layout: the thrusters; state: stamp of the state of the decision; controller: its name; lift:
+  /// lift input, 0..1.
+  void publish(const ReferencePilot::Decision& made, const ThrusterLayout& layout,
+               const ros::Time& state, const std::string& controller, double lift) {
     auto wanted = boost::make_shared<ground_msgs::Controls>();
     wanted->header.stamp = ros::Time::now();
     wanted->header.frame_id = controller;
-    wanted->left = made.wanted.x();
-    wanted->right = made.wanted.y();
-    wanted->lift = lift;
+    writeInputs({made.wanted, lift}, layout, *wanted);
     auto decision = boost::make_shared<ground_msgs::Decision>();
     decision->header = wanted->header;
     decision->state = state;

@@ -163,6 +163,8 @@ class ReferenceTracking : public Controller {
   /// Replaces the model, also while it drives; returns a warning for the user.
   std::string take(const Model& model) {
     const std::lock_guard<std::mutex> one(changing_);
+    const std::string other = otherThrusters(*model_.thrusters, *model.thrusters);
+    if (!other.empty()) throw std::runtime_error(other);
     std::unique_ptr<TrackingController> controller = made(model, config_);
     const std::string caution = judge(model, *pilot_.reference(), config_.reference);
     const std::lock_guard<std::recursive_mutex> lock(mutex());
@@ -183,7 +185,7 @@ class ReferenceTracking : public Controller {
     } else if (!remark.empty()) {
       NODELET_INFO("%s: model %s: %s", node.c_str(), model.name.c_str(), remark.c_str());
     }
-    const std::string problem = infeasibility(reference, model.body);
+    const std::string problem = infeasibility(reference, model);
     if (problem.empty()) return remark;
     NODELET_WARN("%s: reference %s: %s", node.c_str(), name.c_str(), problem.c_str());
     return remark + (remark.empty() ? "" : "; ") + problem;
@@ -191,7 +193,7 @@ class ReferenceTracking : public Controller {
 
   void decided(const ReferencePilot::Decision& decision) {
     if (measuredAt() != published_) publishReference(decision.reference);
-    decision_publisher_.publish(decision, measuredAt(), getName(), config_.lift);
+    decision_publisher_.publish(decision, pilot_.layout(), measuredAt(), getName(), config_.lift);
   }
 
   void publishReference(const ReferencePoint& point) {

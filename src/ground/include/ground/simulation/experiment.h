@@ -80,9 +80,9 @@ struct ExperimentLog {
   struct Decision {
     double time;                ///< [s]
     double stamp;               ///< stamp of the state that it is based on [s]
-    Vector2<double> thrusters;  ///< inputs, in the model's units
-    Vector2<double> wanted;     ///< inputs before saturation
-    double computing;           ///< CPU time [s]
+    Thrusters<double> thrusters;  ///< inputs, in the model's units
+    Thrusters<double> wanted;     ///< inputs before they were limited
+    double computing;             ///< CPU time [s]
   };
   struct Stage {
     double time;  ///< start [s]

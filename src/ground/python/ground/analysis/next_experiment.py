@@ -111,7 +111,7 @@ def propose(
     the refit, best first. None when no experiment distinguishes the rivals.
     """
     if not rivals[0].fit.model.is_pair:
-        return None  # designs are for a left and a right thruster
+        return None  # the experiments to choose from are those of a left and a right thruster
     place, told = room or _core.RoomPlan(), work or Work()
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())

@@ -58,7 +58,7 @@ RANGES = {
     "lift_time": (0.0, 30.0),
     "clock": (0.1, 500.0),
     "hold": (0.02, 100.0),
-    "levels": (0.0, 1.0),
+    "levels": (-1.0, 1.0),
     "trim": (0.0, 0.3),
     "order": (2, 20),
 }
@@ -100,11 +100,11 @@ def simulate(
     between returns home, inside it. controller_model: the controller's model (default: model). axes,
     heading_offset: the mocap's, for `save`.
 
-    options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1), hold [s], rows_per_bit of
-    a design; burst [s] in a room; controller, reference, origin, end ((x, y) [m]), sharp, max_error
-    [m], control_rate [Hz], size [m], rate_of_turn [rad/s], petals, speed [m/s] and gains of a
-    controller in the loop. OptionError when one does not go with the input, GroundError when
-    nothing can be recorded.
+    options: lift (0..1), lift_time [s]; clock [Hz], order, levels (0..1, -1..1 for reversible
+    thrusters), hold [s], rows_per_bit of a design; burst [s] in a room; controller, reference, origin,
+    end ((x, y) [m]), sharp, max_error [m], control_rate [Hz], size [m], rate_of_turn [rad/s], petals,
+    speed [m/s] and gains of a controller in the loop. OptionError when one does not go with the
+    input, GroundError when nothing can be recorded.
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
@@ -120,7 +120,7 @@ def simulate(
     mover = Model.of(model)
     believed = None if controller_model is None else Model.of(controller_model)
     given = {**options, "room": room, "controller_model": controller_model}
-    drive = _Drive(os.fspath(input), duration, seed, given)
+    drive = _Drive(os.fspath(input), duration, seed, given, mover.core)
     acting = _disturbance(mover, disturbance, trim)
     try:
         _core.AxisMapping(axes, heading_offset)
@@ -167,13 +167,20 @@ class _Drive:
     played (else empty). OptionError when an option does not go with the input.
     """
 
-    def __init__(self, kind: str, duration: Optional[float], seed: int, options: Options) -> None:
+    def __init__(
+        self,
+        kind: str,
+        duration: Optional[float],
+        seed: int,
+        options: Options,
+        craft: _core.Model,
+    ) -> None:
         if kind not in KINDS and not kind.lower().endswith(".csv"):
             known = ", ".join(KINDS)
             raise OptionError(
                 "'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known
             )
-        self.kind = kind
+        self.kind, self._craft = kind, craft
         self.options = {n: v for n, v in options.items() if v is not None and v is not False}
         room = self.options.get("room")
         self.room = None if room is None else Room.of(room)
@@ -193,7 +200,7 @@ class _Drive:
         else:
             kind, options["file"] = "file", self.kind
         try:
-            signal = experiments.design(kind, duration or DURATION, **options)
+            signal = experiments.design(kind, duration or DURATION, self._craft, **options)
         except ValueError as error:
             raise OptionError("{why}", why=error) from error
         timed = kind == "file" and not signal.description  # rows under a header, not bits
@@ -206,13 +213,13 @@ class _Drive:
         elif signal.has_lift:
             self.params = experiments.as_given(signal.rows, length)
         else:
-            self.params = experiments.with_lift(signal.rows[:, :3], length, **self._given(LIFT))
+            self.params = experiments.with_lift(signal.rows[:, :-1], length, **self._given(LIFT))
         if not signal.has_lift or self.room is not None:
             self.sequence = signal.description
 
     def _bursts(self, kind: str, options: Options, duration: float) -> _core.ExcitationParams:
         params = _core.ExcitationParams()
-        params.design = experiments.design_params(kind, **options)
+        params.design = experiments.design_params(kind, self._craft, **options)
         if "burst" in self.options:
             params.returns.burst = self.options["burst"]
         return self._with_life(params, duration)

@@ -12,10 +12,11 @@ from ground.recordings.bag_reader import Topic
 from ground.recordings.clocks import stamps
 from ground.recordings.mapping import Channel, Commands
 
+OWN = "ground_msgs/Controls"
 CHANNELS = ("left", "right", "lift")  # channels of a craft with unnamed thrusters
 # Where messages have left, right and lift, unless a mapping says more.
 KINDS = {
-    "ground_msgs/Controls": CHANNELS,
+    OWN: CHANNELS,
     "geometry_msgs/PointStamped": ("point.x", "point.y", "point.z"),
     "geometry_msgs/Vector3Stamped": ("vector.x", "vector.y", "vector.z"),
     "geometry_msgs/Point": ("x", "y", "z"),
@@ -29,7 +30,7 @@ def rank(name: str, kind: str) -> Optional[int]:
     """How likely a topic whose last name is `name` has the commands: 0 is best; None: not at all."""
     if name != "controls":
         return None
-    return {"ground_msgs/Controls": 0, "geometry_msgs/PointStamped": 1}.get(kind)
+    return {OWN: 0, "geometry_msgs/PointStamped": 1}.get(kind)
 
 
 def named(info: Mapping[str, Topic], commands: Commands, where: str) -> str:
@@ -52,12 +53,14 @@ def default_channels(kind: str) -> Tuple[Channel, ...]:
 
 @dataclass
 class CommandReader:
-    """Gives the commands of messages of one topic."""
+    """Gives the commands of messages of one topic. Those of ground_msgs/Controls name the channels of a
+    craft that lists its thrusters."""
 
     where: str  # file and topic, for errors
     kind: str
     commands: Commands
     channels: Tuple[Channel, ...] = field(init=False)
+    lift: str = field(init=False)  # the channel of the lift fan
 
     def __post_init__(self) -> None:
         self._stamp = stamps(self.commands.time, self.where)
@@ -67,13 +70,45 @@ class CommandReader:
                 "(identify info --write-mapping drafts one)" % self.where
             )
         self.channels = self.commands.channels or default_channels(self.kind)
-        self._paths = [channel.field for channel in self.channels]
+        self.lift = self.commands.lift
+        self._own = self.kind == OWN and not self.commands.channels
+        self._named: Optional[Tuple[str, ...]] = None  # channels that the messages name
+        self._take(self.channels)
+
+    def _take(self, channels: Tuple[Channel, ...]) -> None:
+        self.channels = channels
+        self._paths = [channel.field for channel in channels]
         self._get = fields.getter(self._paths)
+
+    def _name(self, message: Message) -> None:
+        """Takes the channels that a message names; bags of earlier versions have none."""
+        names = tuple(getattr(message, "channels", ()))
+        if names == self._named:
+            return
+        if self._named is not None or (names and len(names) != len(message.thrusters) + 1):
+            raise GroundError(
+                "%s: the commands are not all of one craft: some are for %s, others for %s"
+                % (
+                    self.where,
+                    ", ".join(self._named or CHANNELS),
+                    ", ".join(names or CHANNELS),
+                )
+            )
+        self._named = names
+        if not names:
+            return
+        self.lift = names[-1]
+        thrusters = [
+            Channel(name, "thrusters[%d]" % i, range=(-1.0, 1.0)) for i, name in enumerate(names[:-1])
+        ]
+        self._take((*thrusters, Channel(self.lift, "lift")))
 
     def __call__(
         self, message: Message, received: Optional[Time]
     ) -> Tuple[Time, Tuple[float, ...]]:
         """Stamp and values of a message's channels, as they are in the file."""
+        if self._own:
+            self._name(message)
         try:
             values = tuple(float(value) for value in self._get(message))
         except (LookupError, TypeError, ValueError):

@@ -186,7 +186,7 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     return replace(
         found,
         path=str(path),
-        lift_channel=mapping.commands.lift,
+        lift_channel=command_reader.lift,
         drives=np.array(ordered, float).reshape(-1, 2),
         settings=settings,
         changes=changes,

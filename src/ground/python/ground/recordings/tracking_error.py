@@ -10,12 +10,16 @@ AT_BOUND = 1e-6  # an input this near to 0 or 1 is saturated
 
 
 def saturated(inputs: Array) -> Flags:
-    """Whether an input of each row (n, 2), 0..1, is at a bound (n,)."""
-    return np.asarray(((inputs <= AT_BOUND) | (inputs >= 1 - AT_BOUND)).any(axis=1))
+    """Whether an input of each row (n, k) is at a bound (n,). Of two thrusters, the bounds are 0 and 1;
+    more of them, or those that go backwards, are off without being at a limit."""
+    high = np.abs(inputs) >= 1 - AT_BOUND
+    if inputs.shape[1] == 2 and not (inputs < 0).any():
+        high |= inputs <= AT_BOUND
+    return np.asarray(high.any(axis=1))
 
 
 def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
-    """Numbers of position errors (n,) [m] and inputs (k, 2), 0..1: rms, max and final error [m], share of
+    """Numbers of position errors (n,) [m] and inputs (k, n), 0..1: rms, max and final error [m], share of
     the time in which an input is at a bound, mean square of the inputs. None where there are no
     rows."""
     numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
@@ -30,9 +34,10 @@ def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
 
 
 def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
-    """Share of rows left, right outside 0..1 before the inputs were limited, and the largest value;
-    None without rows."""
-    outside = ((wanted < -AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
+    """Share of rows outside 0..1 (two thrusters) or -1..1 before the inputs were limited, and the
+    largest value; None without rows."""
+    least = 0.0 if wanted.shape[1] == 2 else -1.0
+    outside = ((wanted < least - AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
     return {
         "wanted_outside": float(outside.mean()) if len(wanted) else None,
         "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,

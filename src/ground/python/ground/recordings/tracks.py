@@ -23,8 +23,8 @@ class Track:
     times: Array  # (n,) of the poses
     eta: Array  # (n, 3) measured x, y [m], psi [rad], world_ned
     reference: Array  # (n, 2) x, y [m]
-    inputs: Array  # (k, 3) time, left, right, 0..1
-    wanted: Array  # (j, 3) the same before the inputs were limited; may be empty
+    inputs: Array  # (k, 1 + n) time, inputs of the thrusters
+    wanted: Array  # (j, 1 + n) the same before the inputs were limited; may be empty
     computing: Array  # (i, 2) time, processor time of a decision [s]; may be empty
     controller: str  # node that drove; empty when that was not recorded
     began: float  # on the clock of the poses' stamps [s]
@@ -55,7 +55,10 @@ def read(path: str, recording: Recording) -> List[Track]:
             if topic in ours:
                 followed.append((stamp, *message.p, *message.p_dot))
             elif topic.endswith("wanted"):
-                limited.append((stamp, message.left, message.right))
+                thrusters = getattr(message, "thrusters", ())  # none before there were any
+                limited.append(
+                    (stamp, *(thrusters if len(thrusters) else (message.left, message.right)))
+                )
             elif message.header.frame_id:
                 drivers.append((stamp, message.header.frame_id))
     if not followed:
@@ -64,7 +67,8 @@ def read(path: str, recording: Recording) -> List[Track]:
             % path
         )
     references = np.array(sorted(set(followed)))
-    wanted = np.array(sorted(limited)).reshape(-1, 3)
+    inputs = len(recording.thrusters)
+    wanted = np.array(sorted(limited)).reshape(-1, 1 + inputs)
     computing = np.array(sorted(decided)).reshape(-1, 2)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
     found = [
@@ -95,7 +99,7 @@ def _track(
     ahead = (times - references[last, 0])[:, None]
     near = ahead[:, 0] <= LONGEST
     position = references[last, 1:3] + ahead * references[last, 3:5]
-    commands = np.column_stack([recording.control_times, recording.commands_of(("left", "right"))])
+    commands = np.column_stack([recording.control_times, recording.thrust])
     names = {name for stamp, name in drivers if began <= stamp <= ended}
     return Track(
         times[near] - began,

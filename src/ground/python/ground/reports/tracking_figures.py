@@ -1,7 +1,7 @@
 """Figures of controllers in closed loop, and of the search for their gains (plotly figures, as in
 ground.reports.figures)."""
 
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
 def _add_inputs(figure: panels.Figure, run: Any) -> None:
     """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
-        for column, name in ((1, "left [-]"), (2, "right [-]")):
+        for column, name in enumerate(_thrusters(rows.shape[1] - 1), 1):
             line = thruster_line(column - 1, 1)
             trace = curve(rows[:, 0], rows[:, column], prefix + name, line, True, opacity)
             if len(rows):
@@ -104,6 +104,13 @@ def _add_inputs(figure: panels.Figure, run: Any) -> None:
         limits = [np.clip(least, -1, 0) - 0.05, np.clip(most, 1, 2) + 0.05]
         figure.update_yaxes(range=limits, row=2, col=2)
     figure.update_yaxes(title="input [-]", row=2, col=2)
+
+
+def _thrusters(count: int) -> List[str]:
+    """Names of the inputs of thrusters, for a legend."""
+    if count == 2:
+        return ["left [-]", "right [-]"]
+    return ["thruster %d [-]" % (i + 1) for i in range(count)]
 
 
 def tuned(

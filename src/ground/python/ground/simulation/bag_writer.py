@@ -8,6 +8,7 @@ from ground import _core, files
 from ground.annotations import Array, Message, Time
 from ground.progress import Work
 from ground.recordings import codecs
+from ground.recordings.commands import CHANNELS
 from ground.recordings.settings import AXES
 from ground.recordings.topics import (
     BURSTS,
@@ -140,25 +141,34 @@ def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Me
 def _controls(run: "SimulatedRun") -> Iterator[Message]:
     started = [name in STARTED for _, name, _ in run.stages]
     at = np.searchsorted([stage[0] for stage in run.stages], run.control_times, side="right") - 1
-    for stage, (left, right, lift) in zip(at, run.controls):
-        message = _new("ground_msgs/Controls", left=left, right=right, lift=lift)
+    for stage, row in zip(at, run.controls):
+        message = _inputs(run, row[:-1], row[-1])
         if stage >= 0 and started[stage]:
             message.header.frame_id = CONTROLLER
         yield message
+
+
+def _inputs(run: "SimulatedRun", thrusters: Array, lift: float) -> Message:
+    """Message with inputs; those of a craft that lists its thrusters with the names of its channels."""
+    if run.channels == CHANNELS:
+        return _new("ground_msgs/Controls", left=thrusters[0], right=thrusters[1], lift=lift)
+    return _new(
+        "ground_msgs/Controls", lift=lift, thrusters=thrusters, channels=list(run.channels)
+    )
 
 
 def _wanted(run: "SimulatedRun") -> Iterator[Message]:
     """The inputs that a controller wanted before they were limited."""
     at = np.searchsorted(run.control_times, run.decisions[:, 0])
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
-        message = _new("ground_msgs/Controls", left=row[2], right=row[3], lift=command[2])
+        message = _inputs(run, row[3:], command[-1])
         message.header.frame_id = CONTROLLER
         yield message
 
 
 def _decisions(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.decisions:
-        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[4])
+        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[2])
         message.header.frame_id = CONTROLLER
         yield message
 
@@ -194,7 +204,7 @@ def _bursts(run: "SimulatedRun") -> Iterator[Message]:
 
 def _drives(run: "SimulatedRun") -> Array:
     """Rows of when the newest drive began, and when the sender reports it [s]."""
-    starts = _core.drive_starts(run.control_times, run.controls[:, 2])
+    starts = _core.drive_starts(run.control_times, run.controls[:, -1])
     ends = starts[1:] + [run.control_times[-1]]
     rows = [(a, t) for a, b in zip(starts, ends) for t in np.arange(a, b, DRIVE_PERIOD)]
     return np.array(rows, float).reshape(-1, 2)

@@ -5,7 +5,7 @@ Everything runs in process, without ROS, and depends only on its arguments.
 """
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -44,7 +44,7 @@ class SimulatedRun(Recording):
         default_factory=_no_rows
     )  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
-    # (i, 5) time, stamp of the state [s], wanted left and right (of full scale), processor time [s]
+    # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
     # of excitations: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
@@ -98,7 +98,7 @@ class SimulatedRun(Recording):
 
 @dataclass
 class Schedule:
-    """Inputs of an open-loop controller: rows of time, left, right, lift, until `end` [s]."""
+    """Inputs of an open-loop controller: rows of time, inputs of the thrusters, lift, until `end` [s]."""
 
     rows: Array
     end: float
@@ -108,46 +108,55 @@ class Schedule:
 Drive = Union[Schedule, _core.TrackingParams, _core.ExcitationParams]
 
 
-def design(kind: str, duration: float, **options: Any) -> _core.InputSignal:
+def design(
+    kind: str, duration: float, model: Optional[_core.Model] = None, **options: Any
+) -> _core.InputSignal:
     """A _core.InputSignal: a design by its name (_core.design_table), played for `duration` [s].
 
-    options: members of _core.DesignParams. Raises ValueError on bad ones, GroundError when a file
-    cannot be read.
+    model: the craft, whose thrusters play it (default: left and right). options: members of
+    _core.DesignParams. Raises ValueError on bad ones, GroundError when a file cannot be read.
     """
     try:
-        return _core.make_design(design_params(kind, **options), duration)
+        return _core.make_design(design_params(kind, model, **options), duration)
     except RuntimeError as error:
         raise GroundError(str(error))
 
 
-def design_params(kind: str, **options: Any) -> _core.DesignParams:
-    """The _core.DesignParams of a design and its options."""
+def design_params(
+    kind: str, model: Optional[_core.Model] = None, **options: Any
+) -> _core.DesignParams:
+    """The _core.DesignParams of a design and its options, for the thrusters of a model."""
     params = _core.DesignParams()
+    if model is not None:
+        params.take_thrusters(model)
     params.kind = kind
     for name, value in options.items():
         setattr(params, name, value)
     return params
 
 
-def rows(kind: str, duration: float, **options: Any) -> Array:
-    """Rows time [s], left, right of a design; arguments are those of `design`."""
-    return design(kind, duration, **options).rows[:, :3]
+def rows(kind: str, duration: float, model: Optional[_core.Model] = None, **options: Any) -> Array:
+    """Rows time [s], inputs of the thrusters of a design; arguments are those of `design`."""
+    return design(kind, duration, model, **options).rows[:, :-1]
 
 
 def with_lift(rows: Array, duration: float, lift: float = 1.0, lift_time: float = 1.0) -> Schedule:
-    """The schedule of an open-loop run from rows of time, left, right: rest, lift alone for
-    `lift_time` [s], the rows for `duration` [s], then everything off."""
-    lifted = np.column_stack([rows[:, 0] + lift_time, rows[:, 1:3], np.full(len(rows), lift)])
-    return as_given(np.vstack([(0.0, 0, 0, lift), lifted]), lift_time + duration)
+    """The schedule of an open-loop run from rows of time, inputs of the thrusters: rest, lift alone
+    for `lift_time` [s], the rows for `duration` [s], then everything off."""
+    lifted = np.column_stack([rows[:, 0] + lift_time, rows[:, 1:], np.full(len(rows), lift)])
+    alone = np.zeros(lifted.shape[1])
+    alone[-1] = lift
+    return as_given(np.vstack([alone, lifted]), lift_time + duration)
 
 
 def as_given(rows: Array, duration: float) -> Schedule:
-    """The schedule of rows of time, left, right, lift that end after `duration` [s]: rest before
+    """The schedule of rows of time, inputs, lift that end after `duration` [s]: rest before
     them, everything off after them."""
     end = LEAD + duration
-    rows = rows + [LEAD, 0, 0, 0]
-    off = [(0.0, 0, 0, 0), (end, 0, 0, 0)]
-    return Schedule(np.vstack([off[:1], rows[rows[:, 0] < end], off[1:]]), end + TAIL)
+    inputs = np.zeros((1, rows.shape[1] - 1))
+    rows = rows + np.column_stack([[LEAD], inputs])
+    before, after = np.column_stack([[0.0], inputs]), np.column_stack([[end], inputs])
+    return Schedule(np.vstack([before, rows[rows[:, 0] < end], after]), end + TAIL)
 
 
 def disturbance_in_shares(
@@ -207,7 +216,8 @@ def simulate(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
             % (name, delivered, frames)
         )
-    return _recorded(log, name, "simulated with %s" % model.name, (believed or model).input_max)
+    found = _recorded(log, name, "simulated with %s" % model.name, (believed or model).input_max)
+    return replace(found, channels=tuple(model.channels), lift_channel=model.channels[-1])
 
 
 def _log(
@@ -228,8 +238,9 @@ def _recorded(
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     references = log["references"]
     references[:, 0] += START
-    decisions = log["decisions"][:, [0, 6, 4, 5, 3]] / [1, 1, full_scale, full_scale, 1]
-    decisions[:, :2] += START
+    decided = log["decisions"]
+    wanted = decided[:, (3 + decided.shape[1]) // 2 :] / full_scale
+    decisions = np.column_stack([START + decided[:, :2], decided[:, 2], wanted])
     return SimulatedRun(
         name=name,
         pose_times=START + frames[:, 0],

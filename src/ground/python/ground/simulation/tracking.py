@@ -64,7 +64,7 @@ class Tracked:
     times: Array  # (n,)
     eta: Array  # (n, 3) true x, y [m], psi [rad], world_ned
     reference: Array  # (n, 2) x, y [m]
-    # (k, 6) time, left, right (0..1), processor time [s], left and right before they were limited
+    # (k, 2 + 2 n) time, processor time [s], inputs (of full scale), inputs before they were limited
     decisions: Array
     numbers: Document = field(default_factory=dict)
 
@@ -75,18 +75,23 @@ class Tracked:
 
     @property
     def inputs(self) -> Array:
-        """Rows of time, left, right, 0..1."""
-        return self.decisions[:, :3]
+        """Rows of time and inputs (of full scale)."""
+        return self.decisions[:, [0, *range(2, self._middle)]]
 
     @property
     def wanted(self) -> Array:
-        """Rows of time, left, right before they were limited (full scale is 1)."""
-        return self.decisions[:, [0, 4, 5]]
+        """Rows of time and inputs before they were limited (full scale is 1)."""
+        return self.decisions[:, [0, *range(self._middle, self.decisions.shape[1])]]
 
     @property
     def computing(self) -> Array:
         """Rows of time, processor time of a decision [s]."""
-        return self.decisions[:, [0, 3]]
+        return self.decisions[:, :2]
+
+    @property
+    def _middle(self) -> int:
+        """Column of the first wanted input."""
+        return 1 + self.decisions.shape[1] // 2
 
 
 def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
@@ -204,8 +209,7 @@ def _tracked(log: ExperimentLog, task: Task, input_max: float) -> Tracked:
         times,
         truth[kept, 1:4],
         task.reference.sample(times),
-        decisions[:, :6] / [1, input_max, input_max, 1, input_max, input_max]
-        - [began, 0, 0, 0, 0, 0],
+        np.column_stack([decisions[:, 0] - began, decisions[:, 2], decisions[:, 3:] / input_max]),
     )
     found.numbers = _numbers(found, task)
     return found
@@ -214,16 +218,17 @@ def _tracked(log: ExperimentLog, task: Task, input_max: float) -> Tracked:
 def _numbers(found: Tracked, task: Task) -> Document:
     errors = found.errors
     counts = found.times >= task.settled - 1e-9
-    at_work = found.decisions[found.decisions[:, 0] >= task.settled - 1e-9]
-    saturated = found.decisions[tracking_error.saturated(found.decisions[:, 1:3]), 0]
-    measured = tracking_error.summary(errors[counts], at_work[:, 1:3])
+    at_work = found.decisions[:, 0] >= task.settled - 1e-9
+    inputs, wanted = found.inputs[:, 1:], found.wanted[:, 1:]
+    saturated = found.decisions[tracking_error.saturated(inputs), 0]
+    measured = tracking_error.summary(errors[counts], inputs[at_work])
     numbers = {
         **{name: NEVER_SETTLED[name] if x is None else x for name, x in measured.items()},
         "final": float(errors[-1]),
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
         "stopped": None,
-        **tracking_error.wanted_summary(at_work[:, 4:]),
-        "compute_ms": tracking_error.compute_ms(found.decisions[:, 3]),
+        **tracking_error.wanted_summary(wanted[at_work]),
+        "compute_ms": tracking_error.compute_ms(found.computing[:, 1]),
     }
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
@@ -280,7 +285,7 @@ def pooled(runs: Sequence[Tracked]) -> Document:
     if len(late) == len(numbers):
         result["after_stop_max"] = float(np.median(late))
     result["compute_ms"] = tracking_error.compute_ms(
-        np.concatenate([r.decisions[:, 3] for r in runs])
+        np.concatenate([r.computing[:, 1] for r in runs])
     )
     errors = [n["rms"] for n in numbers]
     result["rms_quantiles"] = {

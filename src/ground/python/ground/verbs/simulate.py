@@ -25,8 +25,9 @@ DETAILS = (
     + "".join("  %-18s %s\n" % (name, info.text) for name, info in DESIGNS.items() if name in KINDS)
     + """  tracking           a controller follows a reference, by the poses that the mocap delivers
   FILE.csv           bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
-                     rows under time,left,right or time,left,right,lift, each held until the next;
-                     a bit that was recorded as several equal lines is one bit (--rows-per-bit)
+                     rows under time,left,right or time,left,right,lift, each held until the next (a
+                     craft that lists its thrusters has its channels there, and no bits); a bit
+                     that was recorded as several equal lines is one bit (--rows-per-bit)
 
 With --room a design is played in bursts, and between them ModelPredictive drives the craft home, so
 that it stays inside; a tracking controller stops before it would leave.
@@ -137,8 +138,8 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
         type=_between("levels"),
         nargs="+",
         metavar="LEVEL",
-        help="inputs, 0..1: low and high; any number for steps, single-thruster and "
-        "multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
+        help="inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for "
+        "steps, single-thruster and multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
     )
     group.add_argument(
         "--hold",
@@ -303,7 +304,7 @@ def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
 
 def _bursts(run: SimulatedRun) -> str:
     """One line on the bursts of an excitation."""
-    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, 2] > 0][-1]]
+    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, -1] > 0][-1]]
     driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
     return "%d bursts, %.1f s of %.1f s; between them the craft returned home" % (
         sum(mark[2] for mark in run.marks),

@@ -1,0 +1,82 @@
+#pragma once
+
+#include <vector>
+
+#include "ground/control/box_minimum.h"
+#include "ground/model/body.h"
+#include "ground/model/thruster.h"
+
+namespace ground {
+
+/// Control allocation: the commands of a craft's thrusters that give a demanded wrench, each within
+/// its range and through the inverse of its force curve.
+///
+/// The forces F minimise, within the ranges of all thrusters,
+///
+///     wX (X - X*)^2 + wY (Y - Y*)^2 + wN ((N - N*) / l)^2 + e sum (F_i / (k gain_i))^2
+///
+/// with a small e: the error of the wrench comes first, then the squares of the forces relative to
+/// those of input 1 (of the commands, if force curves are linear). It is the weighted least squares
+/// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
+/// aircraft control allocation, CDC 2002. If the wrenches of all thrusters are orthogonal in X, Y,
+/// N / l, as those of the pair, the problem separates: e is not needed, and each force is clipped
+/// by itself. Allocates no memory after construction. One thread at a time.
+class Allocation {
+ public:
+  /// Weights of the squared errors of X, Y and N / l. Equal weights give the pair the inputs of
+  /// thesis (4.8), each clipped.
+  struct Weights {
+    double surge = 1, sway = 1, yaw = 1;
+  };
+  /// What the thrusters give.
+  struct Output {
+    Thrusters<double> inputs;  ///< within the ranges, in the model's units
+    /// The inputs if they give the demanded wrench; if not, those of the least-squares solution
+    /// without ranges.
+    Thrusters<double> wanted;
+    Vector3<double> wrench;  ///< X, Y [N], N [N m] of the inputs
+  };
+
+  Allocation(const ThrusterLayout& layout, const Body<double>& body)
+      : Allocation(layout, body, Weights()) {}
+  Allocation(const ThrusterLayout& layout, const Body<double>& body, const Weights& weights);
+
+  /// Inputs for a wrench: X, Y [N], N [N m], body.
+  Output run(const Vector3<double>& wrench) const;
+  /// What the thrusters give for far too large a demand of X, Y, N / l along `direction`, such as
+  /// (1, 0, 0) for full forward thrust.
+  Output most(const Vector3<double>& direction) const;
+
+ private:
+  using Forces = PerThruster<Eigen::Dynamic>;
+
+  /// A thruster whose force does not depend on those of the others.
+  struct Alone {
+    Vector3<double> column;  ///< X, Y, N / l of a force of 1 N
+    Vector3<double> share;   ///< its force for a demand of X, Y, N / l is the product with it
+    double low, high, full;
+    bool linear;  ///< its force curve
+  };
+
+  Output clipped(const Vector3<double>& demand) const;
+  Output solved(const Vector3<double>& demand) const;
+  Thrusters<double> inputsOf(const Forces& force) const;
+
+  ThrusterLayout layout_;
+  double lever_;  ///< l [m]
+  Vector3<double> weights_;
+  /// X, Y, N / l of a force of 1 N.
+  Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxThrusters> columns_;
+  Forces full_;        ///< force at input 1 [N]
+  Forces low_, high_;  ///< range [N]
+  bool separates_ = true;
+  std::vector<Alone> alone_;  ///< all thrusters, if the problem separates
+  mutable BoxMinimum<Eigen::Dynamic> problem_;
+  BoxMinimum<Eigen::Dynamic>::Square hessian_;
+};
+
+/// The input at which a force curve has a value, the smallest in size if there are several. Beyond
+/// the range of a table it grows in proportion.
+double inputFor(const ForceCurve& curve, double force);
+
+}  // namespace ground

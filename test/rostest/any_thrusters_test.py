@@ -1,0 +1,104 @@
+#!/usr/bin/python3
+"""An air-bearing table with eight jets in closed loop through UDP: all nodes command every thruster."""
+import os
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness
+
+S = ControllerStatus
+SETTLING = 10  # time to reach the circle [s]
+WATCHED = 15  # [s]
+BOUND = 0.02  # error of the predictive controller [m]; some millimetres without a network
+
+
+class AnyThrustersTest(unittest.TestCase):
+    def setUp(self):
+        self.truth = harness.Latest("simulator/truth", State, keep=True)
+        self.reference = harness.Latest("reference", Reference, keep=True)
+        self.sender = harness.Latest("sender/status", SenderStatus, keep=True)
+        self.controls = harness.Latest("controls", Controls, keep=True)
+        self.wanted = harness.Latest("controls/wanted", Controls)
+        self.status = harness.Latest("controller/status", S, keep=True)
+        self.markers = harness.Latest("markers", MarkerArray)
+
+    def expect(self, state):
+        harness.wait_for(
+            lambda: self.status.message and self.status.message.state == state, 40, "state %d" % state
+        )
+
+    def sleep(self, duration):
+        until = rospy.Time.now().to_sec() + duration
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
+
+    def test_it_follows_a_circle(self):
+        self.expect(S.RUNNING)
+        self.sleep(SETTLING)
+        begin = rospy.Time.now().to_sec()
+        self.sleep(WATCHED)
+        self.check_error(begin)
+        self.check_commands()
+        self.check_a_command_for_another_craft()
+        self.assertEqual(self.status.message.state, S.RUNNING, self.status.message.reason)
+        self.check_stop()
+
+    def check_error(self, begin):
+        truth, reference = (
+            np.array([(m.header.stamp.to_sec(), *get(m)[:2]) for _, m in list(heard.all)])
+            for heard, get in ((self.truth, lambda m: m.eta), (self.reference, lambda m: m.p))
+        )
+        reference = reference[(reference[:, 0] > begin) & (reference[:, 0] <= truth[-1, 0])]
+        self.assertGreater(len(reference), 25 * WATCHED)
+        off = [
+            np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)
+        ]
+        error = np.sqrt(np.square(off).sum(axis=0).mean())
+        print("error: %.1f mm" % (1e3 * error))
+        self.assertLess(error, BOUND)
+
+    def check_commands(self):
+        """Every jet is used; commands and wanted ones name the channels of the model."""
+        channels = self.controls.message.channels
+        self.assertEqual(len(channels), 9)
+        self.assertEqual((channels[0], channels[-1]), ("front_right_back", "air"))
+        self.assertEqual(self.wanted.message.channels, channels)
+        driven = np.array([m.thrusters for _, m in self.controls.all if m.header.frame_id])
+        self.assertTrue((driven.max(axis=0) > 0.05).all(), driven.max(axis=0))
+        self.assertTrue(((driven >= 0) & (driven <= 1)).all())
+        harness.wait_for(lambda: self.markers.message, 10, "markers")
+        self.assertEqual(len(self.markers.message.markers), 5 + 2 * 8)
+
+    def check_a_command_for_another_craft(self):
+        """The sender refuses the command of a left and a right thruster, and the craft drives on."""
+        # advertised only now, because several publishers of commands prevent arming
+        stranger = rospy.Publisher("controls", Controls, queue_size=4)
+        harness.wait_for(lambda: stranger.get_num_connections() >= 2, 10, "the sender")
+        refused = self.sender.message.refused
+        message = Controls(left=1.0, right=1.0, lift=1.0)
+        message.header.stamp = rospy.Time.now()
+        stranger.publish(message)
+        harness.wait_for(lambda: self.sender.message.refused > refused, 10, "a refused command")
+        self.assertEqual(self.sender.message.state, SenderStatus.ARMED)
+
+    def check_stop(self):
+        """All thrusters are off after a stop."""
+        rospy.ServiceProxy("controller/stop", Trigger)()
+        self.expect(S.STOPPED)
+        harness.wait_for(
+            lambda: self.controls.message.thrusters == (0.0,) * 8 and self.controls.message.lift == 0,
+            10,
+            "zero commands",
+        )
+
+
+if __name__ == "__main__":
+    rospy.init_node("any_thrusters_test")
+    rostest.rosrun("ground", "any_thrusters_test", AnyThrustersTest)

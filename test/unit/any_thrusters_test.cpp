@@ -1,0 +1,288 @@
+// Controllers of crafts with other thrusters than a left and a right one.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "ground/control/controllers.h"
+#include "ground/control/feasibility.h"
+#include "ground/control/trajectory_optimizer.h"
+#include "ground/estimation/obedience_monitor.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+#include "ground/simulation/experiment.h"
+
+namespace ground {
+namespace {
+
+constexpr char kBody[] =
+    "schema: ground/model/1\nname: four thrusters\n"
+    "body:\n  m: 0.1763\n  I_z: 4.0e-4\n  X_u: 0.05\n  Y_v: 0.06\n  N_r: 1.0e-4\n  k: 0.06\n"
+    "  thrusters:\n"
+    "    - {name: back_left, position: [-0.05, -0.0425], direction: 0}\n"
+    "    - {name: back_right, position: [-0.05, 0.0425], direction: 0}\n";
+/// Two propellers behind push forward, two in front push backward.
+Model four(const std::string& curve = "") {
+  const std::string rest =
+      ", direction: 180" + (curve.empty() ? "" : ", curve: " + curve) + "}\neffects: []\n";
+  const std::string left = "    - {name: front_left, position: [0.05, -0.0425]";
+  const std::string right = "    - {name: front_right, position: [0.05, 0.0425]";
+  const std::string middle = rest.substr(0, rest.find("effects"));
+  return parseModel(kBody + left + middle + right + rest, "four.yaml");
+}
+/// A pair of reversible thrusters.
+Model reversible() {
+  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  Thruster left, right;
+  left.name = left.channel = "port";
+  right.name = right.channel = "starboard";
+  left.position = {0, -model.body.l};
+  right.position = {0, model.body.l};
+  left.least = right.least = -1;
+  model.thrusters = std::make_shared<const ThrusterLayout>(std::vector<Thruster>{left, right});
+  return model;
+}
+Model table() { return loadModel("cfg/craft/air_table.yaml"); }
+/// The pair as a craft that lists its thrusters.
+Model listed() {
+  Model model = reversible();
+  std::vector<Thruster> thrusters = model.thrusters->thrusters();
+  for (Thruster& one : thrusters) one.least = 0;
+  model.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  return model;
+}
+
+/// Root mean square of the position error after `settled` [s]. Fails if an input is outside of its
+/// range.
+double errorOf(const Model& truth, TrackingController& control,
+               const ReferenceTrajectory& reference, double duration, double settled) {
+  const Dynamics<double> dynamics(truth);
+  InputSequence inputs(truth.thrusters->size());
+  Simulation<double> simulation(dynamics, inputs, {}, 0);
+  double squares = 0;
+  int count = 0;
+  for (int i = 0; i < duration * 50; ++i) {
+    const double t = i / 50.0;
+    simulation.advance(t);
+    const Thrusters<double> chosen = control.decide({t, t, simulation.state(), &reference, 0, 1.0});
+    EXPECT_TRUE(truth.thrusters->clipped(chosen, truth.body.input_max) == chosen) << t;
+    control.commanded(t, chosen, 1);
+    inputs.add(t, chosen, 1);
+    if (t < settled) continue;
+    squares += (simulation.state().eta.head<2>() - reference.at(t).p).squaredNorm();
+    ++count;
+  }
+  return std::sqrt(squares / count);
+}
+
+TEST(TrackingLawOfAnyThrusters, GivesAListedPairTheInputsOfThePair) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  const TrackingLaw pair(model), other(listed());
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  for (int i = 0; i < 1000; ++i) {
+    RigidState<double> state;
+    ReferencePoint reference;
+    for (int c = 0; c < 3; ++c) state.eta(c) = uniform(random);
+    for (int c = 0; c < 3; ++c) state.nu(c) = uniform(random);
+    reference.p = {uniform(random), uniform(random)};
+    reference.p_dot = {uniform(random), uniform(random)};
+    const TrackingLaw::Output a = pair.run(state, reference, {}),
+                              b = other.run(state, reference, {});
+    for (int j = 0; j < 2; ++j) {
+      ASSERT_NEAR(a.inputs(j), b.inputs(j), 1e-12);
+      ASSERT_NEAR(a.wanted(j), b.wanted(j), 1e-9 * (1 + std::abs(a.wanted(j))));
+    }
+  }
+}
+
+TEST(TrackingLawOfAnyThrusters, FollowsACircle) {
+  TrackingGains gains;
+  gains.k_z = 3e-3;
+  BacksteppingControl control(four(), gains);
+  EXPECT_LT(errorOf(four(), control, *makeCircle({0, 0}, 1, 0.4), 60, 30), 0.2);
+}
+
+TEST(TrackingLawOfAnyThrusters, RefusesCraftsThatItCannotSteer) {
+  Thruster forward, side;
+  forward.name = forward.channel = "forward";
+  forward.position = {0, 0.1};
+  side.name = side.channel = "side";
+  side.position = {-0.1, 0};
+  side.direction = 90;
+  Model model = four();
+  const auto use = [&](std::vector<Thruster> thrusters) {
+    model.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+    model.body.l = model.thrusters->lever();
+    return effectUse("TrajectoryTracking", model).refusal;
+  };
+  EXPECT_NE(use({forward}).find("do not turn it to starboard; use ModelPredictive"),
+            std::string::npos)
+      << use({forward});
+  forward.position.y() = -0.1;
+  EXPECT_NE(use({forward}).find("do not turn it to port"), std::string::npos) << use({forward});
+  EXPECT_NE(use({side}).find("do not push it forward"), std::string::npos) << use({side});
+  EXPECT_EQ(effectUse("TrajectoryTracking", table()).refusal, "");
+}
+
+TEST(PredictiveControlOfAnyThrusters, FollowsACircle) {
+  PredictiveControl first(four(), {});
+  EXPECT_LT(errorOf(four(), first, *makeCircle({0, 0}, 1, 0.4), 30, 15), 2e-3);
+  PredictiveControl second(table(), {});
+  EXPECT_LT(errorOf(table(), second, *makeCircle({0, 0}, 0.5, 0.3), 30, 20), 5e-3);
+  PredictiveControl third(reversible(), {});
+  EXPECT_LT(errorOf(reversible(), third, *makeCircle({0, 0}, 1, 0.4), 30, 15), 2e-3);
+}
+
+TEST(PredictiveControlOfAnyThrusters, UsesThrustersWhoseForceCurveIsFlatAtZero) {
+  // It can stop at the end of the line only with the thrusters in front.
+  for (const char* curve : {"{power: 1.8}", "{table: [[0, 0], [0.1, 0], [1, 1]]}"}) {
+    const Model model = four(curve);
+    PredictiveControl control(model, {});
+    const double error = errorOf(model, control, *makeLine({0, 0}, {1.5, 0}, 0.5, true), 10, 6);
+    EXPECT_LT(error, 0.02) << curve;
+  }
+}
+
+TEST(PredictiveControlOfAnyThrusters, IsThatOfThePairForAListedPair) {
+  const Model pair = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  PredictiveControl one(pair, {}), other(listed(), {});
+  const ReferencePtr circle = makeCircle({0, 0}, 1, 0.5);
+  EXPECT_NEAR(errorOf(pair, one, *circle, 10, 5), errorOf(listed(), other, *circle, 10, 5), 1e-6);
+}
+
+struct Planned {
+  std::string name;
+  Model model;
+  friend void PrintTo(const Planned& planned, std::ostream* out) { *out << planned.name; }
+};
+
+class PlansOfAnyThrusters : public testing::TestWithParam<Planned> {};
+
+TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
+  // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
+  const Model& model = GetParam().model;
+  const std::unique_ptr<TrajectoryOptimizer> plan = TrajectoryOptimizer::make(model, 20, 0.1);
+  const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.3);
+  std::vector<ReferencePoint> points;
+  for (int k = 1; k <= 20; ++k) points.push_back(circle->at(0.1 * k));
+  TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
+  start.head<6>() << 0.99, -0.02, 1.3, 0.28, 0.02, 0.2;
+  plan->setProblem(0, start, 1.0, {0.01, -0.02, 0.1}, points);
+  plan->rollOut();
+  for (int i = 0; i < 400; ++i) plan->improve();
+  const std::vector<Thrusters<double>> best = plan->inputs();
+  int inside = 0, at_bounds = 0;
+  for (std::size_t k = 0; k < best.size(); ++k) {
+    for (int i = 0; i < model.thrusters->size(); ++i) {
+      const Thruster& one = (*model.thrusters)[i];
+      const double h = 1e-4, input = best[k](i);
+      ASSERT_TRUE(input >= one.least && input <= one.most);
+      const auto at = [&](double value) {
+        plan->inputs() = best;
+        plan->inputs()[k](i) = value;
+        return plan->rollOut();
+      };
+      const double slope = (at(input + h) - at(input - h)) / (2 * h);
+      const bool low = input<one.least + 1e-6, high = input> one.most - 1e-6;
+      EXPECT_LT(low ? 0 : slope, 2e-5) << k << ' ' << one.name << ' ' << input;
+      EXPECT_GT(high ? 0 : slope, -2e-5) << k << ' ' << one.name << ' ' << input;
+      (low || high ? at_bounds : inside) += 1;
+    }
+  }
+  EXPECT_GT(inside, 2);
+  if (model.thrusters->size() > 2) {
+    EXPECT_GT(at_bounds, 0) << "thrusters that cannot be reversed are off";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, PlansOfAnyThrusters,
+                         testing::Values(Planned{"four", four()},
+                                         Planned{"reversible", reversible()},
+                                         Planned{"table", table()}),
+                         [](const auto& test) { return test.param.name; });
+
+TEST(FeasibilityOfAnyThrusters, KnowsBrakesAndSidewaysThrust) {
+  const ReferencePtr stop = makeLine({0, 0}, {2.5, 2.5}, 0.6, true);
+  Model pair = four();
+  std::vector<Thruster> back = pair.thrusters->thrusters();
+  back.resize(2);
+  pair.thrusters = std::make_shared<const ThrusterLayout>(back);
+  EXPECT_NE(infeasibility(*stop, pair), "") << "without thrusters in front it cannot brake";
+  EXPECT_EQ(infeasibility(*stop, four()), "");
+  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 2, 1.5), four()).find("a thrust of"),
+            std::string::npos);
+  EXPECT_EQ(infeasibility(*makeLine({0, 0}, {1, 1}, 0.2, true), table()), "");
+  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 1, 1), table()).find("full thrust is"),
+            std::string::npos);
+}
+
+ExperimentLog flown(const Model& model, CraftFault fault, double fault_from) {
+  TrackingParams tracking;
+  tracking.reference.kind = "circle";
+  tracking.reference.size = 0.5;
+  tracking.reference.rate_of_turn = 0.3;
+  tracking.controller.kind = "ModelPredictive";
+  tracking.duration = 20;
+  tracking.max_error = std::numeric_limits<double>::infinity();
+  ExperimentParams place;
+  place.initial.eta << 0.5, 0, M_PI / 2;
+  place.fault = fault;
+  place.fault_from = fault_from;
+  return trackReference(model, model, tracking, place);
+}
+
+TEST(ObedienceOfAnyThrusters, NoticesACraftThatDoesNotFollow) {
+  for (const Model& model : {four(), table(), reversible()}) {
+    const ExperimentLog sound = flown(model, CraftFault::kDeaf, 1e9);
+    EXPECT_EQ(sound.stopped, "") << model.name;
+    EXPECT_EQ(sound.commands.back().thrusters.size(), model.thrusters->size());
+    const ExperimentLog deaf = flown(model, CraftFault::kDeaf, 6);
+    EXPECT_NE(deaf.stopped.find("does not follow its commands"), std::string::npos)
+        << model.name << ": " << deaf.stopped;
+  }
+}
+
+TEST(ExperimentsOfAnyThrusters, RefuseAControllerOfAnotherCraft) {
+  TrackingParams tracking;
+  EXPECT_THROW(trackReference(table(), four(), tracking, {}), std::invalid_argument);
+  tracking.controller.kind = "OpenLoopPRBS";
+  EXPECT_THROW(trackReference(table(), table(), tracking, {}), std::invalid_argument);
+}
+
+TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
+  const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  for (const Model& model : {four(), table()}) {
+    ExcitationParams params;
+    params.duration = 60;
+    params.room = room;
+    const ExperimentLog log = excite(model, model, params, {});
+    EXPECT_EQ(log.stopped, "") << model.name;
+    EXPECT_GE(log.marks.size(), 3u) << model.name << ": bursts and returns";
+    for (const auto& truth : log.truth)
+      ASSERT_GT(room.clearance(truth.state.eta.head<2>()), 0) << model.name;
+    for (const auto& command : log.commands)
+      ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
+  }
+}
+
+TEST(ExcitationOfAnyThrusters, RefusesReturnsByAnotherCraft) {
+  ExcitationPilot pilot([] { return 0.0; }, [](const auto&) {}, [](const auto&) {});
+  DesignParams design;
+  design.thrusters = table().thrusters;
+  EXPECT_THROW(pilot.playInside(makeDesign(design, 1), 1, four(), ReturnParams()),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
