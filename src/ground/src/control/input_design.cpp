@@ -120,7 +120,9 @@ std::vector<Row> multisineRows(const DesignParams& p) {
 
 /// A direction of inputs between a low level, where it is 0, and a high one, where it is 1.
 Row towards(const Row& direction, double low, double high) {
-  return direction.each<double>([&](double share) { return (1 - share) * low + share * high; });
+  Row row = direction;
+  for (double& input : row) input = (1 - input) * low + input * high;
+  return row;
 }
 
 std::vector<Row> patternRows(const DesignParams& p) {
