@@ -24,7 +24,7 @@ from ground.errors import GroundError
 LEVEL = 0.01  # probability of rejecting a curve, or equal gains, that are right
 STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)
 OFF = 1e-9  # input of a thruster that is off
-ROUNDS = 8  # of curve and gains in turn
+ROUNDS = 8  # fits of curve and gains, in turn
 BOTH = "both"  # column of all thrusters together
 
 
@@ -34,7 +34,7 @@ class Bench:
 
     inputs: Array  # (n,) 0..1
     together: Array  # (n, m) 1 where thruster j is at work, else 0
-    repetition: Array  # (n,) number of the repetition, from 0
+    repetition: Array  # (n,) how many rows before it have the same input and thrusters
     forces: Array  # (n,) [N]
 
     def part(self, rows: Flags) -> "Bench":
@@ -46,7 +46,7 @@ class Bench:
 class Thrust:
     """The fitted thrust."""
 
-    curve: thrust_curve.Curve  # of a thruster with gain 1
+    curve: thrust_curve.Curve  # force of a thruster with gain 1
     gains: Array  # (m,) mean 1; all 1 unless they differ significantly
     values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a table; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%

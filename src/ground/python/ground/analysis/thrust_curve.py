@@ -12,11 +12,11 @@ from scipy import optimize
 
 from ground.annotations import Array
 
-POWERS = (0.2, 5.0)  # bounds of an exponent
-INTERVALS = (2, 4, 8, 16)  # of tables
-POINTS = 12  # of a polynomial that is written as a table
+POWERS = (0.2, 5.0)  # bounds for the exponent
+INTERVALS = (2, 4, 8, 16)  # numbers of lines that tables may have
+POINTS = 12  # rows of the table that a polynomial is written as
 GRID = 301  # inputs at which a polynomial must not fall
-ROUNDS = 8  # of fits to the inputs above the dead band that the fit before had
+MAX_FITS = 8  # each to the inputs above the dead band of the fit before
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def polynomial(degree: int) -> Kind:
         largest = float(inputs.max())
         at = np.linspace(0, largest, GRID)
         zero = -1.0  # largest input without force
-        for _ in range(ROUNDS):
+        for _ in range(MAX_FITS):
             above = inputs > zero
             if len(np.unique(inputs[above])) <= degree + 1:
                 return None
