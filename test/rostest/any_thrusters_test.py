@@ -74,7 +74,7 @@ class AnyThrustersTest(unittest.TestCase):
         self.assertTrue((driven.max(axis=0) > 0.05).all(), driven.max(axis=0))
         self.assertTrue(((driven >= 0) & (driven <= 1)).all())
         harness.wait_for(lambda: self.markers.message, 10, "markers")
-        self.assertEqual(len(self.markers.message.markers), 5 + 2 * 8)
+        self.assertEqual(len(self.markers.message.markers), 4 + 2 * 8)
 
     def check_a_command_for_another_craft(self):
         """The sender refuses the command of a left and a right thruster, and the craft drives on."""

@@ -99,7 +99,7 @@ class ClosedLoopTest(unittest.TestCase):
         self.assertGreater(len(self.measured.message.poses), 50)
         self.assertGreater(len(self.predicted.message.poses), 20)
         self.assertEqual(self.measured.message.header.frame_id, "world_ned")
-        self.assertEqual(len(self.markers.message.markers), 9)
+        self.assertEqual(len(self.markers.message.markers), 8)
         # The predicted path ends near the measurement of that time.
         last = self.predicted.message
         end = last.poses[-1].pose.position
