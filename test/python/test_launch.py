@@ -15,6 +15,8 @@ import pytest
 import yaml
 from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
 
+from ground import _core
+
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
 
@@ -523,16 +525,19 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
             subprocess.run(
                 ["import", "-window", "root", picture], env=dict(os.environ, **drawing), check=True
             )
-            pixels = Image.open(picture).convert("RGB").resize((650, 450), Image.NEAREST).getdata()
+            scene = Image.open(picture).convert("RGB").crop((350, 70, 1280, 870))  # beside the legend
+            pixels = scene.resize((465, 400), Image.NEAREST).getdata()
             close = lambda c, to: all(abs(a - b) < 25 for a, b in zip(c, to))  # noqa: E731
+            of = _core.palette
             wanted = {
-                "reference": (40, 160, 70),
-                "measured": (30, 30, 30),
-                "predicted": (225, 60, 160),
-                "predicted2": (0, 170, 200),
-                "hull": (40, 90, 190),
-                "floor": (160, 160, 108),
+                "reference": of["reference"],
+                "measured": of["measured"],
+                "predicted": of["models"][0],
+                "predicted2": of["models"][1],
+                "thrust": of["thrusters"][1],
+                "floor": "#687c8a",  # a small error, with light on it
             }
+            wanted = {n: [int(c[i : i + 2], 16) for i in (1, 3, 5)] for n, c in wanted.items()}
             return {name: sum(close(p, c) for p in pixels) for name, c in wanted.items()}
 
         models = ["model:=%s" % MODEL, "model2:=" + truth]
@@ -541,8 +546,8 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
 
             def all_there():
                 seen.update(colours())
-                paths = [seen[n] for n in ("reference", "measured", "predicted", "predicted2")]
-                return min(paths) > 20 and seen["hull"] > 5 and seen["floor"] > 100
+                least = dict(reference=200, measured=200, predicted=20, predicted2=5, thrust=5, floor=500)
+                return all(seen[name] > count for name, count in least.items())
 
             try:
                 wait_for(all_there, 90, "craft and paths in rviz")

@@ -23,6 +23,7 @@ TOOLS = {
     *("python3-pip", "python3-venv"),
     # for screenshots and pages that tests check
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
+    "poppler-utils",
 }
 
 

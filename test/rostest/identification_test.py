@@ -115,7 +115,7 @@ class IdentificationTest(unittest.TestCase):
         report = json.loads(result.message.data)
         self.assertEqual(report["improved"]["effects"][:1], ["floor_tilt"])
         harness.wait_for(lambda: self.model.message.data == answer.model, 5, "the new model")
-        self.assertEqual(self.status.message.state, S.DONE)
+        harness.wait_for(lambda: self.status.message.state == S.DONE, 5, "the end in the status")
         for name in ("live.bag", "report.html", "diagnosis.json", "improved.yaml"):
             self.assertTrue(os.path.isfile(os.path.join(answer.folder, name)), name)
         settings = recording.read_settings(os.path.join(answer.folder, "live.bag"))

@@ -114,9 +114,10 @@ def _empty(node: Any, of: Any) -> Any:
         return Time() if of == TIME else _new(of, {})
     if node == Nodetype.BASE:
         return {"string": "", "bool": False}.get(of[0], 0)
-    if node == Nodetype.SEQUENCE:
-        return []
     inner, count = of
+    if node == Nodetype.SEQUENCE:
+        numbers = inner[0] == Nodetype.BASE and inner[1][0] != "string"
+        return np.empty(0, inner[1][0]) if numbers else []
     values = [_empty(*inner) for _ in range(count)]
     return np.array(values, inner[1][0]) if inner[0] == Nodetype.BASE else values
 
