@@ -151,7 +151,7 @@ class IdentificationNode:
         self._busy = threading.Lock()
         self._child: Optional["subprocess.Popen[str]"] = None
         self._cancelled = False
-        self._stage = ""  # of the task that runs, as it was told last
+        self._stage = ""  # last reported stage of the running task
         self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
         self._result = rospy.Publisher("~result", String, queue_size=1, latch=True)
         self._newest = rospy.Publisher("~model", String, queue_size=1, latch=True)

@@ -26,7 +26,7 @@ MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
     colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
-LABEL_WIDTH = 10  # of a line of a narrow axis's title [characters]
+LABEL_WIDTH = 10  # longest line of a narrow axis's title [characters]
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
 # Variables (failure.variables); of those of thrusters the ones that the craft has.

@@ -23,7 +23,7 @@ from ground.reports.appearance import (
 )
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
-NARROW_WIDTH, LEGEND_ROW = 300, 20  # of a legend on a narrow page [pixels]
+NARROW_WIDTH, LEGEND_ROW = 300, 20  # a legend on a narrow page: width, height of a row [pixels]
 MAX_TICKS, STEPS = 3, (0.5, 1, 2, 5, 10)  # of a narrow axis; steps times a power of ten
 TICK_ROOM = 0.2  # between the ends of a narrow axis and its values, as a share of their span
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ground.recordings.quality import Run
 
 BLOCK = 0.5  # length of the blocks [s]
-MAX_BLOCKS = 400  # of all recordings together
+MAX_BLOCKS = 400  # most blocks into which all recordings together are cut
 MIN_BLOCKS = 6  # blocks that an error can be determined from
 MAX_COMPARED = 1000  # classes that are compared by blocks; others explain less in all
 
