@@ -231,6 +231,26 @@ TEST(Room, RefusesBadArguments) {
   EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
 }
 
+TEST(Room, AGivenCraftMovesLikeItsOwn) {
+  Room::Params params;
+  params.start = 3;
+  params.initial.eta << 1, 2, 0.5;
+  params.disturbance.sigma = {1e-3, 1e-3, 1e-5};
+  params.disturbance.time = {0.5, 0.5, 0.5};
+  ModelCraft craft(tinyWhoover(), params);
+  Room given(craft, MocapParams(), params), own(tinyWhoover(), MocapParams(), params);
+  for (Room* room : {&given, &own}) {
+    room->command(0.8, 0.3, 1);
+    room->advance(4);  // the watchdog stops it
+  }
+  EXPECT_TRUE(given.watchdogExpired());
+  EXPECT_EQ(given.state().eta, own.state().eta);
+  const auto a = given.takeFrames(), b = own.takeFrames();
+  ASSERT_EQ(a.size(), b.size());
+  EXPECT_EQ(a.back().eta, b.back().eta);
+  EXPECT_THROW(given.setModel(tinyWhoover()), std::logic_error);
+}
+
 TEST(Room, DropsOldCommandsWithoutEffect) {
   // Two rooms with the same inputs: one gets so many commands that old ones are dropped.
   Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");

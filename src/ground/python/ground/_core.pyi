@@ -260,6 +260,16 @@ class ExcitationParams(DriveParams):
     design: DesignParams
     returns: ReturnParams
 
+class Plant:
+    def __init__(self) -> None: ...
+    def command(self, thrusters: Array, lift: float) -> None: ...
+    def advance(self, time: float) -> None: ...
+    def state(self) -> Tuple[Array, Array]: ...
+    def derivative(self) -> Tuple[Array, Array]: ...
+    def measurement(self) -> Tuple[Array, Array]: ...
+    def wrench(self) -> Array: ...
+    def pose_noise(self) -> Array: ...
+
 def play_schedule(
     model: Model,
     schedule: ArrayLike,
@@ -269,6 +279,7 @@ def play_schedule(
     mocap: MocapParams,
     seed: int,
     disturbance: Disturbance = ...,
+    plant: Optional[Plant] = ...,
 ) -> ExperimentLog: ...
 def track_reference(
     model: Model,
@@ -279,6 +290,7 @@ def track_reference(
     mocap: MocapParams,
     seed: int,
     disturbance: Disturbance = ...,
+    plant: Optional[Plant] = ...,
 ) -> ExperimentLog: ...
 def excite(
     model: Model,
@@ -289,6 +301,7 @@ def excite(
     mocap: MocapParams,
     seed: int,
     disturbance: Disturbance = ...,
+    plant: Optional[Plant] = ...,
 ) -> ExperimentLog: ...
 
 # identification

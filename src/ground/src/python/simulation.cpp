@@ -48,13 +48,93 @@ py::dict toDict(const ExperimentLog& log) {
   return d;
 }
 
+/// A craft whose motion is written in Python.
+class PythonPlant : public Plant {
+ public:
+  void command(const Thrusters<double>& thrusters, double lift) override {
+    const Eigen::VectorXd inputs = asVector(thrusters);
+    PYBIND11_OVERRIDE_PURE(void, Plant, command, inputs, lift);
+  }
+  void advance(double time) override { PYBIND11_OVERRIDE_PURE(void, Plant, advance, time); }
+  RigidState<double> state() const override {
+    const Pair found = stateVectors();
+    return {found.first, found.second};
+  }
+  RigidState<double> derivative() const override {
+    const Pair found = derivativeVectors();
+    return {found.first, found.second};
+  }
+  Measurement<double> measurement() const override {
+    const Pair found = measurementVectors();
+    return {found.first, found.second};
+  }
+  Vector3<double> wrench() const override {
+    PYBIND11_OVERRIDE_PURE(Vector3<double>, Plant, wrench, );
+  }
+  Vector3<double> poseNoise() override {
+    PYBIND11_OVERRIDE_NAME(Vector3<double>, Plant, "pose_noise", poseNoise, );
+  }
+
+ private:
+  using Pair = std::pair<Vector3<double>, Vector3<double>>;
+
+  Pair stateVectors() const { PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "state", state, ); }
+  Pair derivativeVectors() const {
+    PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "derivative", derivative, );
+  }
+  Pair measurementVectors() const {
+    PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "measurement", measurement, );
+  }
+};
+
+/// Pose and velocity, or their derivatives, as Python has them.
+template <class Motion>
+py::tuple toTuple(const Motion& motion) {
+  return py::make_tuple(motion.eta, motion.nu);
+}
+
+void defPlant(py::module_& module) {
+  py::class_<Plant, PythonPlant>(
+      module, "Plant",
+      "Base class of a simulated craft whose motion is written in Python. An experiment calls its "
+      "methods; all but pose_noise must be overridden. Poses are x, y [m], psi [rad], world_ned; "
+      "velocities u, v [m/s], r [rad/s], body.")
+      .def(py::init<>())
+      .def(
+          "command",
+          [](Plant& plant, const Eigen::VectorXd& thrusters, double lift) {
+            Thrusters<double> inputs = Thrusters<double>::zero(static_cast<int>(thrusters.size()));
+            for (int i = 0; i < inputs.size(); ++i) inputs(i) = thrusters(i);
+            plant.command(inputs, lift);
+          },
+          py::arg("thrusters"), py::arg("lift"),
+          "The craft receives a command at the current time: an input for each thruster, in the "
+          "model's units, and lift, 0..1.")
+      .def("advance", &Plant::advance, py::arg("time"),
+           "Moves the craft to a time of the experiment's clock [s], which begins at 0.")
+      .def(
+          "state", [](const Plant& plant) { return toTuple(plant.state()); },
+          "True pose (3,) and velocity (3,) now.")
+      .def(
+          "derivative", [](const Plant& plant) { return toTuple(plant.derivative()); },
+          "Derivatives of true pose (3,) and velocity (3,) now.")
+      .def(
+          "measurement", [](const Plant& plant) { return toTuple(plant.measurement()); },
+          "Pose (3,) and velocity (3,) of the rigid body that the mocap sees, without noise.")
+      .def("wrench", &Plant::wrench, "Disturbance (3,) now: X, Y [N], N [N m], body.")
+      .def("pose_noise", &Plant::poseNoise,
+           "Noise (3,) of the pose in the frame that is captured now [m], [m], [rad], besides that "
+           "of MocapParams. Called once for every frame, delivered or lost.");
+}
+
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
                                   const MocapParams& mocap, unsigned long seed,
-                                  const Disturbance& disturbance) {
+                                  const Disturbance& disturbance, Plant* plant) {
   if (!eta.allFinite() || !nu.allFinite())
     throw std::invalid_argument("the initial state is not finite");
   ExperimentParams params{{eta, nu}, mocap, seed};
   params.disturbance = disturbance;
+  params.plant = plant;
   return params;
 }
 
@@ -68,13 +148,14 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
       name,
       [run](const Model& model, const Model& believed, const Params& drive,
             const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-            unsigned long seed, const Disturbance& disturbance) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+            unsigned long seed, const Disturbance& disturbance, Plant* plant) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), doc);
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
+      py::arg("plant") = nullptr, doc);
 }
 
 void defParams(py::module_& module) {
@@ -120,17 +201,19 @@ void defExperiments(py::module_& module) {
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
          const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed, const Disturbance& disturbance) {
+         unsigned long seed, const Disturbance& disturbance, Plant* plant) {
         const InputSequence inputs = toInputs(schedule);
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance);
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
         const auto log = withoutGil([&] { return playSchedule(model, inputs, duration, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
+      py::arg("plant") = nullptr,
       "Simulates craft and mocap under rows of time, an input for each thruster, lift. Returns frames "
       "(captured, delivered, x, y, psi), commands (such rows), truth (time, eta, nu, "
-      "nu_dot, wrench of the disturbance).");
+      "nu_dot, wrench of the disturbance). plant: the craft; then eta, nu and disturbance are not "
+      "used, and the model gives the thrusters. By default the model moves the craft.");
   defExperiment(module, "track_reference", "tracking", &trackReference,
                 "Like play_schedule with a controller in the loop. Also returns references (time, "
                 "p, p_dot, p_ddot, p_dddot), decisions (time, left, right, CPU time, left and "
@@ -145,6 +228,7 @@ void defExperiments(py::module_& module) {
 
 void bindSimulation(py::module_& module) {
   defParams(module);
+  defPlant(module);
   defExperiments(module);
 }
 

@@ -178,7 +178,9 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   place.initial = params.initial;
   place.seed = params.seed;
   place.disturbance = params.disturbance;
-  Room room(model, params.mocap, place);
+  const auto made = params.plant ? std::make_unique<Room>(*params.plant, params.mocap, place)
+                                 : std::make_unique<Room>(model, params.mocap, place);
+  Room& room = *made;
   const double input_max = model.body.input_max;
   while (true) {
     const double captures = room.nextCapture();

@@ -29,6 +29,10 @@ struct ExperimentParams {
   double fault_until = std::numeric_limits<double>::infinity();
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
+  /// The craft, which must outlive the experiment; null for one that moves by the model. With a
+  /// given craft, `initial` and `disturbance` are not used, and the model gives the number of
+  /// thrusters and their largest input. Its clock is that of the experiment.
+  Plant* plant = nullptr;
 };
 
 /// A controller as in the nodelets, with states estimated from the delivered frames.

@@ -1,15 +1,13 @@
 #pragma once
 
-#include <Eigen/LU>
 #include <deque>
 #include <memory>
-#include <optional>
 #include <random>
 #include <string>
 #include <vector>
 
-#include "ground/model/simulation.h"
-#include "ground/simulation/disturbance_source.h"
+#include "ground/simulation/model_craft.h"
+#include "ground/simulation/plant.h"
 
 namespace ground {
 
@@ -35,24 +33,25 @@ struct MocapFrame {
   Vector3<double> eta;     ///< x, y [m], psi [rad], world_ned, with noise
 };
 
-/// Simulates a craft on the floor of a room with motion capture: the model under the received
+/// Simulates a craft on the floor of a room with motion capture: the craft under the received
 /// commands, and the frames that the mocap delivers. Uses neither ROS nor a clock: the caller gives
 /// the time, and the same seed and commands give the same frames.
 class Room {
  public:
-  struct Params {
-    RigidState<double> initial;  ///< initial state of the craft
-    double start = 0.0;          ///< initial time [s]
+  /// The seed is that of the mocap, too.
+  struct Params : ModelCraft::Params {
     /// The craft stops its motors after this time without command [s]; 0: never.
     double watchdog = 0.25;
-    unsigned long seed = 1;
-    Disturbance disturbance = {};  ///< disturbance of the craft; Model::disturbance is not used
-    /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
-    double braking = 2.0;
   };
 
-  /// Throws std::invalid_argument if mocap parameters or the disturbance are bad.
-  Room(const Model& model, const MocapParams& mocap, const Params& params);
+  /// A room with a craft that moves by a model. Throws std::invalid_argument if mocap parameters or
+  /// the disturbance are bad.
+  Room(const Model& model, const MocapParams& mocap, const Params& params)
+      : Room(std::make_unique<ModelCraft>(model, params), nullptr, mocap, params) {}
+  /// A room with a given craft, which must outlive it. Uses the start, seed and watchdog of
+  /// `params`.
+  Room(Plant& plant, const MocapParams& mocap, const Params& params)
+      : Room(nullptr, &plant, mocap, params) {}
   Room(const Room&) = delete;
   Room& operator=(const Room&) = delete;
 
@@ -65,8 +64,7 @@ class Room {
   void advance(double time);
   /// Frames delivered since the last call, in the order of delivery.
   std::vector<MocapFrame> takeFrames();
-  /// Replaces the model; pose and velocity stay. Throws std::invalid_argument, and keeps the old
-  /// model, if the acceleration by the new one is not finite.
+  /// ModelCraft::setModel; throws std::logic_error in a room with a given craft.
   void setModel(const Model& model);
   /// Takes effect with the next frame; throws std::invalid_argument if parameters are bad.
   void setMocap(const MocapParams& mocap);
@@ -80,51 +78,30 @@ class Room {
   double nextDelivery() const {
     return on_their_way_.empty() ? next_frame_ + mocap_.latency : on_their_way_.front().delivered;
   }
-  const RigidState<double>& state() const { return moving_->simulation.state(); }
-  /// Exact measurement of the state.
-  Measurement<double> measurement() const { return moving_->simulation.measure(); }
-  RigidState<double> derivative() const;
-  /// The current disturbance: X, Y [N], N [N m], body.
-  const Vector3<double>& wrench() const { return wrench_; }
+  /// The craft's motion, see Plant.
+  RigidState<double> state() const { return plant_.state(); }
+  RigidState<double> derivative() const { return plant_.derivative(); }
+  Measurement<double> measurement() const { return plant_.measurement(); }
+  Vector3<double> wrench() const { return plant_.wrench(); }
   /// Whether the craft's own watchdog has stopped the motors.
   bool watchdogExpired() const { return expired_; }
 
  private:
-  /// The simulation of a model.
-  struct Moving {
-    Moving(const Model& model, const InputSequence& inputs, const RigidState<double>& state,
-           double time)
-        : dynamics(model),
-          simulation(dynamics, inputs, state, time),
-          mobility(dynamics.mass().inverse()) {}
-    Dynamics<double> dynamics;
-    Simulation<double> simulation;
-    Matrix3<double> mobility;  ///< inverse of the mass matrix
-  };
+  Room(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
+       const Params& params);
 
-  Model onThisRun(Model model) const;
-  void move(double time);
-  bool sits() const { return lift_ && *lift_ == 0; }
-  Vector3<double> friction() const;
   void capture();
-  void forgetCommands();
   bool lost(double time);
 
-  Params params_;
-  std::optional<DisturbanceSource> source_;
-  Vector3<double> wrench_ = Vector3<double>::Zero();
-  double next_wrench_;        ///< time of the next change of wrench_ [s]
-  unsigned long drawn_ = 0;   ///< number of changes of wrench_
-  Model model_;
-  InputSequence inputs_;
-  std::unique_ptr<Moving> moving_;
+  std::unique_ptr<ModelCraft> own_;  ///< null in a room with a given craft
+  Plant& plant_;
+  double watchdog_;  ///< Params::watchdog [s]
   MocapParams mocap_;
   std::mt19937_64 random_;
   std::normal_distribution<double> normal_;
   double time_;
   double last_command_;
-  /// Input of the lift fan; no value before the first lift, so that a craft can start in motion.
-  std::optional<double> lift_;
+  Thrusters<double> off_;  ///< zeros, one for each thruster; set by the first command
   bool expired_ = true;  ///< motors are off until the first command
   double next_frame_;
   double tracked_again_;

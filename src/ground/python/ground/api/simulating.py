@@ -121,7 +121,7 @@ def simulate(
     believed = None if controller_model is None else Model.of(controller_model)
     given = {**options, "room": room, "controller_model": controller_model}
     drive = _Drive(os.fspath(input), duration, seed, given, mover.core)
-    acting = _disturbance(mover, disturbance, trim)
+    acting = disturbance_on(mover, disturbance, trim)
     try:
         _core.AxisMapping(axes, heading_offset)
         run = experiments.simulate(
@@ -130,7 +130,7 @@ def simulate(
             name,
             start_pose,
             start_velocity,
-            _mocap(mocap or {}),
+            mocap_params(mocap or {}),
             seed,
             believed.core if believed else None,
             acting,
@@ -298,7 +298,7 @@ def _takes(kind: str) -> List[str]:
     return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]
 
 
-def _mocap(settings: Mapping[str, float]) -> _core.MocapParams:
+def mocap_params(settings: Mapping[str, float]) -> _core.MocapParams:
     """The _core.MocapParams with these settings."""
     params = _core.MocapParams()
     for name, value in settings.items():
@@ -308,7 +308,7 @@ def _mocap(settings: Mapping[str, float]) -> _core.MocapParams:
     return params
 
 
-def _disturbance(
+def disturbance_on(
     model: Model, given: Union[Disturbance, Sequence[float]], trim: Optional[float]
 ) -> Optional[_core.Disturbance]:
     """The _core.Disturbance that acts; None where none does."""

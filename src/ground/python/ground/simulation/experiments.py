@@ -186,6 +186,7 @@ def simulate(
     seed: int = 1,
     believed: Optional[_core.Model] = None,
     disturbance: Optional[_core.Disturbance] = None,
+    plant: Optional[_core.Plant] = None,
 ) -> SimulatedRun:
     """Runs an experiment and returns its SimulatedRun.
 
@@ -194,8 +195,9 @@ def simulate(
     default the one that moves the craft). pose: initial x, y
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
-    of the model acts only if it is given here. Raises ValueError on bad parameters, GroundError when
-    nothing can be recorded or the motion is not finite.
+    of the model acts only if it is given here. plant: the craft, if the model does not move it; it
+    has its own pose, velocity and disturbance, and the model gives the thrusters. Raises ValueError on
+    bad parameters, GroundError when nothing can be recorded or the motion is not finite.
     """
     try:
         log = _log(
@@ -207,6 +209,7 @@ def simulate(
             mocap or _core.MocapParams(),
             seed,
             disturbance or _core.Disturbance(),
+            plant,
         )
     except RuntimeError as error:
         raise GroundError("%s: %s" % (name, error))
@@ -223,7 +226,7 @@ def simulate(
 def _log(
     model: _core.Model, drive: Drive, believed: _core.Model, *where: Any
 ) -> core_types.ExperimentLog:
-    """The core's log; where: pose, velocity, mocap, seed, disturbance."""
+    """The core's log; where: pose, velocity, mocap, seed, disturbance, plant."""
     if isinstance(drive, Schedule):
         return _core.play_schedule(model, drive.rows, drive.end, *where)
     if isinstance(drive, _core.ExcitationParams):

@@ -3,9 +3,7 @@
 import argparse
 import os
 import sys
-from typing import Callable, Iterable, Iterator, List, Optional, Union
-
-import numpy as np
+from typing import Iterator, Optional
 
 from ground import _core, files
 from ground.annotations import Document
@@ -16,7 +14,7 @@ from ground.recordings.settings import AXES
 from ground.simulation import bag_writer
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
-from ground.verbs import common, listing
+from ground.verbs import common, conditions, listing
 
 SIMULATING = "simulating"  # stage
 
@@ -41,16 +39,6 @@ A disturbance in the model file acts only with --disturbance; without it, a line
 """
 )
 
-# parameter of the mocap, metavar, help
-MOCAP = [
-    ("rate", "HZ", "frames per second"),
-    ("position_noise", "M", "noise of x and y, 1 sigma"),
-    ("heading_noise", "RAD", "noise of the heading, 1 sigma"),
-    ("latency", "S", "time from capture to delivery"),
-    ("loss", "SHARE", "share of single frames lost, 0..1"),
-    ("gap_rate", "1/S", "losses of tracking per second"),
-    ("gap_length", "S", "mean duration of a loss of tracking"),
-]
 OPTIONS = (
     simulating.PATTERN + simulating.BURSTS + simulating.TRACKING + simulating.LIFT
 )  # options for some inputs only
@@ -62,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = DETAILS
     _add_run_arguments(parser)
     _add_input_arguments(parser.add_argument_group("input"))
-    _add_disturbance_arguments(parser.add_argument_group("disturbance"))
+    conditions.add_disturbance_arguments(parser.add_argument_group("disturbance"))
     _add_mocap_arguments(parser.add_argument_group("motion capture"))
     _add_tracking_arguments(parser.add_argument_group("tracking"))
 
@@ -87,22 +75,22 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--duration",
-        type=_between("duration"),
+        type=conditions.between("duration"),
         metavar="S",
         help="duration of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
     )
     parser.add_argument(
-        "--lift", type=_between("lift"), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
+        "--lift", type=conditions.between("lift"), help="input of the lift fan, 0..1 (1)", metavar="LIFT"
     )
     parser.add_argument(
         "--lift-time",
-        type=_between("lift_time"),
+        type=conditions.between("lift_time"),
         metavar="S",
         help="lift alone before thrust [s] (1)",
     )
     parser.add_argument(
         "--start-pose",
-        type=_number,
+        type=common.number,
         nargs=3,
         metavar=("X", "Y", "PSI"),
         default=[0.0, 0.0, 0.0],
@@ -110,7 +98,7 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--start-velocity",
-        type=_number,
+        type=common.number,
         nargs=3,
         metavar=("U", "V", "R"),
         default=[0.0, 0.0, 0.0],
@@ -119,7 +107,7 @@ def _add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--clock", type=_between("clock"), metavar="HZ", help="bits per second (15)")
+    group.add_argument("--clock", type=conditions.between("clock"), metavar="HZ", help="bits per second (15)")
     group.add_argument(
         "--order",
         type=int,
@@ -135,7 +123,7 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--levels",
-        type=_between("levels"),
+        type=conditions.between("levels"),
         nargs="+",
         metavar="LEVEL",
         help="inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for "
@@ -143,7 +131,7 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--hold",
-        type=_between("hold"),
+        type=conditions.between("hold"),
         metavar="S",
         help="time for which a level is held [s] (1)",
     )
@@ -154,41 +142,20 @@ def _add_input_arguments(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--burst",
-        type=_between("burst"),
+        type=conditions.between("burst"),
         metavar="S",
         help="with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
     )
 
 
-def _add_disturbance_arguments(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--disturbance",
-        type=_number,
-        nargs="*",
-        metavar=("SHARE", "TIME"),
-        help="apply a random wrench: its standard deviation as a share of full thrust (X, Y) and of the "
-        "moment of one thruster (N), and its correlation time [s]; without numbers, the disturbance "
-        "of the model file",
-    )
-    group.add_argument(
-        "--trim",
-        type=_between("trim"),
-        metavar="SHARE",
-        help="differences from run to run, 1 sigma: a constant wrench, in the same shares, and a "
-        "factor on the thrust",
-    )
-
-
 def _add_mocap_arguments(group: argparse._ArgumentGroup) -> None:
-    defaults = _core.MocapParams()
-    for name, metavar, text in MOCAP:
-        _add_number(group, name, metavar, text, getattr(defaults, name))
+    conditions.add_mocap_arguments(group)
     group.add_argument(
         "--axes", default=AXES, help="world_ned x, y, z in the mocap's axes (%(default)s)"
     )
     group.add_argument(
         "--heading-offset",
-        type=_number,
+        type=common.number,
         default=0.0,
         metavar="RAD",
         help="heading of the rigid body minus the craft's; recorded with the run, like the axes (0)",
@@ -200,20 +167,20 @@ def _add_tracking_arguments(group: argparse._ArgumentGroup) -> None:
     kinds = [name for name in loop.KINDS if name != "file"]
     group.add_argument("--reference", choices=kinds, help="(circle)")
     group.add_argument(
-        "--origin", type=_number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
+        "--origin", type=common.number, nargs=2, metavar=("X", "Y"), help="centre or start [m] (0 0)"
     )
     group.add_argument(
-        "--end", type=_number, nargs=2, metavar=("X", "Y"), help="end of a line [m] (2.5 2.5)"
+        "--end", type=common.number, nargs=2, metavar=("X", "Y"), help="end of a line [m] (2.5 2.5)"
     )
     group.add_argument("--sharp", action="store_true", help="line: start and stop suddenly")
     for parameter in REFERENCE + GAINS:
         option = "--" + parameter.name.replace("_", "-")
         described = listing.option(parameter, parameter.default)
-        group.add_argument(option, type=_number, **described)
-    _add_number(group, "control_rate", "HZ", "control rate", _core.TrackingParams().life.rate)
+        group.add_argument(option, type=common.number, **described)
+    conditions.add_number(group, "control_rate", "HZ", "control rate", _core.TrackingParams().life.rate)
     group.add_argument(
         "--max-error",
-        type=_number,
+        type=common.number,
         metavar="M",
         help="error at which the controller stops when it lasts for 1 s, 0: a quarter of the "
         "reference's half-width [m] (never)",
@@ -238,12 +205,12 @@ def run(arguments: argparse.Namespace) -> Document:
             name=os.path.splitext(os.path.basename(arguments.output))[0],
             start_pose=arguments.start_pose,
             start_velocity=arguments.start_velocity,
-            mocap=_given(arguments, simulating.MOCAP),
-            disturbance=_disturbance(arguments.disturbance),
+            mocap=conditions.given(arguments, simulating.MOCAP),
+            disturbance=conditions.disturbance(arguments.disturbance),
             trim=arguments.trim,
             axes=arguments.axes,
             heading_offset=arguments.heading_offset,
-            **_given(arguments, OPTIONS),
+            **conditions.given(arguments, OPTIONS),
         )
     counts = run.save(arguments.output, arguments.force, arguments.work)
     for line in _lines(arguments, model, run):
@@ -263,17 +230,6 @@ def run(arguments: argparse.Namespace) -> Document:
         "stopped": run.stopped or None,
         "tracking_error": run.tracking_error,
     }
-
-
-def _given(arguments: argparse.Namespace, names: Iterable[str]) -> Document:
-    """The options that were given, by name."""
-    values = {name: getattr(arguments, name) for name in names}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def _disturbance(given: Optional[List[float]]) -> Union[bool, List[float]]:
-    """Argument of the API: whether the model's disturbance acts, or a share and a time."""
-    return given is not None if not given else given
 
 
 def _lines(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[str]:
@@ -313,37 +269,9 @@ def _bursts(run: SimulatedRun) -> str:
     )
 
 
-def _add_number(
-    group: argparse._ArgumentGroup, name: str, metavar: str, text: str, default: float
-) -> None:
-    option = "--" + name.replace("_", "-")
-    text = "%s (%g)" % (text, default)
-    group.add_argument(option, type=_number, metavar=metavar, help=text)
-
-
 def _kind(text: str) -> str:
     if text not in KINDS and not text.lower().endswith(".csv"):
         raise argparse.ArgumentTypeError(
             "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
         )
     return text
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not np.isfinite(value):
-        raise argparse.ArgumentTypeError("%s is not finite" % text)
-    return value
-
-
-def _between(name: str) -> Callable[[str], float]:
-    low, high = simulating.RANGES[name]
-
-    def parse(text: str) -> float:
-        value = float(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError("%s is not between %g and %g" % (text, low, high))
-        return value
-
-    parse.__name__ = "number"
-    return parse
