@@ -1,6 +1,6 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `compare`, `diagnose`, `add`, `simulate` and `track` do what the programs of
+`ground.read`, `fit`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` do what the programs of
 the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
 velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. A
 wrong file or argument raises `GroundError` with one line that says what, where and why. What is
@@ -17,6 +17,7 @@ _HOMES = {
     "Addition": "ground.api.adding",
     "Comparison": "ground.api.comparing",
     "Diagnosis": "ground.api.diagnosing",
+    "Discovery": "ground.api.discovering",
     "Fit": "ground.api.fitting",
     "GroundError": "ground.errors",
     "GroundWarning": "ground.errors",
@@ -31,6 +32,7 @@ _HOMES = {
     "add": "ground.api.adding",
     "compare": "ground.api.comparing",
     "diagnose": "ground.api.diagnosing",
+    "discover": "ground.api.discovering",
     "fit": "ground.api.fitting",
     "read": "ground.api.recordings",
     "simulate": "ground.api.simulating",
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from ground.api.adding import Addition, add
     from ground.api.comparing import Comparison, RunComparison, compare
     from ground.api.diagnosing import Diagnosis, diagnose
+    from ground.api.discovering import Discovery, discover
     from ground.api.fitting import Fit, fit
     from ground.api.models import Model, Parameter, Room
     from ground.api.recordings import read
@@ -53,6 +56,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",
     "Comparison",
     "Diagnosis",
+    "Discovery",
     "Fit",
     "GroundError",
     "GroundWarning",
@@ -67,6 +71,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "add",
     "compare",
     "diagnose",
+    "discover",
     "fit",
     "read",
     "simulate",

@@ -38,6 +38,12 @@ def _keep(path: str, why: str) -> None:
             _kept[status.st_dev, status.st_ino] = why
 
 
+def _forget(path: str) -> None:
+    """Lets a new file be replaced, which may have the inode of a deleted one."""
+    status = os.stat(path)
+    (_kept or {}).pop((status.st_dev, status.st_ino), None)
+
+
 def refuse_existing(path: str, force: bool) -> None:
     """Raises GroundError when `path` cannot be written: it is an input of this command (also through
     a link), not a regular file, exists and `force` is not set, or is in a folder that does not exist
@@ -62,8 +68,9 @@ def refuse_existing(path: str, force: bool) -> None:
 
 
 @contextlib.contextmanager
-def new_file(path: str, force: bool = False) -> Iterator[str]:
-    """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds."""
+def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[str]:
+    """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds. again:
+    the same command may replace it with a later state."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
     try:
@@ -72,6 +79,7 @@ def new_file(path: str, force: bool = False) -> Iterator[str]:
         raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     try:
         os.close(handle)
+        _forget(temporary)
         yield temporary
         os.chmod(temporary, 0o644)
         if force:
@@ -79,7 +87,8 @@ def new_file(path: str, force: bool = False) -> Iterator[str]:
             os.replace(temporary, path)
         else:
             _move(temporary, path)
-        _keep(path, "has just been written by this command")
+        if not again:
+            _keep(path, "has just been written by this command")
     except OSError as error:
         if error.filename not in (None, temporary, path):
             raise  # another file's, which the block read
@@ -118,9 +127,9 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_json(path: str, value: Any, force: bool = False) -> None:
-    """Writes a value as JSON, None for numbers that are not finite; GroundError as from new_file."""
-    with new_file(path, force) as temporary:
+def write_json(path: str, value: Any, force: bool = False, again: bool = False) -> None:
+    """Writes a value as JSON, None for numbers that are not finite; again, GroundError as of new_file."""
+    with new_file(path, force, again) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")

@@ -12,7 +12,7 @@ using visualization_msgs::Marker;
 
 constexpr double kEntryHeight = 0.34, kTextHeight = 0.13, kSampleBelow = 0.13;  // [m]
 constexpr double kLegendZ = -0.4;   // above the craft; z points down [m]
-constexpr double kCharacter = 0.066;  // mean width of a character [m]
+constexpr double kCharacter = 0.055;  // mean width of a character [m]
 
 /// An opaque colour as it looks on a white floor, where both faces of a square lie over it.
 std_msgs::ColorRGBA onWhite(std_msgs::ColorRGBA color) {

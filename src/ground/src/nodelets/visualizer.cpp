@@ -40,7 +40,8 @@ namespace ground {
 /// empty: a floor of 10 x 10 m) and those of Visualizer.cfg, which can be changed at run time.
 /// Subscribes: state, controls, model_error, model_error2, model_comparison. Publishes:
 /// path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view": at the
-/// craft, with the axes of world_ned; views and the legend follow it.
+/// craft, or at the home of the room (follow), with the axes of world_ned; views and the legend are
+/// in it.
 class Visualizer : public nodelet::Nodelet {
  private:
   using Config = VisualizerConfig;
@@ -57,6 +58,7 @@ class Visualizer : public nodelet::Nodelet {
       room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
       const auto room = optionalParameter<std::string>(nh, "room", "");
       const RoomPlan plan = room.empty() ? openFloor() : loadRoomPlan(room);
+      home_ = plan.home;
       grid_cell_ = gridCell(plan);
       room_publisher_.publish(floorOf(plan, grid_cell_, !room.empty()));
       reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
@@ -136,8 +138,8 @@ class Visualizer : public nodelet::Nodelet {
     view.header.stamp = state.header.stamp;
     view.header.frame_id = "world_ned";
     view.child_frame_id = kView;
-    view.transform.translation.x = state.eta[0];
-    view.transform.translation.y = state.eta[1];
+    view.transform.translation.x = config_.follow ? state.eta[0] : home_.x();
+    view.transform.translation.y = config_.follow ? state.eta[1] : home_.y();
     view.transform.rotation.w = 1;
     broadcaster_.sendTransform(view);
   }
@@ -444,6 +446,7 @@ class Visualizer : public nodelet::Nodelet {
   FloorMap floor_{0.25};
   ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
+  Vector2<double> home_{0, 0};  ///< of the room, world_ned [m]
   double grid_cell_ = 0;  ///< distance of the grid lines on the floor [m]
   std::vector<LegendEntry> legend_;
   tf2_ros::TransformBroadcaster broadcaster_;

@@ -1,4 +1,5 @@
-"""A window that shows a running experiment: model beside measurement, inputs, errors, missing wrench."""
+"""A window that shows a running experiment: model beside measurement, inputs, errors, missing wrench;
+and a discovery, while there is one."""
 
 import contextlib
 import html
@@ -17,12 +18,21 @@ import PyQt5  # noqa: F401  before pyqtgraph, which uses the binding that it fin
 import pyqtgraph as pg
 import rosgraph
 import rospy
-from ground_msgs.msg import ControllerStatus, Controls, ModelError, Reference, SenderStatus, State
+from ground_msgs.msg import (
+    ControllerStatus,
+    Controls,
+    DiscoveryStatus,
+    ModelError,
+    Reference,
+    SenderStatus,
+    State,
+)
 from PyQt5 import QtCore, QtGui, QtWidgets
 
 from ground import files
 from ground.annotations import Array, Message
 from ground.errors import GroundError
+from ground.nodes.discovery_panel import HEIGHT, DiscoveryPanel
 from ground.nodes.live_buffers import (
     LiveBuffers,
     Samples,
@@ -183,8 +193,8 @@ class Feed:
     """The newest data of the topics: samples in buffers, and the last statuses.
 
     Subscribes: state, model_error, model_error2, controls, controls/wanted, reference,
-    controller/status, sender/status. It subscribes again when the master is replaced, as by a
-    restarted launch file.
+    discovery/status, controller/status, sender/status. It subscribes again when the master is
+    replaced, as by a restarted launch file.
     """
 
     def __init__(self, duration: float) -> None:
@@ -193,6 +203,7 @@ class Feed:
         self.models: Dict[str, ModelError] = {}  # topic to newest message
         # topic to newest message, received [s]
         self.statuses: Dict[str, Tuple[Message, float]] = {}
+        self.discovery: Optional[Message] = None  # the newest DiscoveryStatus
         self.invalid = ""  # why the newest state is invalid
         self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]
         self.master_answers = True
@@ -220,9 +231,15 @@ class Feed:
         """Takes a message of one of STATUSES."""
         self.statuses[topic] = (message, time.monotonic())
 
+    def take_discovery(self, message: Message) -> None:
+        """Takes a DiscoveryStatus."""
+        self.discovery = message
+
     def _subscribe(self) -> None:
         for topic, what in TOPICS.items():
             self._subscribers.append(rospy.Subscriber(topic, what.kind, self.take, topic))
+        found = rospy.Subscriber("discovery/status", DiscoveryStatus, self.take_discovery)
+        self._subscribers.append(found)
         for topic, kind in STATUSES.items():
             self._subscribers.append(rospy.Subscriber(topic, kind, self.take_status, topic))
 
@@ -500,6 +517,8 @@ class LivePlot(QtWidgets.QWidget):
             line.setSizePolicy(QtWidgets.QSizePolicy.Ignored, QtWidgets.QSizePolicy.Fixed)
             column.addWidget(line)
         column.addWidget(self._diagrams(), 1)
+        self.panel: Optional[DiscoveryPanel] = None  # once there is a discovery
+        self._shown: Optional[Message] = None  # DiscoveryStatus in the panel
 
     def _diagrams(self) -> pg.GraphicsLayoutWidget:
         view = pg.GraphicsLayoutWidget()
@@ -525,6 +544,7 @@ class LivePlot(QtWidgets.QWidget):
         feed, version = self._feed, self._feed.buffers.version
         now, samples = feed.buffers.snapshot()
         self._tell(now)
+        self._show_discovery()
         if version == self._drawn and self._placed:
             return
         if not self._placed:
@@ -539,6 +559,18 @@ class LivePlot(QtWidgets.QWidget):
             self._fitted = now
         for diagram in self.diagrams:
             diagram.draw(now, samples, models, silent, fit)
+
+    def _show_discovery(self) -> None:
+        """Shows the newest DiscoveryStatus below the diagrams; the first one makes the window higher."""
+        message = self._feed.discovery
+        if message is None or message is self._shown:
+            return
+        if self.panel is None:
+            self.panel = DiscoveryPanel()
+            self.layout().addWidget(self.panel)
+            self.resize(self.width(), self.height() + HEIGHT)
+        self._shown = message
+        self.panel.draw(message)
 
     def save(self, path: str, force: bool = False) -> None:
         """Writes a PNG of the window; GroundError when that is not possible."""

@@ -1,6 +1,7 @@
 """Pages of text, tables and interactive figures: one file that needs no network."""
 
 import base64
+import functools
 import gzip
 import html
 import json
@@ -219,10 +220,9 @@ class Page:
         """Ends the part that `fold` began."""
         self.add("</details>")
 
-    def write(self, path: str, color: str, force: bool = False) -> None:
-        """Writes the page; raises GroundError when the file exists and `force` is not set."""
-        from plotly.offline import get_plotlyjs
-
+    def write(self, path: str, color: str, force: bool = False, again: bool = False) -> None:
+        """Writes the page; raises GroundError when the file exists and `force` is not set. again: the
+        same command may replace it with a later state."""
         text = PAGE.substitute(
             title=html.escape(self.title),
             color=color,
@@ -232,12 +232,19 @@ class Page:
             faint=appearance.FAINT,
             chosen=appearance.CHOSEN,
             body="\n".join(self._body),
-            plotly=_packed(get_plotlyjs()),
+            plotly=_plotly(),
             figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),
         )
-        with files.new_file(path, force) as temporary:
+        with files.new_file(path, force, again) as temporary:
             with open(temporary, "w", encoding="utf-8") as file:
                 file.write(text)
+
+
+@functools.lru_cache(maxsize=None)
+def _plotly() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return _packed(get_plotlyjs())
 
 
 def _packed(contents: str) -> str:

@@ -62,7 +62,7 @@ def diagnosis(
         _open_questions(sheet, report)
     _quality(sheet, described)
     seeds = "all random numbers have fixed seeds (noise floor 0 to 4, budget 1 to 3)"
-    _origin(sheet, inputs, [_held_out(report["runs"]), seeds])
+    add_origin(sheet, inputs, [_held_out(report["runs"]), seeds])
     sheet.write(path, COLORS[report["verdict"]], force)
 
 
@@ -150,7 +150,7 @@ def comparison(
     _numbers(sheet, result["pooled"])
     _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
-    _origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
+    add_origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
     sheet.write(path, appearance.MODELS[1], force)
 
 
@@ -294,7 +294,8 @@ def _quality(sheet: page.Page, described: Sequence[Document]) -> None:
     )
 
 
-def _origin(sheet: page.Page, inputs: Sequence[str], remarks: Sequence[str]) -> None:
+def add_origin(sheet: page.Page, inputs: Sequence[str], remarks: Sequence[str]) -> None:
+    """Adds the command, the versions of programs, remarks, and fingerprints of the files read."""
     sheet.heading("How it was made")
     sheet.add(
         "<p><code>%s</code><br>in <code>%s</code></p>"

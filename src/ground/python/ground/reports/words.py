@@ -27,11 +27,16 @@ def effect(report: Document, name: str) -> str:
 
 def effects(report: Document, names: Sequence[str]) -> str:
     """Some effects of a diagnosis in words."""
-    return _listed([effect(report, name) for name in names])
+    return listed([effect(report, name) for name in names])
 
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
+
+
+def sentence(text: str) -> str:
+    """A text with a capital letter and a full stop."""
+    return _capital(text.strip()) + ("" if text.rstrip().endswith((".", "!", "?")) else ".")
 
 
 def summary(
@@ -160,12 +165,12 @@ def comparison(result: Document) -> str:
     if len(ranked) == 1:
         text = "%s has an error of %.3f; " % (best, errors[best])
     else:
-        others = _listed(["%s %.3f" % (label, errors[label]) for label in ranked[1:]])
+        others = listed(["%s %.3f" % (label, errors[label]) for label in ranked[1:]])
         text = "%s predicts best: its error is %.3f, that of %s; " % (best, errors[best], others)
     return text + floor
 
 
-def _listed(names: List[str]) -> str:
+def listed(names: List[str]) -> str:
     """ "a", "a and b", "a, b and c"."""
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
 
@@ -207,7 +212,7 @@ def verdict(report: Document) -> str:
         )
     if report["verdict"] == "varies":
         return "No effect is missing, but %s; the error on held-out runs is %.3f, %s" % (
-            _listed([_varying(v) for v in report["varies"]]),
+            listed([_varying(v) for v in report["varies"]]),
             before,
             leaves,
         )
@@ -329,7 +334,7 @@ def budget(report: Document) -> str:
     rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than measured"
     parts_of_it = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
         error["measured"],
-        _listed(parts),
+        listed(parts),
         rest % (100 * abs(share["rest"])),
     )
     again = report["repeats"]
@@ -354,7 +359,7 @@ def bands(report: Document) -> Optional[str]:
         "On held-out runs, 90%% prediction bands of the improved model hold %s of the measured "
         "positions and headings; the standard deviation after %.1f s is %s and %s."
         % (
-            _listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
+            listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
             at,
             quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m"),
             ("%.2g deg" if heading < 10 else "%.0f deg") % heading,
@@ -402,7 +407,7 @@ def unexplained(report: Document) -> Iterator[str]:
         named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
         yield (
             "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s."
-            % (100 * rest["fraction"], _listed([w["variable"] for w in named[:2]]))
+            % (100 * rest["fraction"], listed([w["variable"] for w in named[:2]]))
         )
     proposal = rest["proposal"]
     if proposal:

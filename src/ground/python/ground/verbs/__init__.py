@@ -49,6 +49,11 @@ ALL = [
         "diagnose",
         "which physical effect is missing in a model, with evidence, and the model with it",
     ),
+    Verb(
+        "discover",
+        "discover",
+        "a simulated craft finds its own physics: it flies, is diagnosed, and flies again",
+    ),
     Verb("add", "add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb(
         "tracking",

@@ -107,6 +107,14 @@ def positive(text: str) -> float:
     return value
 
 
+def number(text: str) -> float:
+    """A finite number."""
+    value = float(text)
+    if not np.isfinite(value):
+        raise argparse.ArgumentTypeError("%s is not finite" % text)
+    return value
+
+
 def count(text: str) -> int:
     """An integer above zero."""
     value = int(text)

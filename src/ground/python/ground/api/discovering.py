@@ -1,0 +1,192 @@
+"""discover: a simulated craft finds its own physics."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from ground import _core
+from ground.annotations import Document, Path
+from ground.api import simulating
+from ground.api.models import Model, ModelLike, Room, RoomLike
+from ground.api.values import Row, Shown, number
+from ground.discovery import campaign
+from ground.discovery.simulated import SimulatedLaboratory
+from ground.discovery.story import Story
+from ground.errors import OptionError
+from ground.progress import Progress, Work
+from ground.simulation import experiments
+
+if TYPE_CHECKING:
+    import pandas
+
+FLYING = "discovering"  # stage; unit: a second of flight
+BUDGET = campaign.Settings.budget  # longest time of flight [s]
+REST = 2.0  # length of a simulation that checks the conditions [s]
+SECOND = 0.5  # usual cost of a second of flight and of its diagnosis [s]
+
+Told = Callable[[Story], None]
+
+
+@dataclass(frozen=True, repr=False)
+class Discovery(Shown):
+    """What a craft has found out about its own physics."""
+
+    verdict: str  #: as of a Diagnosis; empty if no flight was diagnosed
+    effects: Tuple[str, ...]  #: effects that the given model misses
+    groups: Dict[str, List[str]]  #: effects that cannot be distinguished from a found one, itself first
+    model: Model  #: the model with them, fitted to the flights
+    sure: bool  #: whether nothing is open that a flight could show
+    confirmed: bool  #: whether it has predicted a flight that neither fit nor choice has seen
+    seconds: float  #: time of flight [s]
+    story: Story  #: everything, flight by flight
+    page: str  #: path of report.html; empty without a folder
+
+    @property
+    def sentences(self) -> List[str]:
+        """What `identify discover` prints at its end."""
+        from ground.reports import discovery_words
+
+        return discovery_words.summary(self.story, self.model.core)
+
+    def to_dict(self) -> Document:
+        """Plain values, as journal.json has them."""
+        return self.story.to_dict()
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Error of each model (columns) on each flight that it predicted, and the floor, indexed by
+        the number of the flight; NaN where a model was not there or is not finite."""
+        import pandas
+
+        labels = [version.label for version in self.story.versions]
+        rows = [
+            [*(flown.errors.get(label) for label in labels), flown.floor]
+            for flown in self.story.flights
+        ]
+        index = pandas.Index([f.flight.number for f in self.story.flights], name="flight")
+        return pandas.DataFrame(rows, index, [*labels, "floor"], dtype=float)
+
+    def _table(self) -> Tuple[str, Row, List[Row]]:
+        labels = [version.label for version in self.story.versions]
+        rows = [
+            [
+                "%d, %s" % (flown.flight.number, flown.flight.purpose),
+                "%.1f" % flown.seconds,
+                *(number(flown.errors.get(label)) for label in labels),
+                number(flown.floor),
+            ]
+            for flown in self.story.flights
+        ]
+        head = ["flight", "seconds", *("error, " + label for label in labels), "floor"]
+        return " ".join(self.sentences), head, list(rows)
+
+
+def discover(
+    model: ModelLike,
+    truth: ModelLike,
+    folder: Path = "",
+    *,
+    room: Optional[RoomLike] = None,
+    budget: float = BUDGET,
+    seed: int = 1,
+    track: bool = True,
+    mocap: Optional[Mapping[str, float]] = None,
+    disturbance: Union[simulating.Disturbance, Sequence[float]] = False,
+    trim: Optional[float] = None,
+    told: Optional[Told] = None,
+    progress: Progress = None,
+) -> Discovery:
+    """A simulated craft finds its own physics: it flies, is diagnosed, chooses the flight that tells
+    most about what is still open, and flies again, until no question is left.
+
+    model: what is known of the craft; truth: the model by which it moves. folder: keeps recordings,
+    models, journal.json and the page report.html after each step; the discovery of a folder is
+    continued. room: where it flies (4 x 4 m). budget: longest time of flight [s]. seed: for noise,
+    disturbance and inputs. track: also compares how the given and the final model track a reference.
+    mocap, disturbance, trim: as for `simulate`; trim differs from flight to flight. told: called with
+    the Story at each change; progress: called with a ground.progress.Report at each step. OptionError
+    when an option is wrong, GroundError when the craft cannot fly, or the folder is not that of a
+    discovery of this model.
+
+    >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
+    >>> found = ground.discover(model_file, craft, budget=60, track=False)
+    >>> found.verdict, found.effects
+    ('missing', ('yaw_bias',))
+    >>> found.seconds <= 60 and abs(found.model["yaw_bias.n0"] - 1e-4) < 2e-5
+    True
+    """
+    if not budget > 0:
+        raise OptionError("{0}: {value:g} is not positive", "budget", value=budget)
+    given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
+    plan = _usual_room() if room is None else Room.of(room).core
+    params = simulating.mocap_params(mocap or {})
+    acting = simulating.disturbance_on(mover, disturbance, trim)
+    _check(mover.core, params, acting)
+    laboratory = SimulatedLaboratory(
+        mover.core, given.core, plan, params, acting, seed, folder=kept
+    )
+    work = Work.of(progress)
+    listener = _Listener(kept, plan, told, work)
+    settings = campaign.Settings(budget, track, seed)
+    work.expect(FLYING, round(budget), SECOND, at_most=True)
+    with work.stage(FLYING):
+        flying = campaign.Discovery(given.core, laboratory, settings, kept, listener)
+        listener(flying.story)
+        story = flying.run()
+    return _result(flying, story, kept, listener.page)
+
+
+def _usual_room() -> _core.RoomPlan:
+    room = _core.RoomPlan()
+    room.name = "4 x 4 m"
+    return room
+
+
+def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.Disturbance]) -> None:
+    """Raises OptionError when a craft cannot be simulated in these conditions."""
+    rest = experiments.as_given(np.zeros((1, 2 + len(truth.thrusters))), REST)
+    try:
+        experiments.simulate(truth, rest, mocap=mocap, disturbance=acting)
+    except ValueError as error:
+        raise OptionError("{why}", why=error) from error
+
+
+class _Listener:
+    """Hears of each change of a story: writes the page, tells `told`, and counts seconds of flight."""
+
+    def __init__(
+        self, folder: str, room: _core.RoomPlan, told: Optional[Told], work: Work
+    ) -> None:
+        self._folder, self._room, self._told, self._work = folder, room, told, work
+        self._activity = ""
+        self.page = ""  # path of the page
+
+    def __call__(self, story: Story) -> None:
+        if self._folder:
+            from ground.reports import discovery_page
+
+            self.page = discovery_page.write(story, self._folder, self._room)
+        self._work.reach(int(min(story.flown, story.budget)))
+        if story.activity and story.activity != self._activity:
+            self._work.note(story.activity)
+        self._activity = story.activity
+        if self._told is not None:
+            self._told(story)
+
+
+def _result(flying: campaign.Discovery, story: Story, folder: str, page: str) -> Discovery:
+    last = story.findings[-1] if story.findings else None
+    final = story.versions[-1]
+    path = os.path.join(folder, final.file) if folder else ""
+    return Discovery(
+        verdict=story.verdict,
+        effects=tuple(last.effects) if last else (),
+        groups=dict(last.groups) if last else {},
+        model=Model(flying.models[final.label], path),
+        sure=story.sure,
+        confirmed=story.confirmation is not None and story.confirmation.holds,
+        seconds=story.flown,
+        story=story,
+        page=page,
+    )

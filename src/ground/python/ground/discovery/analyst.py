@@ -1,0 +1,204 @@
+"""What the flights so far have shown: a diagnosis of all of them, and what it leaves open."""
+
+from dataclasses import dataclass
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence
+
+import numpy as np
+import yaml
+
+from ground import _core
+from ground.analysis import budget, candidates, diagnosis, memory, study, unexplained
+from ground.analysis.conclusion import EXPLAINED, Conclusion, conclude
+from ground.analysis.diagnosis_report import effect_entry
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.annotations import Document
+from ground.discovery import beliefs, information, pieces
+from ground.discovery.beliefs import State
+from ground.discovery.information import Offer
+from ground.errors import GroundError
+from ground.recordings import suspicions, windows
+from ground.recordings.recording import Recording
+
+# Expected before the first flight: noise of the poses and random wrench
+NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
+DISTURBANCE = 0.05  # relative to the level that fits start from
+NAMED = 3  # variables that are named
+UNCLEAR = 0.2  # p-value below which a test of what is left asks for more flight
+SIMULATIONS = 20  # artificial flights that give the distribution of an error
+
+
+@dataclass(frozen=True)
+class Found:
+    """A diagnosis of all flights so far."""
+
+    diagnosis: diagnosis.Diagnosis
+    conclusion: Conclusion
+    state: State
+    offers: List[Offer]  # what can be flown next
+
+    @property
+    def model(self) -> _core.Model:
+        """The improved model."""
+        return self.conclusion.improved
+
+    @property
+    def verdict(self) -> str:
+        """That of the conclusion."""
+        return self.conclusion.verdict
+
+    @property
+    def is_left_open(self) -> bool:
+        """Whether something may be left that the random wrench only stands in for: the noise of poses
+        does not explain the error, and the tests of what is left are not clear yet."""
+        explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
+        remains = (self.conclusion.state, self.conclusion.history)
+        unclear = any(r.p_value < UNCLEAR and not r.found for r in remains)
+        return self.verdict in ("complete", "missing", "varies") and not explained and unclear
+
+
+class Analyst:
+    """Diagnoses flights of a craft, given its model before the first one. threads: 0 for all cores."""
+
+    def __init__(self, given: _core.Model, room: _core.RoomPlan, threads: int = 0) -> None:
+        self.given, self.room, self.threads = given, room, threads
+        self.own: List[candidates.Candidate] = []  # effects that were proposed on the way
+        self.depends = "depends on what is not measured"  # what the last diagnosis left unexplained
+        self.formulas: Dict[str, Dict[str, str]] = {}  # theirs, by channel of the wrench or thruster
+        offered = [
+            pieces.motion(piece, given, room, 0.0, NOISE) for piece in pieces.pieces(given, 1)
+        ]
+        self.overview = pieces.together(offered)
+        likelihood = Likelihood([self.overview], given, ())
+        self.levels = dict(likelihood.box.start(given).levels)
+        for channel in "XYN":
+            self.levels["sigma_" + channel] *= DISTURBANCE
+        self.sizes: Dict[str, float] = {}
+        basis = self.basis(given)
+        known = information.of_runs(basis, likelihood, self.levels)
+        self.measure(basis, known)
+        nothing = information.Information(0 * known.matrix, 0 * known.score, known.scale)
+        self.start = beliefs.before(basis, nothing, self.sizes)
+        self.first_offers = self.offers(basis, self.levels, 1)
+
+    def missing(self, model: _core.Model) -> List[candidates.Candidate]:
+        """Effects of the library, proposed effects and kinds of memory that a model does not have."""
+        library = candidates.library(model)
+        past = [
+            kind.at(kind.times[-1], model)
+            for kind in memory.kinds_of(model)
+            if kind.name not in model.effects
+        ]
+        own = [c for c in self.own if c.name not in model.effects]
+        return library + own + past
+
+    def basis(self, model: _core.Model) -> information.Basis:
+        """The Basis of a model and all effects that may be missing in it."""
+        return information.Basis.of(model, self.missing(model))
+
+    def measure(self, basis: information.Basis, known: information.Information) -> None:
+        """Finds the sizes that matter of effects whose size is not known yet."""
+        if not all(name in self.sizes for name in basis.names[len(basis.free) :]):
+            missing = self.missing(basis.model)
+            found = information.sizes_that_matter(basis, missing, self.overview, known)
+            self.sizes = {**found, **self.sizes}
+
+    def misread(self, recordings: Sequence[Recording]) -> List[str]:
+        """Why recordings look misread, so that an effect found in them would not be physics; empty if
+        they do not."""
+        doubts = suspicions.of_runs(recordings) + suspicions.of_thrusters(recordings, self.given)
+        return [doubt.sentence for doubt in doubts if doubt.misread]
+
+    def diagnose(self, recordings: Sequence[Recording], reachable: float, seed: int) -> Found:
+        """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
+        for the next one. GroundError when they are too short."""
+        runs = [recording.repaired.data(self.given) for recording in recordings]
+        library = candidates.library(self.given)
+        found = diagnosis.Diagnosis(runs, self.given, library + self.own, threads=self.threads)
+        found.grow()
+        conclusion = conclude(found)
+        basis = self.basis(found.model)
+        known = information.of_runs(basis, found.likelihood, found.fit.levels, found.fit.loudness)
+        self.measure(basis, known)
+        offers = self.offers(basis, found.fit.levels, seed, found.likelihood.varying)
+        later = information.mean_rate(offers) * reachable
+        state = beliefs.after(found, basis, known, self.sizes, later)
+        return Found(found, conclusion, state, offers)
+
+    def offers(
+        self,
+        basis: information.Basis,
+        levels: Mapping[str, float],
+        seed: int,
+        varying: Iterable[str] = (),
+    ) -> List[Offer]:
+        """What can be flown next; seed: of random inputs; varying: levels of what differs from flight
+        to flight, which leave less information on forces that are always the same."""
+        found = []
+        for piece in pieces.pieces(basis.model, seed):
+            try:
+                run, seconds = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
+                likelihood = Likelihood([run], self.given, varying)
+                gain = information.of_runs(basis, likelihood, levels)
+            except GroundError:
+                continue  # by this model its motion is not finite
+            found.append(Offer(piece, gain.matrix, seconds))
+        return found
+
+    def adopt(self, model: _core.Model) -> None:
+        """Goes on to try the effects of a model that were proposed before an interruption."""
+        for entry in yaml.safe_load(model.format())["effects"] or []:
+            name = str(entry["name"])
+            known = name in self.formulas or name in self.given.effects
+            if "expression" in entry and not known:
+                self.formulas[name] = dict(entry["expression"])
+                self.own.append(candidates.from_entry(entry, name, self.given))
+
+    def propose(self, found: Found) -> None:
+        """Adds an effect that would explain what the library does not to those that are tried from
+        now on, if there is one."""
+        remembered = found.conclusion.memory
+        if remembered is not None:
+            entry: Optional[Document] = remembered.entry
+            self.depends = "depends on the past (%s)" % remembered.means
+        else:
+            where, proposed = unexplained.explain(found.diagnosis.runs, found.model)
+            entry = proposed and effect_entry(proposed)
+            names = ", ".join(str(w["variable"]) for w in where[:NAMED]) or "what is not measured"
+            past = "the past and on " if found.verdict == "memory" else ""
+            self.depends = "depends on %s%s" % (past, names)
+        if entry is None:
+            return
+        formulas = dict(entry["expression"])
+        name = str(entry["name"])
+        if name in self.formulas and remembered is None and name in found.model.effects:
+            name = "%s_%d" % (name, len(self.formulas) + 1)
+        if name not in self.formulas:
+            self.formulas[name] = formulas
+            self.own.append(candidates.from_entry(dict(entry, name=name), name, self.given))
+
+
+def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
+    """Mean |e|/s of a model over the windows of a run; None where its motion is not finite."""
+    try:
+        found = float(study.channel_errors([run], windows.cut([run]), model).sum())
+    except GroundError:
+        return None
+    return found if np.isfinite(found) else None
+
+
+def expected_errors(
+    run: _core.RunData, fit: Fit, count: int = SIMULATIONS, trimmed: bool = False
+) -> List[float]:
+    """Errors that a fitted model is expected to have along a run that it was not fitted to: with the
+    noise of poses and the random wrench, and a wrench that is constant in the run if `trimmed`."""
+    cut, errors = windows.cut([run]), []
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        wrench = budget.wrench_of(run, fit.levels, random)
+        thrust = 0.0
+        if trimmed:
+            wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]
+            thrust = fit.levels["thrust"] * random.normal()
+        artificial = study.recorded(run, fit.model, random, wrench, thrust)
+        errors.append(float(study.channel_errors([artificial], cut, fit.model, [run]).sum()))
+    return errors

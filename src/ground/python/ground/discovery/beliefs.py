@@ -1,0 +1,189 @@
+"""The belief in each effect, from a diagnosis of all flights so far.
+
+An effect acts with probability PRIOR; its parameters are then normally distributed about the neutral
+values, with a few times the size that matters as standard deviation. With scores s and information A
+in these units, the fitted parameters projected out, the flights raise the odds by the Bayes factor
+
+    |I + A|^(-1/2) exp(s' (I + A)^-1 s / 2)
+
+(the likelihood ratio of two normal models). For an effect that was fitted, the exponent is half of
+its log-likelihood ratio. Flights that do not show an effect leave the belief as it was.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, List, Mapping, Sequence
+
+import numpy as np
+
+from ground.analysis.diagnosis import Diagnosis
+from ground.annotations import Array
+from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
+from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, Belief
+from ground.analysis.score_tests import solve
+
+PRIOR = 0.05  # probability that an effect acts, before the first flight
+SPREAD = 2.0  # standard deviation of parameters, in sizes that matter
+LARGEST = 30.0  # largest log odds
+DOUBTFUL = 0.2  # belief above which an effect that was not found is still open
+# Visibility, relative to DECIDED, from which an effect that was not found is too small to matter
+# even where the belief in it is large.
+GLARING = 4.0
+PARTLY = 0.3  # doubt about a parameter's value, which is worth less than one about an effect
+
+
+@dataclass(frozen=True)
+class State:
+    """What is known after some flights."""
+
+    questions: Questions
+    information: Information  # that all flights so far give
+    beliefs: List[Belief]
+    open: List[Question]  # those of `questions` that more flights can decide
+
+
+def before(basis: Basis, information: Information, sizes: Mapping[str, float]) -> State:
+    """The State before the first flight; information: without any."""
+    asked = [Question(name, doubt=_doubt(PRIOR)) for name in basis.columns]
+    asked += [Question(name, doubt=PARTLY) for name in basis.free]
+    questions = Questions(basis, information.scale, sizes, {}, asked)
+    beliefs = [Belief(name, PRIOR, OPEN, 0.0) for name in basis.columns]
+    return State(questions, information, beliefs, asked)
+
+
+def after(
+    found: Diagnosis,
+    basis: Basis,
+    information: Information,
+    sizes: Mapping[str, float],
+    reachable: Array,
+) -> State:
+    """The State after a Diagnosis of all flights. basis: of the grown model and the effects that it
+    does not have; information: of all flights, at the grown model; reachable: information matrix of
+    the flights that may still come."""
+    groups = {step.added: list(step.group) for step in found.steps}
+    probability = _probabilities(found, groups, basis, information, sizes)
+    questions = _questions(found, groups, probability, basis, information, sizes)
+    now = questions.visibility(information.matrix)
+    later = questions.visibility(information.matrix + reachable)
+    small = {d.trial.name for d in found.dropped} | ({found.slight.name} if found.slight else set())
+    rivals = {q.rival for q in questions.asked}
+    beliefs: List[Belief] = []
+    still_open: List[Question] = []
+    for question, seen, could in zip(questions.asked, now, later):
+        name, is_effect = question.about, not question.rival and question.about in basis.columns
+        if is_effect and name in rivals:
+            continue  # the question which of the two acts covers it
+        decided = seen >= DECIDED
+        if is_effect:
+            doubtful = probability[name] > DOUBTFUL and name not in small
+            decided &= not doubtful or seen >= GLARING * DECIDED
+            state = ABSENT if decided else OPEN if could >= DECIDED else HIDDEN
+            beliefs.append(Belief(name, probability[name], state, float(seen)))
+        if not decided and could >= DECIDED:
+            still_open.append(question)
+    for name, group in groups.items():
+        undecided = any(q.about == name and q.rival for q in still_open)
+        state = OPEN if undecided else HIDDEN if len(group) > 1 else PRESENT
+        seen = found.search.ratio(found.names, found.search.without(found.names, name))
+        beliefs += [Belief(member, probability[member], state, float(seen)) for member in group]
+    return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
+
+
+def _probabilities(
+    found: Diagnosis,
+    groups: Mapping[str, Sequence[str]],
+    basis: Basis,
+    information: Information,
+    sizes: Mapping[str, float],
+) -> Dict[str, float]:
+    """Probability that each effect acts. The members of a group share that of the found one."""
+    odds = _odds(basis, information, sizes)
+    probability = {name: _probability(x) for name, x in odds.items()}
+    for name, group in groups.items():
+        one_of_them = _probability(_found_odds(found, name, basis, information, sizes))
+        for member, share in _shares(found, name, group).items():
+            probability[member] = share * one_of_them
+    return probability
+
+
+def _questions(
+    found: Diagnosis,
+    groups: Mapping[str, Sequence[str]],
+    probability: Mapping[str, float],
+    basis: Basis,
+    information: Information,
+    sizes: Mapping[str, float],
+) -> Questions:
+    """Everything that may still be asked after a diagnosis."""
+    asked = [Question(name, doubt=_doubt(probability[name])) for name in basis.columns]
+    for name, group in groups.items():
+        asked += [Question(name, rival) for rival in group[1:] if rival in basis.columns]
+    asked += [Question(name, doubt=PARTLY) for name in basis.free if "." not in name]
+    acting = {n: _coordinate(found, n) for n in basis.free if n.split(".")[0] in groups}
+    return Questions(basis, information.scale, sizes, acting, asked)
+
+
+def _odds(basis: Basis, information: Information, sizes: Mapping[str, float]) -> Dict[str, float]:
+    """Log odds of each effect that a Basis tests."""
+    count = len(basis.free)
+    A, s = information.matrix, information.score
+    onto = solve(A[:count, :count], A[:count, count:])
+    left = A[count:, count:] - A[count:, :count] @ onto
+    score = s[count:] - s[:count] @ onto
+    found = {}
+    for name, columns in basis.columns.items():
+        at = np.array(columns) - count
+        unit = SPREAD * np.array([sizes[basis.names[i]] / information.scale[i] for i in columns])
+        a = np.eye(len(at)) + left[np.ix_(at, at)] * np.outer(unit, unit)
+        b = score[at] * unit
+        gain = 0.5 * b @ np.linalg.solve(a, b) - 0.5 * np.linalg.slogdet(a)[1]
+        found[name] = float(np.log(PRIOR / (1 - PRIOR)) + gain)
+    return found
+
+
+def _found_odds(
+    found: Diagnosis,
+    name: str,
+    basis: Basis,
+    information: Information,
+    sizes: Mapping[str, float],
+) -> float:
+    """Log odds of an effect of the grown model."""
+    own = [i for i, n in enumerate(basis.free) if n.split(".")[0] == name]
+    rest = [i for i in range(len(basis.free)) if i not in own]
+    A = information.matrix
+    into = A[np.ix_(rest, own)]
+    left = A[np.ix_(own, own)] - into.T @ solve(A[np.ix_(rest, rest)], into)
+    scale = information.scale[own]
+    unit = SPREAD * np.array([sizes.get(basis.free[i], s) for i, s in zip(own, scale)]) / scale
+    cost = np.linalg.slogdet(np.eye(len(own)) + left * np.outer(unit, unit))[1]
+    ratio = found.search.ratio(found.names, found.search.without(found.names, name))
+    return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (ratio - cost))
+
+
+def _shares(found: Diagnosis, name: str, group: Sequence[str]) -> Dict[str, float]:
+    """Share of each member of a group in the belief that one of them acts."""
+    values = {name: found.search.value(found.names)}
+    for member in group:
+        other = (found.names - {name}) | {member}
+        if other in found.search.fits:
+            values[member] = found.search.value(other)
+    best = max(values.values())
+    weights = {member: np.exp(0.5 * (v - best)) for member, v in values.items()}
+    total = sum(weights.values())
+    return {member: float(weights.get(member, 0.0) / total) for member in group}
+
+
+def _coordinate(found: Diagnosis, name: str) -> float:
+    """Distance of a fitted parameter's coordinate from where it does nothing."""
+    described = next(p for p in found.model.parameters() if p["name"] == name)
+    value, neutral = found.model.value(name), described["neutral"]
+    return float(1 / value if np.isinf(neutral) else value - neutral)
+
+
+def _probability(log_odds: float) -> float:
+    return float(1 / (1 + np.exp(-np.clip(log_odds, -LARGEST, LARGEST))))
+
+
+def _doubt(probability: float) -> float:
+    return float(2 * np.sqrt(probability * (1 - probability)))

@@ -1,0 +1,519 @@
+"""A discovery: flights, a diagnosis after each of them, and the choice of the next one.
+
+What comes next follows from the story alone, so that an interrupted discovery goes on from its folder:
+
+1. a reference is tracked with the given model (if asked for),
+2. flights look at all effects, then decide what is open, each followed by a diagnosis of all flights
+   and, if the controllers take it, the improved model in their place,
+3. when no question is open: the reference again, then a confirming flight, which is neither chosen
+   by what is known nor fitted to. If the final model does not predict it, it becomes data.
+"""
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import Callable, Dict, List, Mapping, Optional
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import study
+from ground.analysis.conclusion import MISREAD
+from ground.annotations import Array
+from ground.discovery import analyst, choice, pieces
+from ground.discovery.analyst import Found
+from ground.discovery.information import Question
+from ground.discovery.journal import Journal
+from ground.discovery.laboratory import Laboratory
+from ground.discovery.story import (
+    CONFIRM,
+    DECIDE,
+    GIVEN,
+    LOOK,
+    TRACK,
+    Confirmation,
+    Finding,
+    Flight,
+    Flown,
+    Point,
+    Story,
+    TrackingCheck,
+    Version,
+)
+from ground.errors import GroundError
+from ground.recordings import readers, windows
+from ground.recordings.recording import Recording
+
+LIFT_TIME = 0.5  # lift alone before the first thrust [s]
+LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
+LEFT = "what is left"  # the question what no effect explains
+REFERENCE, SIZE, TRACKING = "rhodonea", 0.6, 15.0  # size: share of the clearance of home; length [s]
+SHORTEST = 6.0  # shortest flight of an excitation [s]
+RESERVED = 20.0  # kept of the budget for the confirming flight [s]
+RETURNS = 2.5  # length of a flight, in lengths of its inputs, where it cannot be predicted
+FEWEST = 2  # excitations before a verdict is sure
+FEWEST_VARYING = 4  # excitations that show how much something differs from flight to flight
+FEWEST_WINDOWS = 2  # windows of a flight that can be used
+PATIENCE = 3  # flights in a row that show nothing
+LASTING = 2  # findings in a row that leave a verdict unexplained before it is sure
+TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
+PATH_STEP = 0.1  # between points of a path [s]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a discovery goes on."""
+
+    budget: float = 180.0  # longest time of flight: none begins that is expected to exceed it [s]
+    track: bool = True  # whether a reference is tracked with the given and with the final model
+    seed: int = 1  # for random inputs
+
+
+def _ignore(_: Story) -> None:
+    pass
+
+
+class Discovery:
+    """Finds the physics that a model of a craft in a Laboratory misses.
+
+    folder: keeps all and is gone on from; empty: nothing is kept. told: called with the story at each
+    change. threads: 0 for all cores. GroundError when the folder is that of another model.
+    """
+
+    def __init__(
+        self,
+        model: _core.Model,
+        laboratory: Laboratory,
+        settings: Optional[Settings] = None,
+        folder: str = "",
+        told: Callable[[Story], None] = _ignore,
+        chooser: Optional[choice.Chooser] = None,
+        threads: int = 0,
+    ) -> None:
+        self.laboratory, self.settings = laboratory, settings or Settings()
+        self.chooser = chooser or choice.Informed()
+        self.told, self.given = told, model
+        self.journal = Journal(folder)
+        self.analyst = analyst.Analyst(model, laboratory.room, threads)
+        self.models: Dict[str, _core.Model] = {GIVEN: model}
+        self.found: Optional[Found] = None  # by all flights up to self._diagnosed
+        self._diagnosed = 0
+        self._stop = ""
+        self._recordings: Dict[int, Recording] = {}  # by number of the flight
+        self._before = 0  # flights of the folder
+        self.story = self._continued() or self._begun()
+
+    def stop(self, reason: str) -> None:
+        """Ends the discovery after what it does now; from any thread."""
+        self._stop = reason
+
+    def run(self) -> Story:
+        """Flies, diagnoses and flies again, to the end. GroundError when the laboratory cannot fly."""
+        while not self.story.ended:
+            self._step()
+            self._tell("")
+        return self.story
+
+    # The next step
+
+    def _step(self) -> None:
+        story = self.story
+        waiting = max(self._excitations(), default=0)
+        if self._stop:
+            self._end(self._stop)
+        elif self._failed() >= PATIENCE:
+            self._end("%d flights in a row could not be used: %s" % (
+                PATIENCE, story.flights[-1].stopped or "they were too short",
+            ))  # fmt: skip
+        elif self.settings.track and not self._tracked(GIVEN):
+            self._track()
+        elif waiting > self._diagnosed:
+            self._diagnose()
+        elif story.verdict == MISREAD:
+            self._end("the recordings look misread: %s" % story.findings[-1].sentences[0])
+        elif not self._sure():
+            self._look()
+        elif self._last_check():
+            self._track()
+        elif story.confirmation is None or not story.confirmation.holds:
+            self._confirm()
+        else:
+            self._conclude()
+
+    def _left(self) -> float:
+        return self.story.budget - self.story.flown
+
+    def _data(self) -> List[int]:
+        """Numbers of the flights that are fitted to."""
+        confirmed = self.story.confirmation
+        kept = confirmed.flight if confirmed is not None and confirmed.holds else 0
+        return [n for n in sorted(self._recordings) if n != kept]
+
+    def _excitations(self) -> List[int]:
+        """Numbers of the excitations that are fitted to."""
+        tracked = [f.flight.number for f in self.story.flights if f.flight.purpose == TRACK]
+        return [n for n in self._data() if n not in tracked]
+
+    def _failed(self) -> int:
+        """Number of flights in a row without a usable recording, since it was begun or gone on with."""
+        latest = reversed(self.story.flights[self._before :])
+        return len(
+            list(itertools.takewhile(lambda f: f.flight.number not in self._recordings, latest))
+        )
+
+    def _tracked(self, label: str) -> bool:
+        flights = self.story.flights
+        return any(f.flight.purpose == TRACK and f.controlled_by == label for f in flights)
+
+    def _last_check(self) -> bool:
+        """Whether tracking with the final model has to be compared with the given one's."""
+        label = self.story.in_use
+        return self.settings.track and label != GIVEN and not self._tracked(label)
+
+    def _sure(self) -> bool:
+        """Whether no question is left that flights could decide."""
+        if self.found is None or len(self._excitations()) < FEWEST:
+            return False
+        if self.found.verdict in LEAVES:
+            verdicts = [f.verdict for f in self.story.findings[-LASTING:]]
+            return len(verdicts) == LASTING and len(set(verdicts)) == 1
+        if self.found.conclusion.varies and len(self._excitations()) < FEWEST_VARYING:
+            return False
+        return not self._asked() and not self.found.is_left_open
+
+    def _asked(self) -> List[Question]:
+        """Open questions about effects."""
+        assert self.found is not None
+        tested = self.found.state.questions.basis.columns
+        return [q for q in self.found.state.open if q.rival or q.about in tested]
+
+    # Flights
+
+    def _look(self) -> None:
+        """Flies what removes most doubt."""
+        left = self._left() - RESERVED
+        if left < SHORTEST:
+            self._out_of_time()
+            return
+        self._tell("chooses the next flight")
+        found, first = self.found, self.analyst
+        state, offers = (
+            (first.start, first.first_offers) if found is None else (found.state, found.offers)
+        )
+        chosen = self.chooser.choose(state, offers, left, self._seed())
+        if found is not None and found.is_left_open and not self._asked():
+            chosen = choice.rest(self.given, self._seed())
+        purpose = LOOK if self.found is None else DECIDE
+        if self._excite(purpose, chosen.pieces, chosen.why) is None:
+            self._out_of_time()
+
+    def _seed(self) -> int:
+        """Seed of the next flight's random inputs."""
+        return 1000 * self.settings.seed + len(self.story.flights) + 1
+
+    def _out_of_time(self) -> None:
+        """Ends when the budget is used up; confirms what was found, if there is time for it."""
+        if self.found is not None and self.story.confirmation is None and self._left() > SHORTEST:
+            self._confirm()
+            return
+        open_still = self._open()
+        self._end(
+            "the budget of %g s is used up" % self.story.budget,
+            needed="more flight, to decide on %s" % ", ".join(open_still) if open_still else "",
+        )
+
+    def _open(self) -> List[str]:
+        if self.found is None:
+            return []
+        questions = [question.words for question in self.found.state.open]
+        return questions + [LEFT] * self.found.is_left_open
+
+    def _confirm(self) -> None:
+        assert self.found is not None
+        flown = self._excite(
+            CONFIRM,
+            choice.confirming(self.given, self._seed()),
+            "Neither fit nor choice has seen it: both models predict it beforehand.",
+        )
+        if flown is None:
+            self._end("no time of flight is left for a confirming flight")
+            return
+        recording = self._recordings.get(flown.flight.number)
+        if recording is not None:
+            self.story.confirmation = self._confirmed(flown, recording)
+
+    def _confirmed(self, flown: Flown, recording: Recording) -> Confirmation:
+        assert self.found is not None
+        run = recording.repaired.data(self.given)
+        fit = self.found.diagnosis.fit
+        varies = bool(self.found.conclusion.varies)
+        expected = analyst.expected_errors(run, fit, trimmed=varies)
+        flown.floor = float(np.mean(expected))
+        given = flown.errors.get(GIVEN)
+        final = analyst.error(run, self.found.model)
+        most = TOLERANCE * max(expected)
+        holds = final is not None and final <= most and (given is None or final <= TOLERANCE * given)
+        noise = float(study.noise_floor([run], self.found.model).sum())
+        told = (
+            "error %s with the given model, %s with the final one; %.3f to %.3f is expected of it, and "
+            "%.3f by the noise of the poses alone"
+            % (_number(given), _number(final), min(expected), max(expected), noise)
+        )
+        sentence = "The final model %s: %s." % (
+            "predicts the flight" if holds else "does not predict the flight", told,
+        )  # fmt: skip
+        return Confirmation(flown.flight.number, given, final, flown.floor, holds, sentence)
+
+    def _track(self) -> None:
+        label = self.story.in_use
+        number = len(self.story.flights) + 1
+        size = SIZE * self.laboratory.room.clearance(self.laboratory.room.home)
+        if self._left() < TRACKING:
+            self._end("no time of flight is left to compare the tracking")
+            return
+        which = "given" if label == GIVEN else "final"
+        flight = Flight(
+            number,
+            TRACK,
+            "How well does the %s model track a %s?" % (which, REFERENCE),
+            TRACKING,
+            self._reference(size),
+            reference=REFERENCE,
+            size=size,
+        )
+        flown = self._fly(flight, np.empty((0, 0)))
+        if label != GIVEN:
+            self._compare(flown)
+            if self.found is not None:
+                self._judge_flights(self.found)
+
+    def _reference(self, size: float) -> List[Point]:
+        params = _core.ReferenceParams()
+        params.kind, params.size = REFERENCE, size
+        params.x, params.y = self.laboratory.room.home
+        times = np.arange(0, TRACKING, PATH_STEP)
+        return [(float(t), float(x), float(y)) for t, (x, y) in zip(times, params.sample(times))]
+
+    def _compare(self, after: Flown) -> None:
+        """Compares tracking with the final model and with the given one; takes a worse one back."""
+        before = next(f for f in self.story.flights if f.flight.purpose == TRACK)
+        old, new = before.tracking_error, after.tracking_error
+        worse = new is None or (old is not None and new > old)
+        refused = self._load(GIVEN) if worse else ""
+        sentence = "Tracking error of the %s: %s with the given model, %s with the final one." % (
+            REFERENCE, _millimetres(old), _millimetres(new),
+        )  # fmt: skip
+        if worse:
+            sentence += " The controllers have the given model again%s." % (
+                " (refused: %s)" % refused if refused else ""
+            )
+        self.story.tracking = TrackingCheck(REFERENCE, old, new, worse, sentence)
+
+    def _excite(self, purpose: str, chosen: List[pieces.Piece], why: str) -> Optional[Flown]:
+        """Flies as many of the pieces as the budget has time for; None if there is no time for one."""
+        number = len(self.story.flights) + 1
+        while True:
+            rows = pieces.joined(chosen, LIFT_TIME)
+            path = self._predicted(rows)
+            seconds = path[-1][0] if path else RETURNS * float(rows[-1, 0])
+            if seconds <= self._left():
+                break
+            chosen = chosen[:-1]
+            if not chosen:
+                return None
+        inputs = "flight-%02d.csv" % number
+        self.journal.keep_inputs(inputs, list(self.given.channels), rows)
+        words = "; ".join(piece.words for piece in chosen)
+        why = "%s Inputs: %s." % (why, words)
+        flight = Flight(number, purpose, why, seconds, path, inputs)
+        return self._fly(flight, rows)
+
+    def _predicted(self, rows: Array) -> List[Point]:
+        """Path that the model in use expects; empty where it cannot be simulated."""
+        model = self.models[self.story.in_use]
+        try:
+            return self.laboratory.expected(rows, model)
+        except GroundError:
+            return []
+
+    def _fly(self, flight: Flight, inputs: Array) -> Flown:
+        story = self.story
+        story.planned = flight
+        self._tell("flies: %s" % flight.why)
+        landed = self.laboratory.fly(flight, inputs)
+        flown = Flown(flight, landed.file, landed.seconds, story.in_use, landed.stopped)
+        flown.tracking_error = landed.tracking_error
+        if landed.recording is not None and self._take(flown, landed.recording):
+            run = self._recordings[flight.number].repaired.data(self.given)
+            flown.errors = {label: analyst.error(run, m) for label, m in self.models.items()}
+        story.flights.append(flown)
+        story.planned = None
+        return flown
+
+    def _take(self, flown: Flown, recording: Recording) -> bool:
+        """Keeps a recording if it can be used; returns whether it can."""
+        recording = replace(recording, name="flight-%02d" % flown.flight.number)
+        flown.path = flown.path or _path(recording)
+        try:
+            run = recording.repaired.data(self.given)
+            if len(windows.cut([run])) < FEWEST_WINDOWS:
+                raise GroundError("too short: %.1f s are usable" % recording.repaired.usable())
+        except GroundError as error:
+            flown.stopped = flown.stopped or str(error)
+            return False
+        self._recordings[flown.flight.number] = recording
+        return True
+
+    # Diagnoses
+
+    def _diagnose(self) -> None:
+        self._tell("diagnoses flights 1 to %d" % len(self.story.flights))
+        # With a controller in the loop commands follow the motion, so that their delay and their signs
+        # do not show.
+        misread = self.analyst.misread([self._recordings[n] for n in self._excitations()])
+        if misread:
+            self._diagnosed = self._data()[-1]
+            nothing = Finding(self._diagnosed, MISREAD, [], {}, [], GIVEN, misread, [])
+            self.story.findings.append(nothing)
+            return
+        found = self._analysed()
+        label = "after flight %d" % self._diagnosed
+        if not any(version.label == label for version in self.story.versions):
+            self._add_version(label, found.model)
+            self.story.findings.append(self._finding(found, label))
+        self._judge_flights(found)
+        refused = self._load(label)
+        if refused:
+            self._tell("the controllers keep the model %s: %s" % (self.story.in_use, refused))
+
+    def _analysed(self) -> Found:
+        data = self._data()
+        reachable = max(0.0, self._left() - RESERVED)
+        recordings = [self._recordings[n] for n in data]
+        self.found = found = self.analyst.diagnose(recordings, reachable, self._seed())
+        self._diagnosed = data[-1]
+        if found.verdict in LEAVES:
+            self.analyst.propose(found)
+        return found
+
+    def _judge_flights(self, found: Found) -> None:
+        """Sets the floors of flights, which follow from the newest levels of noise and disturbance."""
+        for flown in self.story.flights:
+            recording = self._recordings.get(flown.flight.number)
+            if recording is not None and flown.flight.purpose != CONFIRM:
+                run = recording.repaired.data(self.given)
+                expected = analyst.expected_errors(run, found.diagnosis.fit, 3)
+                flown.floor = float(np.mean(expected))
+
+    def _finding(self, found: Found, label: str) -> Finding:
+        return Finding(
+            self._diagnosed,
+            found.verdict,
+            [c.name for c in found.diagnosis.chosen],
+            {step.added: list(step.group) for step in found.diagnosis.steps},
+            found.state.beliefs,
+            label,
+            _sentences(found, self.analyst.formulas),
+            self._open(),
+        )
+
+    def _load(self, label: str) -> str:
+        """Gives the controllers a model; returns why they refused it."""
+        refused = self.laboratory.load(self.models[label], label)
+        if not refused:
+            self.story.in_use = label
+        return refused
+
+    def _add_version(self, label: str, model: _core.Model) -> None:
+        self.models[label] = model
+        file = "model-%02d.yaml" % len(self.story.versions)
+        self.journal.keep_model(file, model)
+        self.story.versions.append(Version(label, file, list(model.effects), self._diagnosed))
+
+    # The story
+
+    def _begun(self) -> Story:
+        self.story = Story(self.given.name, self.laboratory.room.name, self.settings.budget)
+        self._add_version(GIVEN, self.given)
+        return self.story
+
+    def _continued(self) -> Optional[Story]:
+        """The story of the folder; reads its recordings and models."""
+        story = self.journal.story()
+        if story is None:
+            return None
+        self.story = story
+        self._before = len(story.flights)
+        for version in story.versions:
+            self.models[version.label] = self.journal.model(version.file)
+        if self.models[GIVEN].format() != self.given.format():
+            raise GroundError(
+                "%s is the discovery of another model: name a new folder" % self.journal.folder
+            )
+        if story.sure:
+            return story
+        story.budget = max(story.budget, self.settings.budget)
+        for flown in story.flights:
+            if flown.recording:
+                self._take(flown, readers.read(self.journal.path(flown.recording)))
+        story.ended, story.reason, story.needed = False, "", ""  # stopped, or out of time
+        for model in self.models.values():
+            self.analyst.adopt(model)
+        if self._excitations() and story.findings:
+            self._analysed()
+        if story.in_use != GIVEN:
+            self._load(story.in_use)
+        return story
+
+    def _tell(self, activity: str) -> None:
+        self.story.activity = activity
+        self.journal.keep(self.story)
+        self.told(self.story)
+
+    def _end(self, reason: str, sure: bool = False, needed: str = "") -> None:
+        self.story.reason, self.story.sure, self.story.needed = reason, sure, needed
+        self.story.planned, self.story.ended = None, True
+
+    def _conclude(self) -> None:
+        """Ends with a verdict that no flight is expected to change."""
+        if self.story.verdict in LEAVES:
+            reason = "flights go on to show something that no effect of the library explains"
+            self._end(reason, sure=True, needed="an effect that %s" % self.analyst.depends)
+        else:
+            self._end(
+                "no question is open that a flight in this room could decide, and a flight has "
+                "confirmed it",
+                sure=True,
+            )
+
+
+def _sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:
+    """What a diagnosis says, in a few sentences. formulas: of effects that the library does not have."""
+    chosen = [c.name for c in found.diagnosis.chosen]
+    errors = found.conclusion.heldout
+    said = []
+    for name in chosen:
+        parts = ["%s = %s" % part for part in sorted(formulas.get(name, {}).items())]
+        said += ["The library does not have %s: %s." % (name, ", ".join(parts))] * bool(parts)
+    if found.conclusion.memory is not None:
+        said.append("Memory: %s." % found.conclusion.memory.means)
+    if found.conclusion.varies:
+        names = [str(v["parameter"]) for v in found.conclusion.varies]
+        said.append("Differs from flight to flight: %s." % ", ".join(names))
+    if chosen:
+        said.append("The error on held-out flights falls from %.3f to %.3f." % (errors[0], errors[-1]))
+    return said
+
+
+def _path(recording: Recording) -> List[Point]:
+    times = recording.pose_times - recording.pose_times[0]
+    at = np.searchsorted(times, np.arange(0, times[-1], PATH_STEP))
+    at = np.minimum(at, len(times) - 1)
+    return [(float(times[i]), float(recording.eta[i, 0]), float(recording.eta[i, 1])) for i in at]
+
+
+def _number(value: Optional[float]) -> str:
+    return "not finite" if value is None else "%.3f" % value
+
+
+def _millimetres(value: Optional[float]) -> str:
+    return "stopped" if value is None else "%.1f mm" % (1e3 * value)

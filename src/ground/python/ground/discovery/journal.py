@@ -1,0 +1,74 @@
+"""The folder of a discovery: its story, inputs, recordings and models. Nothing in it is overwritten
+except the story, which is replaced as a whole."""
+
+import json
+import os
+from typing import List, Optional
+
+from ground import _core, files
+from ground.annotations import Array
+from ground.discovery.story import SCHEMA, Story
+from ground.errors import GroundError
+
+STORY = "journal.json"
+
+
+class Journal:
+    """A folder that keeps a discovery, or nothing if there is none."""
+
+    def __init__(self, folder: str) -> None:
+        """folder: created if it does not exist; empty: nothing is kept. GroundError when it cannot
+        be written."""
+        self.folder = os.path.abspath(folder) if folder else ""
+        if not folder:
+            return
+        try:
+            os.makedirs(self.folder, exist_ok=True)
+        except OSError as error:
+            raise GroundError("%s: cannot be created (%s)" % (folder, error.strerror))
+
+    def path(self, name: str) -> str:
+        """Path of a file in the folder; empty without a folder or a name."""
+        return os.path.join(self.folder, name) if self.folder and name else ""
+
+    def story(self) -> Optional[Story]:
+        """The story that the folder keeps; None when it is empty. GroundError when it cannot be read,
+        or when the folder has other files."""
+        path = self.path(STORY)
+        if not path or not os.path.exists(path):
+            if path and os.listdir(self.folder):
+                raise GroundError(
+                    "%s has files, but no %s: name a new folder, or that of a discovery"
+                    % (self.folder, STORY)
+                )
+            return None
+        try:
+            with open(path) as file:
+                document = json.load(file)
+            if document.get("schema") != SCHEMA:
+                raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
+            return Story.from_dict(document)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise GroundError("%s is not the story of a discovery (%s)" % (path, error))
+
+    def keep(self, story: Story) -> None:
+        """Replaces the story."""
+        if self.folder:
+            files.write_json(self.path(STORY), story.to_dict(), force=True, again=True)
+
+    def keep_inputs(self, name: str, channels: List[str], rows: Array) -> None:
+        """Writes inputs as a CSV file that a controller can play."""
+        if self.folder:
+            files.write_csv(self.path(name), ",".join(["time", *channels]), rows.tolist(), True)
+
+    def model(self, name: str) -> _core.Model:
+        """The model of a file of the folder; GroundError when it cannot be read."""
+        try:
+            return _core.load_model(self.path(name))
+        except RuntimeError as error:
+            raise GroundError(str(error))
+
+    def keep_model(self, name: str, model: _core.Model) -> None:
+        """Writes a model file."""
+        if self.folder:
+            _core.save_model(model, self.path(name), True)

@@ -1,0 +1,39 @@
+"""Where a discovery flies: a simulated craft, or the real one in its room."""
+
+from dataclasses import dataclass
+from typing import List, Optional, Protocol
+
+from ground import _core
+from ground.annotations import Array
+from ground.discovery.story import Flight, Point
+from ground.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Landed:
+    """A flight that has ended."""
+
+    recording: Optional[Recording]  # None when nothing could be recorded
+    file: str  # where it is kept; empty if it is not
+    seconds: float  # time with the lift on [s]
+    stopped: str  # why it ended early; empty if it did not
+    tracking_error: Optional[float] = None  # root mean square [m]; None unless it tracked to the end
+
+
+class Laboratory(Protocol):
+    """A craft in its room. A laboratory keeps all limits of controllers, room and sender: whatever a
+    discovery asks for, the craft is not driven beyond them."""
+
+    room: _core.RoomPlan
+
+    def fly(self, flight: Flight, inputs: Array) -> Landed:
+        """Flies and returns when the craft rests again. inputs: (n, 2 + thrusters) time [s], inputs of
+        the thrusters (of full scale), lift, played in bursts between returns home; empty when a
+        reference is tracked. Raises GroundError when it cannot be flown at all."""
+
+    def load(self, model: _core.Model, label: str) -> str:
+        """Gives the controllers another model. Returns why it was refused; empty if it was not."""
+
+    def expected(self, inputs: Array, model: _core.Model) -> List[Point]:
+        """The path that a model expects of `fly` with these inputs, from where the craft is. Raises
+        GroundError when the model cannot be simulated."""

@@ -1,0 +1,159 @@
+"""Pieces of a few seconds that excitations are put together from."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core, core_types
+from ground.annotations import Array
+from ground.simulation import experiments
+
+SECONDS = 4.0  # length of a piece [s]
+LIFTS = (1.0, 0.6)
+CLOCKS = (5.0, 10.0, 20.0)  # bits of the PRBS per second [Hz]
+LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
+HOLDS = (0.25, 1.0)  # how long a pattern holds a level [s]
+PATTERNS = {
+    "multilevel-prbs": "random levels",
+    "steps": "all thrusters in steps",
+    "coast-down": "full thrust, then coasting down",
+    "spin": "one side, then spinning down",
+    "single-thruster": "one thruster after the other",
+}
+REACH = 0.55  # way from home at which a burst is expected to end, as share of the room's clearance
+STOPPING = 0.5  # time for which a craft moves on while it turns back [s]
+RETURN = 1.2  # time that a return is expected to take [s]
+RATE = 100.0  # poses per second of an expected motion [Hz]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Inputs of a few seconds."""
+
+    words: str
+    rows: Array  # (n, 2 + thrusters) time [s], inputs of the thrusters (of full scale), lift
+
+
+def pieces(model: _core.Model, seed: int) -> List[Piece]:
+    """All Pieces that the thrusters of a model can play; seed: of their random parts."""
+    found = []
+    for lift in LIFTS:
+        at_lift = "" if lift == 1.0 else ", lift at %g" % lift
+        for words, kind, options in _designs(seed):
+            try:
+                rows = experiments.rows(kind, SECONDS, model, **options)
+            except ValueError:
+                continue  # a design for other thrusters
+            rows = rows[rows[:, 0] < SECONDS - 1e-9]
+            found.append(
+                Piece(words + at_lift, np.column_stack([rows, np.full(len(rows), lift)]))
+            )
+    return found
+
+
+def prbs(model: _core.Model, seed: int, clock: float = 15.0) -> Piece:
+    """A pseudo-random binary sequence of full thrust, at full lift."""
+    rows = experiments.rows("prbs", SECONDS, model, clock=clock, seed=seed)
+    rows = rows[rows[:, 0] < SECONDS - 1e-9]
+    return Piece("PRBS of %g Hz" % clock, np.column_stack([rows, np.ones(len(rows))]))
+
+
+def _designs(seed: int) -> List[Tuple[str, str, Dict[str, Any]]]:
+    designs: List[Tuple[str, str, Dict[str, Any]]] = []
+    for clock, (low, high) in itertools.product(CLOCKS, LEVELS):
+        words = "PRBS of %g Hz between %g and %g of full thrust" % (clock, low, high)
+        designs.append((words, "prbs", {"clock": clock, "levels": [low, high], "seed": seed}))
+    for hold, (kind, words) in itertools.product(HOLDS, PATTERNS.items()):
+        options = {"clock": 1 / hold, "seed": seed} if "prbs" in kind else {"hold": hold}
+        designs.append(("%s, %g s each" % (words, hold), kind, options))
+    return designs
+
+
+def joined(chosen: Sequence[Piece], lift_time: float) -> Array:
+    """Rows of an experiment of several Pieces one after the other, after `lift_time` [s] of lift
+    alone and until everything is off."""
+    width = chosen[0].rows.shape[1]
+    alone = np.zeros((1, width))
+    alone[0, -1] = 1.0
+    parts, start = [alone], lift_time
+    for piece in chosen:
+        parts.append(piece.rows + np.append(start, np.zeros(width - 1)))
+        start += SECONDS
+    off = np.zeros((1, width))
+    off[0, 0] = start
+    return np.vstack([*parts, off])
+
+
+def motion(
+    piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array
+) -> Tuple[_core.RunData, float]:
+    """The motion that a model expects of a Piece, played in bursts that begin at home, as
+    _core.RunData, and the time that it takes with its returns [s]. noise: of the poses (3,) [m],
+    [m], [rad]. Raises GroundError when the motion is not finite."""
+    reach = REACH * room.clearance(room.home)
+    home = np.array([*room.home, heading])
+    played, began = 0.0, 0.0  # inputs so far [s]; clock of the flight [s]
+    times, eta, nu, inputs = [], [], [], []
+    while played < SECONDS - 0.1:
+        rows = _from(piece.rows, played)
+        at = np.arange(0, SECONDS - played, 1 / RATE)
+        scaled = rows.copy()
+        scaled[:, 1:-1] *= model.input_max
+        found = _core.simulate(model, scaled, at, home, np.zeros(3))
+        if not (np.isfinite(found["eta"]).all() and np.isfinite(found["nu"]).all()):
+            break
+        kept = max(10, _inside(found, home, reach))
+        times.append(began + at[:kept])
+        eta.append(found["eta"][:kept])
+        nu.append(found["nu"][:kept])
+        scaled[:, 0] += began
+        inputs.append(scaled[scaled[:, 0] < times[-1][-1]])
+        played += at[min(kept, len(at)) - 1] + 1 / RATE
+        began = times[-1][-1] + RETURN
+    return _run(piece.words, (times, eta, nu, inputs), noise, [0.0]), began
+
+
+def together(motions: Sequence[Tuple[_core.RunData, float]]) -> _core.RunData:
+    """Motions one after the other, each with its own drive, as one _core.RunData. motions: as `motion`
+    returns them."""
+    start, drives = 0.0, []
+    times, eta, nu, inputs = [], [], [], []
+    for run, seconds in motions:
+        rows = np.array(run.inputs)
+        rows[:, 0] += start
+        times.append(np.array(run.times) + start)
+        eta.append(np.array(run.eta))
+        nu.append(np.array(run.nu))
+        inputs.append(rows)
+        drives.append(start)
+        start += seconds
+    noise = np.array(motions[0][0].noise)
+    return _run("all pieces", (times, eta, nu, inputs), noise, drives)
+
+
+def _run(
+    name: str, parts: Sequence[Sequence[Array]], noise: Array, drives: Sequence[float]
+) -> _core.RunData:
+    """_core.RunData of parts of times, poses, velocities and inputs; poses have no noise added."""
+    times, eta, nu, inputs = (np.concatenate(part) for part in parts)
+    return _core.RunData(name, times, eta, nu, inputs, eta, noise, drives)
+
+
+def _from(rows: Array, start: float) -> Array:
+    """Rows from a time on, with the time since then."""
+    first = max(0, int(np.searchsorted(rows[:, 0], start + 1e-9, side="right")) - 1)
+    left = rows[first:].copy()
+    left[:, 0] = np.maximum(0.0, left[:, 0] - start)
+    return left
+
+
+def _inside(found: core_types.Motion, home: Array, reach: float) -> int:
+    """Number of samples until the craft would have to turn back."""
+    eta, nu = found["eta"], found["nu"]
+    c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
+    moving = np.column_stack([c * nu[:, 0] - s * nu[:, 1], s * nu[:, 0] + c * nu[:, 1]])
+    away = np.linalg.norm(eta[:, :2] + STOPPING * moving - home[:2], axis=1)
+    out = np.flatnonzero(away > reach)
+    return int(out[0]) if len(out) else len(eta)

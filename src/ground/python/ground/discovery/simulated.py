@@ -1,0 +1,139 @@
+"""A simulated craft in a simulated room, without ROS."""
+
+import contextlib
+import os
+import tempfile
+from typing import Iterator, List, Optional, Sequence
+
+import numpy as np
+
+from ground import _core, files
+from ground.annotations import Array
+from ground.discovery.laboratory import Landed
+from ground.discovery.story import Flight, Point
+from ground.errors import GroundError
+from ground.simulation import experiments, gains
+
+MOST = 4.0  # longest flight, in lengths of its inputs
+SETTLING = 6.0  # time after which tracking errors count [s]
+PATH_STEP = 0.1  # between points of a path [s]
+
+
+class SimulatedLaboratory:
+    """A craft that moves by the model `truth`, in a room. folder: recordings are kept there as bags;
+    empty: they are not. The craft stays where a flight has left it; disturbance and noise go on with
+    other random numbers."""
+
+    def __init__(
+        self,
+        truth: _core.Model,
+        believed: _core.Model,
+        room: _core.RoomPlan,
+        mocap: Optional[_core.MocapParams] = None,
+        disturbance: Optional[_core.Disturbance] = None,
+        seed: int = 1,
+        folder: str = "",
+    ) -> None:
+        self.truth, self.believed, self.room = truth, believed, room
+        self.mocap, self.disturbance = mocap or _core.MocapParams(), disturbance
+        self.seed, self.folder = seed, folder
+        self.pose = np.array([*room.home, 0.0])
+
+    def fly(self, flight: Flight, inputs: Array) -> Landed:
+        """See Laboratory."""
+        name = "flight-%02d" % flight.number
+        with played(inputs, self.believed.channels) as path:
+            drive: experiments.Drive = (
+                self.tracking(flight) if flight.reference else excitation(self.room, inputs, path)
+            )
+            run = self.simulated(drive, name, flight.number)
+        self.pose = run.truth_eta[-1].copy()
+        file = ""
+        if self.folder:
+            file = name + ".bag"
+            run.save(os.path.join(self.folder, file), True)
+        return Landed(run, file, lifted(run), run.stopped, tracking_error(run))
+
+    def simulated(
+        self, drive: experiments.Drive, name: str, number: int
+    ) -> experiments.SimulatedRun:
+        """The run of a flight from where the craft is. number: of the flight, for random numbers."""
+        return experiments.simulate(
+            self.truth, drive, name, self.pose.tolist(), mocap=self.mocap, seed=1000 * self.seed + number,
+            believed=self.believed, disturbance=self.disturbance,
+        )  # fmt: skip
+
+    def tracking(self, flight: Flight) -> _core.TrackingParams:
+        """The TrackingParams of a flight that follows a reference."""
+        params = _core.TrackingParams()
+        params.controller = gains.choice("ModelPredictive")
+        params.reference.kind, params.reference.size = flight.reference, flight.size
+        params.reference.x, params.reference.y = self.room.home
+        params.duration, params.room = flight.duration, self.room
+        return params
+
+    def load(self, model: _core.Model, label: str) -> str:
+        """See Laboratory."""
+        refusal = str(_core.effect_use("ModelPredictive", model)["refusal"])
+        if not refusal:
+            self.believed = model
+        return refusal
+
+    def expected(self, inputs: Array, model: _core.Model) -> List[Point]:
+        """See Laboratory."""
+        with played(inputs, self.believed.channels) as path:
+            params = excitation(self.room, inputs, path)
+            return path_of(params, model, self.pose)
+
+
+@contextlib.contextmanager
+def played(inputs: Array, channels: Sequence[str]) -> Iterator[str]:
+    """A CSV file of inputs that a design can play; an empty path without inputs."""
+    if not len(inputs):
+        yield ""
+        return
+    with tempfile.TemporaryDirectory(prefix="ground-") as folder:
+        path = os.path.join(folder, "inputs.csv")
+        files.write_csv(path, ",".join(["time", *channels]), inputs.tolist())
+        yield path
+
+
+def path_of(params: _core.ExcitationParams, model: _core.Model, pose: Array) -> List[Point]:
+    """The path of an excitation of a craft that moves by a model. GroundError when it cannot be
+    simulated."""
+    mocap = _core.MocapParams()
+    mocap.position_noise = mocap.heading_noise = 0.0
+    try:
+        log = _core.excite(model, model, params, pose, np.zeros(3), mocap, 1)
+    except (RuntimeError, ValueError) as error:
+        raise GroundError(str(error))
+    rows = log["truth"]
+    every = max(1, round(PATH_STEP * mocap.rate))
+    return [(float(t), float(x), float(y)) for t, x, y in rows[::every, :3]]
+
+
+def excitation(room: _core.RoomPlan, inputs: Array, path: str) -> _core.ExcitationParams:
+    """The ExcitationParams that play a file of inputs in bursts between returns home."""
+    params = _core.ExcitationParams()
+    params.design = experiments.design_params("file", file=path)
+    params.duration, params.room = MOST * float(inputs[-1, 0]), room
+    params.life.lift_time = 0.0  # the inputs begin with lift alone
+    return params
+
+
+def lifted(run: experiments.SimulatedRun) -> float:
+    """Time with the lift on [s]."""
+    on = run.control_times[run.controls[:, -1] > 0]
+    return float(on[-1] - on[0]) if len(on) else 0.0
+
+
+def tracking_error(run: experiments.SimulatedRun) -> Optional[float]:
+    """Root mean square distance of the measured from the reference's position [m]; None unless a
+    reference was tracked to its end."""
+    references = run.references
+    if run.stopped or not len(references):
+        return None
+    settled = references[references[:, 0] >= references[0, 0] + SETTLING]
+    at = np.minimum(np.searchsorted(run.pose_times, settled[:, 0]), len(run.pose_times) - 1)
+    off = run.eta[at, :2] - settled[:, 1:3]
+    return float(np.sqrt((off**2).sum(axis=1).mean()))

@@ -1,0 +1,186 @@
+"""The story of a discovery: its flights, what each of them has shown, and the models that it found.
+
+Plain values, which the journal, the page, and the topics of the node share.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Tuple, Type, TypeVar
+
+from ground.annotations import Document
+
+SCHEMA = "ground/discovery/1"
+
+# Purposes of a flight
+LOOK = "look"  # at everything that the library could explain
+DECIDE = "decide"  # between what is still open
+CONFIRM = "confirm"  # the result, on a flight that neither fit nor choice has seen
+TRACK = "track"  # a reference, to see whether a model makes tracking better
+
+# States of the belief in an effect
+OPEN, PRESENT, ABSENT = "open", "present", "absent"
+HIDDEN = "not identifiable"  # no flight in this room shows it or distinguishes it from others
+
+GIVEN = "given"  # label of the model that a discovery begins with
+
+Point = Tuple[float, float, float]  # time since the flight began [s], x, y [m], world_ned
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Belief in an effect after some flights."""
+
+    effect: str
+    probability: float  # that it acts on the craft
+    state: str  # OPEN, PRESENT, ABSENT or HIDDEN
+    visibility: float  # expected 2 ln L of the effect at the size that matters, in all flights so far
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight that is planned."""
+
+    number: int  # from 1
+    purpose: str
+    why: str  # a sentence
+    duration: float  # predicted [s]
+    path: List[Point] = field(default_factory=list)  # predicted with the model in use
+    inputs: str = ""  # CSV file of inputs, in the folder of the story; empty when tracking
+    reference: str = ""  # kind of reference when tracking
+    size: float = 0.0  # the reference's [m]
+
+
+@dataclass
+class Flown:
+    """A flight that was flown."""
+
+    flight: Flight
+    recording: str  # file in the folder of the story; empty if it was not kept
+    seconds: float  # time with the lift on [s]
+    controlled_by: str  # label of the model in the controller
+    stopped: str = ""  # why it ended early; empty if it did not
+    path: List[Point] = field(default_factory=list)  # measured
+    # Mean |e|/s of the models that were there before the flight, by label; None: not finite
+    errors: Dict[str, Optional[float]] = field(default_factory=dict)
+    floor: Optional[float] = None  # the error that noise of poses and disturbance leave
+    tracking_error: Optional[float] = None  # root mean square, when tracking [m]
+
+
+@dataclass(frozen=True)
+class Version:
+    """A model of the story."""
+
+    label: str  # GIVEN, or "after flight 3"
+    file: str  # in the folder of the story
+    effects: List[str]
+    after: int  # number of the last flight that it was fitted to; 0: the given model
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a diagnosis of all flights so far has found."""
+
+    after: int  # number of the last flight
+    verdict: str  # as of a diagnosis: complete, missing, varies, memory, unexplained or misread
+    effects: List[str]
+    groups: Dict[str, List[str]]  # effects that cannot be distinguished from a found one, itself first
+    beliefs: List[Belief]
+    label: str  # the improved model's
+    sentences: List[str]  # the diagnosis in words
+    open: List[str]  # questions that are still open, in words
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Prediction of the confirming flight, by the given and the final model."""
+
+    flight: int
+    given: Optional[float]  # mean |e|/s; None: not finite
+    final: Optional[float]
+    floor: float
+    holds: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class TrackingCheck:
+    """Tracking with the given and with the final model."""
+
+    reference: str
+    before: Optional[float]  # root mean square error [m]; None: it was stopped
+    after: Optional[float]
+    taken_back: bool  # whether the controller has the given model again
+    sentence: str
+
+
+@dataclass
+class Story:
+    """A discovery, from its beginning until now."""
+
+    craft: str  # name of the given model
+    room: str
+    budget: float  # longest time of flight [s]
+    versions: List[Version] = field(default_factory=list)
+    flights: List[Flown] = field(default_factory=list)
+    findings: List[Finding] = field(default_factory=list)
+    planned: Optional[Flight] = None  # the next flight
+    in_use: str = GIVEN  # label of the model in the controller
+    activity: str = ""  # what happens now, in words
+    confirmation: Optional[Confirmation] = None
+    tracking: Optional[TrackingCheck] = None
+    ended: bool = False
+    sure: bool = False  # whether nothing is open that a flight could show
+    reason: str = ""  # why it ended
+    needed: str = ""  # what would be needed to go on; empty if nothing
+
+    @property
+    def flown(self) -> float:
+        """Time of flight so far [s]."""
+        return sum(flown.seconds for flown in self.flights)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict of the last finding; empty before the first."""
+        return self.findings[-1].verdict if self.findings else ""
+
+    def version(self, label: str) -> Version:
+        """The Version of a label."""
+        return next(version for version in self.versions if version.label == label)
+
+    def to_dict(self) -> Document:
+        """Plain values, as journal.json has them."""
+        return {"schema": SCHEMA, **dataclasses.asdict(self)}
+
+    @staticmethod
+    def from_dict(document: Document) -> "Story":
+        """The Story of plain values; KeyError or TypeError when they are not those of a story."""
+        plain = {name: value for name, value in document.items() if name != "schema"}
+        plain["versions"] = [Version(**v) for v in plain["versions"]]
+        plain["flights"] = [_flown(f) for f in plain["flights"]]
+        plain["findings"] = [_finding(f) for f in plain["findings"]]
+        plain["planned"] = plain["planned"] and _flight(plain["planned"])
+        plain["confirmation"] = _optional(Confirmation, plain["confirmation"])
+        plain["tracking"] = _optional(TrackingCheck, plain["tracking"])
+        return Story(**plain)
+
+
+def _flown(values: Document) -> Flown:
+    flight, path = _flight(values["flight"]), _points(values["path"])
+    return Flown(**dict(values, flight=flight, path=path))
+
+
+def _finding(values: Document) -> Finding:
+    return Finding(**dict(values, beliefs=[Belief(**b) for b in values["beliefs"]]))
+
+
+def _flight(values: Document) -> Flight:
+    return Flight(**dict(values, path=_points(values["path"])))
+
+
+def _points(rows: List[List[float]]) -> List[Point]:
+    return [(row[0], row[1], row[2]) for row in rows]
+
+
+def _optional(kind: Type[_T], values: Optional[Document]) -> Optional[_T]:
+    return None if values is None else kind(**values)

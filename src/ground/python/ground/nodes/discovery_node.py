@@ -1,0 +1,178 @@
+"""A discovery as a ROS node: it flies through the nodelets of its launch file, and can be watched."""
+
+import math
+import os
+import threading
+import time
+from typing import Optional
+
+import rospy
+from ground_msgs.msg import DiscoveryStatus
+from nav_msgs.msg import Path
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+from visualization_msgs.msg import MarkerArray
+
+from ground import _core
+from ground.discovery.campaign import Discovery, Settings
+from ground.discovery.story import Story
+from ground.errors import GroundError, sentence
+from ground.nodes import discovery_markers, discovery_messages
+from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
+from ground.reports import discovery_page, discovery_words
+
+STOPPED = "stopped by hand"
+PREPARES = "prepares: simulates what flights could show"
+NICE = 10  # niceness; the diagnosis yields to state estimation and control
+
+
+class DiscoveryNode:
+    """Parameters: model (file of the given model, required), room (file, required), folder (keeps all,
+    and is gone on from; empty: a new one in ~/ground_discoveries), budget (longest time of flight
+    [s]), track (whether a reference is tracked before and after), seed (of random inputs), patience
+    (longest wait before a flight [s]). Publishes, latched: ~status, ~planned (path of the next
+    flight), ~markers. Service: ~stop.
+
+    It never arms the sender.
+    """
+
+    def __init__(self, recorder: str) -> None:
+        """recorder: path of scripts/record. Raises GroundError."""
+        self.broken = ""  # why the discovery cannot begin; empty if it can
+        self._status = rospy.Publisher("~status", DiscoveryStatus, queue_size=10, latch=True)
+        self._planned = rospy.Publisher("~planned", Path, queue_size=1, latch=True)
+        self._markers = rospy.Publisher("~markers", MarkerArray, queue_size=1, latch=True)
+        self._publishing = threading.Lock()
+        self._model = _core.load_model(_required("model"))
+        self._settings = Settings(
+            budget=_number("budget", Settings.budget),
+            track=bool(rospy.get_param("~track", Settings.track)),
+            seed=int(_number("seed", Settings.seed)),
+        )
+        self._folder = _folder(str(rospy.get_param("~folder", "")))
+        room = _core.load_room(_required("room"))
+        track = self._settings.track
+        self._laboratory = FlyingLaboratory(
+            room,
+            self._folder,
+            recorder,
+            track,
+            _number("patience", math.inf),
+            self._wait_for,
+            self._stopped,
+        )
+        self._discovery: Optional[Discovery] = None
+        self._teller = discovery_words.Teller(_log, self._model)
+        self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
+        self._waits = ""  # what the laboratory waits for
+        self._failure = ""
+        self._keeps = False  # whether a flight is not in the journal yet
+        self._closed = False  # nothing is published any more
+        self._publish()
+        rospy.Service("~stop", Trigger, self._stop)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Begins, or goes on with the story of the folder."""
+        rospy.loginfo("discovery: everything is kept in %s", self._folder)
+        self._thread.start()
+
+    def end(self, patience: float) -> None:
+        """Interrupts the discovery, which its folder can go on with: ends a flight at once, and waits
+        at most `patience` [s] until what was flown is in the journal."""
+        self._laboratory.end("interrupted")
+        deadline = time.monotonic() + patience
+        while self._thread.is_alive() and self._keeps and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with self._publishing:
+            self._closed = True
+
+    def _run(self) -> None:
+        # Threads and processes of the diagnosis have the priority of this thread.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        try:
+            self._discovery = Discovery(
+                self._model, self._laboratory, self._settings, self._folder, self._tell
+            )
+        except Ended:
+            return
+        except Exception as error:
+            self.broken = sentence(error)
+            return
+        try:
+            self._tell(self._discovery.story)
+            self._discovery.run()
+        except Ended:
+            pass
+        except Exception as error:
+            self._failure = sentence(error)
+            rospy.logerr("discovery: %s", self._failure)
+            self._publish()
+
+    def _stop(self, _: TriggerRequest) -> TriggerResponse:
+        if self._story.ended or self._failure:
+            return TriggerResponse(success=False, message="the discovery has ended already")
+        self._stopped(STOPPED)
+        self._laboratory.end(STOPPED)
+        return TriggerResponse(success=True, message="the discovery ends, and the craft is stopped")
+
+    def _stopped(self, reason: str) -> None:
+        """Ends the discovery because a person has stopped it."""
+        if self._discovery is not None:
+            self._discovery.stop(reason)
+
+    def _wait_for(self, what: str) -> None:
+        """Says what the laboratory waits for; empty when it no longer does."""
+        if what:
+            rospy.logwarn("discovery: %s", what)
+        self._waits = what
+        self._publish()
+
+    def _tell(self, story: Story) -> None:
+        """Shows a change of the story, which is in the journal."""
+        self._story, self._keeps = story, story.planned is not None
+        try:
+            discovery_page.write(story, self._folder, self._laboratory.room)
+        except (GroundError, OSError) as error:
+            rospy.logwarn("discovery: the page is not up to date: %s", sentence(error))
+        self._teller(story)
+        if story.ended:
+            _log(story.reason)
+        self._publish()
+
+    def _publish(self) -> None:
+        with self._publishing:
+            if self._closed:
+                return
+            message = discovery_messages.status(self._story, self._folder, self._waits)
+            message.header.stamp = self._laboratory.now()
+            if self._failure:
+                message.ended, message.reason = True, self._failure
+            path = discovery_messages.planned(self._story.planned, message.header.stamp)
+            self._status.publish(message)
+            self._planned.publish(path)
+            self._markers.publish(discovery_markers.markers(message, self._laboratory.room))
+
+
+def _log(text: str) -> None:
+    rospy.loginfo("discovery: %s", text)
+
+
+def _required(name: str) -> str:
+    value = str(rospy.get_param("~" + name, ""))
+    if not value:
+        raise GroundError("parameter %s is missing" % rospy.resolve_name("~" + name))
+    return value
+
+
+def _number(name: str, default: float) -> float:
+    value = rospy.get_param("~" + name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
+        raise GroundError("parameter %s is %s, not a positive number" % (name, value))
+    return value
+
+
+def _folder(path: str) -> str:
+    """The folder of a discovery; a new one, named by the time, if none is given."""
+    if not path:
+        path = os.path.join("~/ground_discoveries", time.strftime("%Y-%m-%d-%H-%M-%S"))
+    return os.path.abspath(os.path.expanduser(path))

@@ -1,0 +1,162 @@
+"""A discovery in sentences."""
+
+from typing import Callable, Dict, Iterator, List, Optional
+
+from ground import _core
+from ground.analysis import candidates
+from ground.discovery import story as tale
+from ground.discovery.story import Finding, Flight, Flown, Story
+from ground.reports.words import listed, number, sentence
+
+PURPOSES = {
+    tale.LOOK: "looks at everything that the library could explain",
+    tale.DECIDE: "decides between what is still open",
+    tale.CONFIRM: "confirms the result on a flight that neither fit nor choice has seen",
+    tale.TRACK: "follows a reference, to see whether the model makes tracking better",
+}
+VERDICTS = {  # for a finding without effects
+    "complete": "nothing is missing",
+    "missing": "nothing is missing",  # as long as no effect is named
+    "varies": "no effect is missing, but a trim or the thrust differs between flights",
+    "memory": "something is missing that depends on the past",
+    "unexplained": "something is missing that no effect tried explains",
+    "misread": "the recordings look misread, so no effect is blamed",
+}
+RESTS = ("varies", "memory", "unexplained")  # verdicts that say something beside the effects
+
+
+def summary(story: Story, model: Optional[_core.Model] = None) -> List[str]:
+    """Sentences: the verdict, the time of flight, the confirmation, tracking, why it ended. model: the
+    given one, which knows effects of single thrusters in words."""
+    found = [verdict(story, model)] + [effort(story)] * bool(story.flights)
+    if story.confirmation:
+        found.append(story.confirmation.sentence)
+    elif story.ended:
+        found.append("the result was not confirmed by a flight of its own")
+    if story.tracking:
+        found.append(story.tracking.sentence)
+    if story.ended:
+        found.append(end(story))
+    return [sentence(text) for text in found]
+
+
+def verdict(story: Story, model: Optional[_core.Model] = None) -> str:
+    """The verdict of the last finding."""
+    if not story.findings:
+        return "no flight has been diagnosed" + ("" if story.ended else " yet")
+    return ("" if story.ended else "so far: ") + verdict_of(story.findings[-1], model)
+
+
+def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
+    """The verdict of a finding, its effects in words with their names beside."""
+    if not finding.effects or finding.verdict == "misread":
+        return VERDICTS.get(finding.verdict, finding.verdict)
+    groups = [[n] + [o for o in finding.groups.get(n, []) if o != n] for n in finding.effects]
+    named = [" or ".join(candidates.in_words(n, model) for n in group) for group in groups]
+    text = "%s %s missing" % (listed(named), "is" if len(named) == 1 else "are")
+    if any(len(group) > 1 for group in groups):
+        alike = [" and ".join(group) for group in groups if len(group) > 1]
+        text += "; these flights do not distinguish " + ", nor ".join(alike)
+    if finding.verdict in RESTS:
+        text += "; beside that, " + VERDICTS[finding.verdict]
+    return text
+
+
+def effort(story: Story) -> str:
+    """The time of flight."""
+    count = len(story.flights)
+    return "this took %.0f s of flight in %d flight%s, of at most %.0f s" % (
+        story.flown,
+        count,
+        "" if count == 1 else "s",
+        story.budget,
+    )
+
+
+def end(story: Story) -> str:
+    """Why it ended, and whether the result is sure."""
+    sure = "the result is sure" if story.sure else "the result is not sure"
+    return "%s: %s" % (sure, story.reason) if story.reason else sure
+
+
+def planned(flight: Flight) -> str:
+    """A flight that is planned, and why."""
+    return "flight %d (%s, %.0f s): %s" % (
+        flight.number,
+        flight.purpose,
+        flight.duration,
+        flight.why or PURPOSES.get(flight.purpose, ""),
+    )
+
+
+def flown(flight: Flown) -> str:
+    """What a flight has measured, and the errors of the first and the newest model."""
+    parts = ["flown %.1f s" % flight.seconds]
+    if flight.stopped:
+        parts.append("stopped: %s" % flight.stopped)
+    if flight.errors:
+        labels = list(dict.fromkeys([*flight.errors][:1] + [*flight.errors][-1:]))
+        errors = ["%s %s" % (label, error(flight.errors[label])) for label in labels]
+        floor = "" if flight.floor is None else ", floor %s" % number(flight.floor)
+        parts.append("error of prediction: %s%s" % (", ".join(errors), floor))
+    if flight.tracking_error is not None:
+        parts.append("tracking error %s" % millimetres(flight.tracking_error))
+    return "; ".join(parts)
+
+
+def error(value: Optional[float]) -> str:
+    """An error of prediction; None: the motion is not finite."""
+    return "not finite" if value is None else number(value)
+
+
+def millimetres(metres: Optional[float]) -> str:
+    """A tracking error [m]; None: it was stopped."""
+    return "stopped" if metres is None else "%.1f mm" % (1e3 * metres)
+
+
+class Teller:
+    """Tells a story sentence by sentence while it happens: what is new in each call, once. What has
+    happened before the first call is summed up."""
+
+    def __init__(self, say: Callable[[str], None], model: Optional[_core.Model] = None) -> None:
+        """say: gets each sentence; model: the given one."""
+        self._say = say
+        self._model = model
+        self._told: Optional[Dict[str, int]] = None
+
+    def __call__(self, story: Story) -> None:
+        """Tells what has happened since the last call."""
+        before, self._told = self._told, self._counts(story)
+        if before is not None:
+            for text in self._new(story, before):
+                self._say(text)
+        elif story.flights:
+            count = len(story.flights)
+            text = "%d flight%s and %.0f s of flight are known already"
+            self._say(sentence(text % (count, "s" * (count > 1), story.flown)))
+
+    @staticmethod
+    def _counts(story: Story) -> Dict[str, int]:
+        return {
+            "planned": story.planned.number if story.planned else len(story.flights),
+            "flights": len(story.flights),
+            "findings": len(story.findings),
+            "confirmation": int(story.confirmation is not None),
+            "tracking": int(story.tracking is not None),
+        }
+
+    def _new(self, story: Story, before: Dict[str, int]) -> Iterator[str]:
+        for flight in story.flights[before["flights"] :]:
+            if flight.flight.number > before["planned"]:
+                yield sentence(planned(flight.flight))
+            yield "   " + sentence(flown(flight))
+        for finding in story.findings[before["findings"] :]:
+            yield "   " + sentence(verdict_of(finding, self._model))
+            if finding.open:
+                yield "   Open: " + sentence(", ".join(finding.open))
+        if story.confirmation and not before["confirmation"]:
+            yield "   " + sentence(story.confirmation.sentence)
+        if story.tracking and not before["tracking"]:
+            yield "   " + sentence(story.tracking.sentence)
+        if story.planned and story.planned.number > max(before["planned"], len(story.flights)):
+            yield sentence(planned(story.planned))
