@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-tracking bench-scaling \
+.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes docs install clean
 
 build: $(configured)
@@ -66,6 +66,12 @@ bench-damage: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
+
+# Simulated crafts that find their hidden physics by flying, with chosen and with random experiments;
+# prints a table; resumes after an interruption. OPTIONS="--kinds one none --count 20", OPTIONS="--help"
+bench-discover: build
+	@$(in_workspace) test/bench/discover.py --results build/discover.jsonl \
+	  --markdown build/discover.md $(OPTIONS)
 
 # Recordings read with mistakes in units, axes, signs, clocks and swaps, and honest ones.
 # OPTIONS="--count 48 --honest 24"

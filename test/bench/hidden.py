@@ -132,7 +132,7 @@ def bench(options):
     left = [job for job in wanted if key(*job) not in done]
     print("%d cases, %d of them to do" % (len(wanted), len(left)), flush=True)
     deadline = time.time() + 3600 * options.hours
-    _end_last_line(options.results)
+    end_last_line(options.results)
     with open(options.results, "a") as file, workers.Workers(
         options.scheduler,
         processes=True,
@@ -159,7 +159,8 @@ def read(path):
     return results
 
 
-def _end_last_line(path):
+def end_last_line(path):
+    """Ends the last line of a file, which may have been cut when a bench was killed."""
     with open(path, "ab+") as file:
         file.seek(max(0, file.tell() - 1))
         if file.read() not in (b"", b"\n"):

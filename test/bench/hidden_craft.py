@@ -4,6 +4,9 @@ The hidden-effect bench simulates its truth here, so that an error of the projec
 between simulation and diagnosis. Equations from Fossen (1994, 2.4). Frames are z down: pose x, y [m],
 psi [rad] in world_ned, velocities u, v [m/s], r [rad/s] in the body frame; inputs are 0..1. Kutta's 3/8
 rule integrates over steps that end where a command or the disturbance changes.
+
+`simulate` moves a craft under known commands. A Mover moves it step by step and a Channel passes commands on
+as they are sent, for a craft in a control loop.
 """
 import math
 from dataclasses import dataclass, field
@@ -13,6 +16,7 @@ import numpy as np
 GRID = 1e-3  # interval over which a disturbance is constant [s]
 COARSE = 4e-3  # longest step without a disturbance [s]
 GRAVITY = 9.81  # [m/s^2]
+BRAKING = 2.0  # deceleration by the floor's friction while the lift is off [m/s^2]
 DRY_SPEED, DRY_RATE = 0.01, 0.1  # below them dry friction is proportional to speed [m/s], [rad/s]
 
 
@@ -99,8 +103,18 @@ def _misalignment(p, at):
     return -short * _sum(at), math.sin(p["angle"]) * _sum(at), -short * at.l * _difference(at)
 
 
+def _washboard(p, at):
+    """A floor with waves of 0.3 m along x that push along x."""
+    along = p["a"] * math.sin(2 * math.pi * at.x / 0.3)
+    return along * at.c, -along * at.s, 0.0
+
+
 # Wrench (X [N], Y [N], N [N m]) in the body frame.
 WRENCH = {
+    "washboard floor": _washboard,
+    "spin-surge side force": lambda p, at: (0.0, p["a"] * at.r * at.u, 0.0),
+    "cubic yaw damping": lambda p, at: (0.0, 0.0, -p["a"] * at.r**3),
+    "thruster cross-talk": lambda p, at: (-2 * p["a"] * at.left * at.right, 0.0, 0.0),
     "quadratic_drag": _quadratic_drag,
     "coulomb_friction": lambda p, at: _dry(at, p["f"], p["n"]),
     "skirt_friction": lambda p, at: _dry(at, (1 - at.lift) * p["f0"], (1 - at.lift) * p["n0"]),
@@ -196,23 +210,34 @@ def acting(effects, commands):
     """
     if isinstance(commands, np.ndarray):
         commands = [(commands[:, 0], commands[:, i]) for i in (1, 2, 3)]
+    arrived = []
+    for channel, (times, values) in zip(channels(effects), commands):
+        arrived.append(np.array([channel.send(t, v) for t, v in zip(times, values)]).T)
+    return [(times, values) for times, values in arrived]
+
+
+def channels(effects):
+    """The Channels of left, right and lift."""
     both = effects.get("input_delay", {}).get("delay", 0.0)
     unequal = effects.get("unequal_delays", {"left": 0.0, "right": 0.0})
-    delays = (both + unequal["left"], both + unequal["right"], both)
     play = effects.get("thrust_backlash", {"width": 0.0})["width"]
-    return [
-        (np.asarray(times) + delay, _slack(values, play) if i < 2 else np.asarray(values))
-        for i, ((times, values), delay) in enumerate(zip(commands, delays))
-    ]
+    left, right = (Channel(both + unequal[side], play) for side in ("left", "right"))
+    return [left, right, Channel(both, 0.0)]
 
 
-def _slack(values, width):
-    """A command after backlash of `width`, initially 0."""
-    reached, out = 0.0, []
-    for value in values:
-        reached = min(max(reached, value - width / 2), value + width / 2)
-        out.append(reached)
-    return np.array(out)
+@dataclass
+class Channel:
+    """Passes on the commands of one input after a delay [s] and with backlash of a width."""
+
+    delay: float
+    play: float
+    reached: float = 0.0
+
+    def send(self, time, value):
+        """Time [s] at which a command that is sent at `time` acts, and the value that acts then."""
+        half = self.play / 2
+        self.reached = min(max(self.reached, value - half), value + half)
+        return time + self.delay, self.reached
 
 
 def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
@@ -229,8 +254,7 @@ def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
     times = np.unique(np.concatenate([grid, edges]))
     times = times[np.append(True, np.diff(times) > 1e-12)]
     held = np.column_stack([held_at(command, times) for command in commands])
-    rates = _Rates(craft, began)
-    state = [*map(float, pose)] + [0.0] * (3 + rates.count)
+    mover = Mover(craft, pose, began)
     pushes = np.zeros((len(times), 3))
     if wrench is not None:
         cell = np.minimum(((times - began) / GRID + 1e-6).astype(int), len(wrench) - 1)
@@ -238,11 +262,38 @@ def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
     rows = np.empty((len(times), 9))  # pose, velocities, their derivatives
     steps = np.append(np.diff(times), 0.0).tolist()
     for i, now in enumerate(zip(times.tolist(), steps, held.tolist(), pushes.tolist())):
-        t, h, inputs, push = now
-        first = rates(t, state, inputs, push)
-        rows[i] = state[:6] + first[3:6]
-        state = _kutta(rates, t, state, h, inputs, push, first)
+        rows[i] = mover.step(*now)
     return Motion(times, rows[:, :3], rows[:, 3:6], rows[:, 6:])
+
+
+class Mover:
+    """A craft in motion from rest at a pose. began: when its drive began [s]. braking: friction of the floor
+    while the lift is off [m/s^2]."""
+
+    def __init__(self, craft, pose, began, braking=0.0):
+        self._rates = _Rates(craft, began, braking)
+        self.state = [*map(float, pose)] + [0.0] * (3 + self._rates.count)
+
+    def begin(self, began):
+        """The drive begins at `began` [s]."""
+        self._rates.began = began
+
+    def forget(self, effect):
+        """The states of an effect are 0 again."""
+        for at in self._rates.spans.get(effect, ()):
+            self.state[at] = 0.0
+
+    def step(self, t, h, inputs, push):
+        """Moves it from t by h [s] under inputs left, right, lift and a wrench (3) [N, N, N m]. Returns pose,
+        velocities and accelerations at t."""
+        first = self._rates(t, self.state, inputs, push)
+        row = self.state[:6] + first[3:6]
+        self.state = _kutta(self._rates, t, self.state, h, inputs, push, first)
+        return row
+
+    def accelerations(self, t, inputs, push):
+        """Derivatives of the velocities at t."""
+        return self._rates(t, self.state, inputs, push)[3:6]
 
 
 def held_at(command, times):
@@ -265,15 +316,16 @@ def _kutta(f, t, y, h, inputs, push, a):
 class _Rates:
     """Right-hand side of the equations of motion of a craft whose drive began at `began` [s]."""
 
-    def __init__(self, craft, began):
-        self.body, self.began = craft.body, began
+    def __init__(self, craft, began, braking):
+        self.body, self.began, self.braking = craft.body, began, braking
         effects = craft.effects
         self.wrench = [(WRENCH[n], p) for n, p in effects.items() if n in WRENCH]
         self.thrust = [(THRUST[n], p) for n, p in effects.items() if n in THRUST]
-        self.states, self.count = [], 0
+        self.states, self.count, self.spans = [], 0, {}
         for name in sorted((n for n in effects if n in STATES), key=lambda n: n not in INPUT_OF):
             count, rate = STATES[name]
             span = slice(6 + self.count, 6 + self.count + count)
+            self.spans[name] = range(span.start, span.stop)
             does = [table.get(name) for table in (INPUT_OF, THRUST_OF, WRENCH_OF)]
             self.states.append((effects[name], span, rate, *does))
             self.count += count
@@ -332,6 +384,10 @@ class _Rates:
                 left, right = left * a, right * b
         at.force_left, at.force_right = left, right
         X, Y, N = left + right + push[0], push[1], at.l * (left - right) + push[2]
+        if self.braking and at.lift == 0:
+            most = at.m * self.braking
+            dX, dY, dN = _dry(at, most, most * at.l)
+            X, Y, N = X + dX, Y + dY, N + dN
         for force, p in self.wrench:
             dX, dY, dN = force(p, at)
             X, Y, N = X + dX, Y + dY, N + dN

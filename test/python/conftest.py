@@ -4,6 +4,7 @@ import functools
 import io
 import json
 import pathlib
+import shutil
 import socket
 import subprocess
 import time
@@ -146,3 +147,32 @@ def mapping_as_logged(folder):
     path = folder / "as_logged.yaml"
     path.write_text(text.replace("heading_offset: 3.14", "# heading_offset: 3.14"))
     return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    webdriver = pytest.importorskip("selenium.webdriver")
+    service = pytest.importorskip("selenium.webdriver.chrome.service")
+    if not shutil.which("chromedriver"):
+        pytest.skip("chromedriver is not installed")
+    options = webdriver.ChromeOptions()
+    for argument in ("--headless=new", "--no-sandbox", "--window-size=1280,900"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(
+        service=service.Service(shutil.which("chromedriver")), options=options
+    )
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def as_wide_as(browser):
+    """A function that makes the browser's window as wide as a device [pixels]."""
+
+    def resize(width):
+        device = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", device)
+
+    yield resize
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

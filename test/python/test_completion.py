@@ -33,7 +33,8 @@ def completions(line, first=1, program="identify", cwd=None):
 
 def test_verbs_are_completed():
     assert {"import", "info", "fit", "diagnose"} <= set(completions("identify "))
-    assert completions("identify di") == ["diagnose"]
+    assert completions("identify di") == ["diagnose", "discover"]
+    assert completions("identify dia") == ["diagnose"]
 
 
 @pytest.mark.parametrize(
@@ -43,6 +44,7 @@ def test_verbs_are_completed():
         ("identify diagnose run.bag --only wind moto", ["motor_lag"]),
         ("identify fit --objective le", ["least-squares"]),
         ("identify fit --hol", ["--holdout"]),
+        ("identify discover --no", ["--no-track"]),
         ("track --controller Model", ["ModelPredictive"]),
     ],
 )

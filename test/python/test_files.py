@@ -124,3 +124,24 @@ def test_files_are_written_where_there_are_no_hard_links(tmp_path, monkeypatch, 
             open(temporary, "w").close()
     assert (tmp_path / "late.json").read_text() == "somebody else's"
     assert sorted(contents(tmp_path)) == ["late.json", "new.json"]
+
+
+def test_a_command_may_replace_its_own_file_with_a_later_state(tmp_path):
+    state, other = tmp_path / "state.json", tmp_path / "other.json"
+    with files.protect([]):
+        files.write_json(str(other), 0)
+        for count in range(3):
+            files.write_json(str(state), count, force=True, again=True)
+        with pytest.raises(errors.GroundError, match="just been written by this command"):
+            files.write_json(str(other), 1, force=True, again=True)
+    assert (state.read_text(), other.read_text()) == ("2\n", "0\n")
+
+
+def test_a_new_file_may_have_the_inode_of_a_deleted_one(tmp_path):
+    gone, state = tmp_path / "gone.json", tmp_path / "state.json"
+    with files.protect([]):
+        for count in range(50):
+            files.write_json(str(gone), count)
+            gone.unlink()
+            files.write_json(str(state), count, force=True, again=True)
+    assert state.read_text() == "49\n"

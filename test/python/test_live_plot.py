@@ -16,10 +16,18 @@ from conftest import ROOT, free_port, wait_for
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt is loaded
 
-from ground_msgs.msg import Controls, ControllerStatus, ModelError, Reference, SenderStatus, State
+from ground_msgs.msg import (
+    Controls,
+    ControllerStatus,
+    DiscoveryStatus,
+    ModelError,
+    Reference,
+    SenderStatus,
+    State,
+)
 
 from ground.errors import GroundError
-from ground.nodes import live_buffers, live_plot
+from ground.nodes import discovery_panel, live_buffers, live_plot
 
 DURATION = 20.0
 LAYOUT = ROOT / "cfg" / "plotjuggler" / "ground.xml"
@@ -340,6 +348,94 @@ def test_statuses_are_shown_until_a_node_falls_silent(window, monkeypatch):
     window.redraw()
     assert status_lines(window)[1].endswith("(7 s ago; silent since)")
     assert status_lines(window)[2] == "No new message for 7 s; the newest has stamp 1001 s."
+
+
+NAN = math.nan
+DISCOVERY = dict(
+    activity="flies: what <decides>",
+    flight=3,
+    purpose="decide",
+    flown=34.5,
+    budget=180.0,
+    verdict="missing",
+    effects=["motor_lag", "wind"],
+    belief_effects=["yaw_bias", "input_delay", "wind", "motor_lag"],
+    beliefs=[0.01, 0.3, 0.97, 0.999],
+    belief_states=["absent", "open", "present", "present"],
+    models=["given", "after flight 1", "after flight 2"],
+    flights=3,
+    errors=[1.9, 2.1, 1.8, NAN, 0.6, 0.55, NAN, NAN, 0.22],
+    floors=[0.2, 0.2, NAN],
+)
+
+
+def test_a_discovery_has_a_panel_below_the_curves(window, application):
+    assert window.panel is None
+    height = window.height()
+    drive(window.feed, 1000, 5)
+    window.feed.take_discovery(DiscoveryStatus(**DISCOVERY))
+    window.redraw()
+    application.processEvents()
+    panel = window.panel
+    assert window.height() == height + discovery_panel.HEIGHT and panel.isVisible()
+    assert re.sub("<[^>]*>", "", panel.line.text()) == (
+        "discovery, flight 3 (decide): 34 of 180 s flown. Verdict: missing motor_lag, wind. "
+        "Now: flies: what &lt;decides&gt;"
+    )
+    named = re.sub("<[^>]*>|&[^;]*;", " ", panel.legend.text()).split()
+    assert " ".join(named).endswith("given after flight 1 after flight 2 floor")
+    lines = [item.getOriginalDataset() for item in panel.chart.listDataItems()]
+    assert [list(x) for x, _ in lines[:4]] == [[1, 2, 3], [1, 2, 3], [2, 3], [3]]
+    newest = [1.9, 0.6, 0.22]
+    assert [list(y) for _, y in lines[:4]] == [newest, [1.9, 2.1, 1.8], [0.6, 0.55], [0.22]]
+    assert len(lines) == 6, "floors of two flights"
+
+
+def test_a_belief_has_a_bar_as_long_as_it_is_probable(window, application):
+    window.feed.take_discovery(DiscoveryStatus(**DISCOVERY))
+    window.redraw()
+    application.processEvents()
+    beliefs = window.panel.beliefs
+    image = beliefs.grab().toImage()
+    whole = image.width() - discovery_panel.NAME - discovery_panel.VALUE
+    ordered = [(0.999, "present"), (0.97, "present"), (0.3, "open"), (0.01, "absent")]
+    for row, (probability, state) in enumerate(ordered):
+        y = row * discovery_panel.BAR + discovery_panel.BAR // 2
+        color = discovery_panel.COLORS[state]
+        bar = [image.pixelColor(x, y).name() == color for x in range(image.width())]
+        assert sum(bar) == pytest.approx(probability * whole, abs=2), ordered[row]
+
+
+def test_many_beliefs_are_summed_up(window, application):
+    many = dict(DISCOVERY, belief_effects=["effect %d" % i for i in range(60)])
+    many.update(beliefs=[0.02] * 60, belief_states=["absent"] * 60)
+    window.feed.take_discovery(DiscoveryStatus(**many))
+    window.redraw()
+    application.processEvents()
+    image = window.panel.beliefs.grab().toImage()
+    bottom = range(image.height() - discovery_panel.BAR, image.height())
+    ink = sum(image.pixelColor(x, y).name() != "#ffffff" for y in bottom for x in range(300))
+    assert ink > 20, "how many are not drawn"
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        DiscoveryStatus(),
+        DiscoveryStatus(models=["given"], flights=2, errors=[NAN, NAN], floors=[NAN, NAN]),
+        DiscoveryStatus(models=["given"], flights=2, ended=True, reason="no battery", sure=False),
+    ],
+    ids=["empty", "nothing known", "ended"],
+)
+def test_the_panel_shows_a_discovery_at_any_time(window, application, status):
+    window.feed.take_discovery(DiscoveryStatus(**DISCOVERY))
+    window.redraw()
+    window.feed.take_discovery(status)
+    window.redraw()
+    application.processEvents()
+    assert window.panel.chart.listDataItems() == []
+    assert window.panel.line.text().startswith("<b>discovery</b>")
+    assert ("Ended, not sure: no battery" in window.panel.line.text()) == status.ended
 
 
 def test_a_picture_is_saved_and_not_overwritten(window, tmp_path):

@@ -109,6 +109,7 @@ def test_rviz_shows_paths_in_the_colours_of_the_palette():
         "path/measured": _core.palette["measured"],
         "path/predicted": first,
         "path/predicted2": second,
+        "discovery/planned": _core.palette["thrusters"][1],
     }
 
 

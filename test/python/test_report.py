@@ -1,6 +1,5 @@
 """report.html in a browser: plots are drawn, nothing is fetched, zoom is linked, and it can be printed."""
 import base64
-import io
 import json
 import re
 import resource
@@ -8,6 +7,7 @@ import shutil
 import subprocess
 
 import pytest
+from browsing import CROWDED, assert_sound, open_page, shape, wait_until_drawn, waiting
 from conftest import MODEL, identify, write_bag
 from test_diagnose import with_effect
 
@@ -47,68 +47,6 @@ def compared(folder, bags, diagnosed):
     assert result.returncode == 0, result.stderr
     assert "improved predicts best" in result.stdout
     return out
-
-
-@pytest.fixture(scope="module")
-def browser():
-    webdriver = pytest.importorskip("selenium.webdriver")
-    service = pytest.importorskip("selenium.webdriver.chrome.service")
-    if not shutil.which("chromedriver"):
-        pytest.skip("chromedriver is not installed")
-    options = webdriver.ChromeOptions()
-    for argument in ("--headless=new", "--no-sandbox", "--window-size=1280,900"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(
-        service=service.Service(shutil.which("chromedriver")), options=options
-    )
-    yield driver
-    driver.quit()
-
-
-DRAWN = """
-return [...document.querySelectorAll(".figure")].filter(f => !f.closest("details:not([open])"))
-    .map(f => [f.id, f.dataset.drawn])"""
-
-
-def waiting(browser, seconds):
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    return WebDriverWait(browser, seconds)
-
-
-def wait_until_drawn(browser):
-    waiting(browser, 60).until(
-        lambda b: all(state == "yes" for _, state in b.execute_script(DRAWN))
-    )
-    return browser.execute_script(DRAWN)
-
-
-def open_page(browser, path):
-    """Opens a page and all its runs; returns the names of its figures."""
-    browser.get(path.resolve().as_uri())
-    wait_until_drawn(browser)
-    browser.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
-    return [name for name, _ in wait_until_drawn(browser)]
-
-
-def assert_sound(browser, names):
-    """Checks for errors, fetched resources, empty plots, and content wider than the window."""
-    from PIL import Image
-
-    assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
-    fetched = "return performance.getEntriesByType('resource').map(e => e.name)"
-    assert [n for n in browser.execute_script(fetched) if not n.startswith("data:")] == []
-    width, window = browser.execute_script(
-        "return [document.documentElement.scrollWidth, window.innerWidth]"
-    )
-    assert width <= window
-    for name in names:
-        element = browser.find_element("id", name)
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
-        picture = Image.open(io.BytesIO(element.screenshot_as_png)).convert("L")
-        inked = sum(picture.histogram()[:200]) / (picture.width * picture.height)
-        assert inked > 0.004, "%s is empty" % name
 
 
 @pytest.mark.parametrize("verb", ["compare", "diagnose"])
@@ -202,54 +140,6 @@ def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):
     assert all(0.1 * w < p < 0.5 * w for w, p in zip(whole, part))
     browser.execute_async_script(zoom % "{'xaxis.range': [0, 100]}")
     assert browser.execute_script(shown) == whole
-
-
-# Texts of figures that overlap by more than 2 pixels, as the rotated rectangles that they are, or that
-# reach beyond their figure.
-CROWDED = """
-const found = [], corners = text => {
-  const b = text.getBBox(), m = text.getScreenCTM();
-  return [[0, 0], [1, 0], [1, 1], [0, 1]].map(([i, j]) => [b.x + i * b.width, b.y + j * b.height])
-    .map(([x, y]) => [m.a * x + m.c * y + m.e, m.b * x + m.d * y + m.f]);
-};
-const depth = (one, other) => Math.min(...[one, other].flatMap(sides => [0, 1].map(i => {
-  const [x, y] = [0, 1].map(k => sides[i + 1][k] - sides[i][k]), length = Math.hypot(x, y) || 1;
-  const [a, b] = [one, other].map(s => s.map(p => (p[0] * x + p[1] * y) / length));
-  return Math.min(Math.max(...a), Math.max(...b)) - Math.max(Math.min(...a), Math.min(...b));
-})));
-for (const figure of document.querySelectorAll(".figure[data-drawn]")) {
-  const texts = [...figure.querySelectorAll("text")].filter(t => t.textContent.trim() &&
-    !t.closest(".modebar") && t.getBoundingClientRect().width && getComputedStyle(t).visibility != "hidden");
-  const places = texts.map(corners), frame = figure.getBoundingClientRect();
-  texts.forEach((text, i) => {
-    const box = text.getBoundingClientRect();
-    if (box.left < frame.left - 1 || box.right > frame.right + 1 || box.top < frame.top - 1 ||
-        box.bottom > frame.bottom + 1) found.push(figure.id + " cuts off " + text.textContent);
-    for (let j = 0; j < i; j++)
-      if (depth(places[i], places[j]) > 2)
-        found.push(figure.id + ": " + text.textContent + " | " + texts[j].textContent);
-  });
-}
-return found"""
-
-
-@pytest.fixture
-def as_wide_as(browser):
-    """A function that makes the browser's window as wide as a device [pixels]."""
-
-    def resize(width):
-        device = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", device)
-
-    yield resize
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
-def shape(browser):
-    """Forms of the figures that are drawn, after they have been drawn for a new width."""
-    wait_until_drawn(browser)
-    forms = "return [...document.querySelectorAll('.figure[data-drawn]')].map(f => f.dataset.form)"
-    return set(browser.execute_script(forms))
 
 
 @pytest.mark.parametrize("verb", ["diagnose", "compare"])

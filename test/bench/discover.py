@@ -1,0 +1,233 @@
+#!/usr/bin/python3
+"""Lets crafts with hidden physics find it by flying, and compares the answers with the truth.
+
+A case is a kind and a seed (discover_cases). Its craft is the bench's own (discover_lab): neither equations
+nor integrator nor disturbance nor noise are the project's. Each craft flies twice: with the experiments that
+a discovery chooses, and with random ones, for the same certainty. Results go to a file of JSON lines; an
+interrupted bench continues where it stopped.
+"""
+import argparse
+import functools
+import json
+import os
+import sys
+import time
+
+import numpy as np
+
+import discover_cases as cases
+import discover_floor
+import discover_lab
+import discover_table
+import hidden
+import hidden_cases
+import hidden_craft
+import hidden_noise
+import hidden_score
+import hidden_table
+import hidden_visibility
+import hidden_white
+import room
+from ground import _core, workers
+from ground.analysis import unexplained
+from ground.discovery import campaign, choice, pieces, simulated, story
+from ground.errors import GroundError
+from hidden_white import MODEL
+
+# Modules that a cluster's workers need, in the order of their imports.
+MODULES = (hidden_white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_score)
+MODULES += (hidden_table, room, cases, discover_lab, discover_floor, discover_table)
+ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
+CHECK = 9001  # number of the flights that compare the tracking
+
+
+class RandomBursts:
+    """A choice.Chooser that looks at nothing: PRBS of 15 Hz and full thrust, each with another seed."""
+
+    def choose(self, state, offers, longest, seed):
+        """See choice.Chooser."""
+        model = state.questions.basis.model
+        alike = [o.seconds for o in offers if "PRBS" in o.piece.words and "lift" not in o.piece.words]
+        seconds = float(np.median(alike or [o.seconds for o in offers]))
+        count = max(1, int(min(choice.LONGEST, longest) / seconds))
+        random = np.random.default_rng(seed)
+        numbers = random.integers(1, 10**6, count).tolist()
+        return choice.Chosen([pieces.prbs(model, n) for n in numbers], "Random bursts.")
+
+
+# How the experiments are chosen
+CHOOSERS = {"informed": choice.Informed, "random": RandomBursts}
+
+
+def run_case(job):
+    """Result of one job (kind, seed, chooser), a dictionary for a line of JSON."""
+    kind, seed, chooser = job
+    case, model = cases.make(kind, seed), cases.given_model()
+    place = _core.load_room(ROOM)
+    start = time.perf_counter()
+    lab = discover_lab.HiddenLaboratory(case, model, place)
+    settings = campaign.Settings(budget=cases.KINDS[kind][2], seed=seed)
+    result = dict(case.describe(), chooser=chooser)
+    try:
+        found = campaign.Discovery(model, lab, settings, chooser=CHOOSERS[chooser](), threads=1)
+        told = found.run()
+        result["seconds"] = time.perf_counter() - start
+        result.update(_flights(told), found=_answer(found))
+        result.update(clearance=lab.clearance, late_thrust=lab.late_thrust)
+        result["confirmation"] = _confirmation(found, lab)
+        if chooser == "informed":
+            result["tracking"] = _tracking(case, place, model, found.models[told.in_use])
+    except GroundError as error:
+        result["failed"] = str(error)
+    return result
+
+
+def _flights(told):
+    """How long a discovery flew, and its answer after each diagnosis."""
+    excited, seconds = {}, 0.0  # time until the end of each flight, without tracking [s]
+    for flight in told.flights:
+        seconds += 0.0 if flight.flight.purpose == story.TRACK else flight.seconds
+        excited[flight.flight.number] = seconds
+    answers = [
+        {"seconds": excited[f.after], "chosen": f.effects, "groups": f.groups, "verdict": f.verdict}
+        for f in told.findings
+    ]
+    return {
+        "answers": answers,
+        "flown": told.flown,
+        "excited": seconds,
+        "flights": [[f.flight.purpose, f.seconds, f.stopped] for f in told.flights],
+        "sure": told.sure,
+        "reason": told.reason,
+        "held": told.confirmation is not None and told.confirmation.holds,
+    }
+
+
+def _answer(found):
+    """The last answer of a campaign.Discovery, as hidden_score reads it."""
+    last, told = found.found, found.story
+    if last is None:
+        return {"chosen": [], "groups": {}, "verdict": "", "where": [], "heldout": []}
+    where = []
+    if last.verdict in ("unexplained", "memory"):
+        where = [w["variable"] for w in unexplained.explain(last.diagnosis.runs, last.model)[0]]
+    return {
+        "chosen": told.findings[-1].effects,
+        "groups": told.findings[-1].groups,
+        "unseen": last.diagnosis.hidden_names(),
+        "verdict": last.verdict,
+        "where": where,
+        "proposed": [c.name for c in found.analyst.own],
+        "formulas": found.analyst.formulas,
+        "memory": last.conclusion.memory and last.conclusion.memory.kind.name,
+        "varies": [v["parameter"] for v in last.conclusion.varies],
+        "heldout": [float(error) for error in last.conclusion.heldout],
+    }
+
+
+def _confirmation(found, lab):
+    """Errors along the confirming flight: of the models, and of the true motion."""
+    confirmed = found.story.confirmation
+    if confirmed is None:
+        return None
+    numbers = [f.flight.number for f in found.story.flights]
+    truth = discover_floor.true_error(
+        lab.case, lab.flown[numbers.index(confirmed.flight)], found.given
+    )
+    said = {"given": confirmed.given, "final": confirmed.final, "expected": confirmed.floor}
+    return dict(said, truth=truth)
+
+
+def _tracking(case, place, given, final):
+    """True error [m] of a rhodonea by ModelPredictive with both models, in the same disturbance and noise;
+    None where it was stopped."""
+    size = campaign.SIZE * place.clearance(place.home)
+    flight = story.Flight(
+        CHECK, story.TRACK, "", campaign.TRACKING, reference=campaign.REFERENCE, size=size
+    )
+    errors = []
+    for model in (given, final):
+        lab = discover_lab.HiddenLaboratory(case, model, place)
+        landed = lab.fly(flight, np.empty((0, 0)))
+        run = lab.flown[0][0]
+        references = run.references[run.references[:, 0] >= run.references[0, 0] + simulated.SETTLING]
+        at = np.minimum(np.searchsorted(run.truth_times, references[:, 0]), len(run.truth_times) - 1)
+        off = hidden_craft.seen(case.effects, run.truth_eta[at])[:, :2] - references[:, 1:3]
+        errors.append(None if landed.stopped else float(np.sqrt((off**2).sum(axis=1).mean())))
+    return {"before": errors[0], "after": errors[1]}
+
+
+def run_until(deadline, job):
+    """run_case, or None after the deadline, by time.time() [s]."""
+    return run_case(job) if time.time() < deadline else None
+
+
+def jobs_of(options):
+    """Jobs that the options ask for. Kinds alternate: an interrupted bench has results of each."""
+    counts = {kind: options.count or cases.KINDS[kind][1] for kind in options.kinds}
+    for number in range(max(counts.values())):
+        for kind, count in counts.items():
+            if number < count:
+                for chooser in options.choosers:
+                    yield kind, options.seed_base + number, chooser
+
+
+def key_of(result):
+    """The job that gave a result."""
+    return result["kind"], result["seed"], result["chooser"]
+
+
+def bench(options):
+    """Runs the jobs without a result and prints the table of all jobs."""
+    wanted = list(jobs_of(options))
+    done = set()
+    if os.path.exists(options.results):
+        done = {key_of(r) for r in hidden.read(options.results)}
+    left = [job for job in wanted if job not in done]
+    print("%d cases, %d of them to do" % (len(wanted), len(left)), flush=True)
+    deadline = time.time() + 3600 * options.hours
+    hidden.end_last_line(options.results)
+    with open(options.results, "a") as file, workers.Workers(
+        options.scheduler,
+        processes=True,
+        count=options.jobs,
+        modules=[module.__file__ for module in MODULES],
+    ) as team:
+        for result in team.map(functools.partial(run_until, deadline), left):
+            if result:
+                file.write(json.dumps(result) + "\n")
+                file.flush()
+    asked = set(wanted)
+    results = [r for r in hidden.read(options.results) if key_of(r) in asked]
+    text = discover_table.summary(results)
+    print(text)
+    if options.markdown:
+        with open(options.markdown, "w") as file:
+            file.write(discover_table.markdown(results))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    kinds = list(cases.KINDS)
+    parser.add_argument("--kinds", nargs="+", default=kinds, choices=kinds, metavar="KIND",
+                        help="some of %s (all)" % ", ".join(kinds))  # fmt: skip
+    parser.add_argument("--choosers", nargs="+", default=list(CHOOSERS), choices=list(CHOOSERS),
+                        help="how experiments are chosen (both)")  # fmt: skip
+    parser.add_argument("--count", type=int, help="number of crafts of each kind (depends on the kind)")
+    parser.add_argument("--seed-base", type=int, default=1, help="seed of the first craft (1)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
+    workers.add_scheduler_argument(parser)
+    parser.add_argument("--results", default="build/discover.jsonl", help="file of JSON lines")
+    parser.add_argument("--markdown", help="file for the table")
+    options = parser.parse_args()
+    if options.jobs < 1 or (options.count is not None and options.count < 1):
+        parser.error("--count and --jobs must be positive")
+    try:
+        bench(options)
+    except (GroundError, OSError) as error:
+        return str(error)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,191 @@
+"""The discovery bench: its craft in a control loop, its floor, its scores, and one short discovery."""
+import json
+import pathlib
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ground import _core
+from ground.discovery import analyst, pieces, story
+from ground.simulation import experiments
+
+BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
+sys.path.insert(0, str(BENCH))
+
+import discover  # noqa: E402
+import discover_cases as cases  # noqa: E402
+import discover_floor  # noqa: E402
+import discover_lab  # noqa: E402
+import discover_table  # noqa: E402
+import hidden_craft  # noqa: E402
+import hidden_score  # noqa: E402
+
+ROOM = _core.load_room(discover.ROOM)
+
+
+def true_model(case):
+    model = cases.given_model()
+    for name, value in case.body.items():
+        model.set_value(name, value)
+    return model
+
+
+def prbs(seconds=4.0):
+    return experiments.with_lift(experiments.rows("prbs", seconds, clock=10, seed=3), seconds)
+
+
+def played(case, drive=None):
+    """The run and the lab of one flight; a random sequence without a room by default."""
+    lab = discover_lab.HiddenLaboratory(case, cases.given_model(), ROOM)
+    run = lab.simulated(drive or prbs(), "test", 1)
+    return run, lab
+
+
+def test_a_craft_without_effects_moves_like_the_model():
+    case = cases.make("none", 1)
+    case.level = 0.0
+    run, lab = played(case)
+    model = true_model(case)
+    own = experiments.simulate(model, prbs(), pose=run.truth_eta[0], mocap=lab.mocap)
+    np.testing.assert_array_equal(run.controls, own.controls)
+    np.testing.assert_allclose(run.truth_eta, own.truth_eta, atol=2e-3)
+    lifted = run.truth_times < run.control_times[run.controls[:, 2] > 0][-1]
+    np.testing.assert_allclose(run.truth_eta[lifted], own.truth_eta[lifted], atol=1e-4)
+    np.testing.assert_allclose(run.truth_nu[lifted], own.truth_nu[lifted], atol=1e-3)
+    noise = run.eta - run.truth_eta[np.searchsorted(run.truth_times, run.pose_times)]
+    noise[:, 2] = np.angle(np.exp(1j * noise[:, 2]))
+    assert noise.std(axis=0) == pytest.approx([3e-4, 3e-4, 5e-3], rel=0.15)
+
+
+@pytest.mark.parametrize("kind, seed", [("memory", 1), ("memory", 4), ("one", 1), ("three", 2)])
+def test_step_by_step_it_moves_as_under_known_commands(kind, seed):
+    case = cases.make(kind, seed)
+    case.level = 0.0
+    run, lab = played(case)
+    states = lab.flown[0][1]
+    sent = np.column_stack([run.control_times - experiments.START, run.controls])
+    began = sent[np.argmax(sent[:, 3] > 0), 0]
+    commands = hidden_craft.acting(case.effects, sent)
+    end = sent[sent[:, 3] > 0][-1, 0]  # then the floor brakes
+    craft = hidden_craft.Craft(case.body, case.effects)
+    motion = hidden_craft.simulate(craft, commands, end, run.truth_eta[0], began)
+    at = states[(states[:, 0] >= began + 0.2) & (states[:, 0] <= end)]
+    np.testing.assert_allclose(motion.poses(at[:, 0]), at[:, 1:4], atol=1e-4)
+    moved = np.ptp(at[:, 1:3], axis=0)
+    assert moved.max() > 0.5
+
+
+def test_it_stays_where_it_was_and_keeps_its_inner_states():
+    case = cases.make("memory", 4)
+    assert list(case.effects) == ["thrust_backlash"]
+    lab = discover_lab.HiddenLaboratory(case, cases.given_model(), ROOM)
+    chosen = [pieces.prbs(cases.given_model(), 5)]
+    flight = story.Flight(1, story.LOOK, "", 5.0)
+    landed = lab.fly(flight, pieces.joined(chosen, 0.5))
+    assert landed.recording is not None and landed.seconds > 3
+    assert lab.clearance > 0
+    np.testing.assert_allclose(lab.plant.mover.state[3:6], 0.0)
+    assert lab.plant.held[0] == pytest.approx(case.effects["thrust_backlash"]["width"] / 2)
+    before = list(lab.plant.mover.state)
+    again = lab.fly(story.Flight(2, story.LOOK, "", 5.0), pieces.joined(chosen, 0.5))
+    np.testing.assert_allclose(again.recording.truth_eta[0], before[:3], atol=1e-9)
+
+
+@pytest.mark.parametrize("effect, seed, most", [("motor_lag", 2, 0.6), ("marker_offset", 18, 0.95)])
+def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
+    """With an effect of the library, the project's own true model has the same error."""
+    case = cases.make("one", seed)
+    assert list(case.effects) == [effect]
+    run, lab = played(case)
+    data = run.repaired.data(cases.given_model())
+    truth = true_model(case)
+    nominal = analyst.error(data, truth)
+    for name, parameters in case.effects.items():
+        truth.add_effect(name)
+        for parameter, value in parameters.items():
+            truth.set_value("%s.%s" % (name, parameter), value)
+    floor = discover_floor.true_error(case, lab.flown[0], cases.given_model())
+    assert floor == pytest.approx(analyst.error(data, truth), rel=0.02)
+    assert floor < most * nominal
+
+
+def test_gaps_of_the_mocap_are_faults():
+    case = cases.make("faults", 2)
+    lab = discover_lab.HiddenLaboratory(case, cases.given_model(), ROOM)
+    lab.mocap.gap_rate = 0.3
+    rows = pieces.joined([pieces.prbs(cases.given_model(), n) for n in range(1, 4)], 0.5)
+    lab.fly(story.Flight(1, story.LOOK, "", 13.0), rows)
+    assert len(lab.late_thrust) >= 1
+    assert max(lab.late_thrust) <= discover_lab.REACTION
+    run = SimpleNamespace(
+        delivered=np.array([0.0, 0.01, 1.01]),
+        stages=[(5.0, "STOPPED", "a reason")],
+        control_times=np.array([0.0, 0.2, 0.5, 0.9, 1.1, 5.1]),
+        controls=np.array([[1, 0, 1], [0, 1, 1], [1, 1, 1], [0, 0, 1], [1, 0, 1], [0, 0, 1]]),
+    )
+    assert discover_lab.late_thrust(run) == pytest.approx([0.49, 0.0])
+
+
+def answer(seconds, chosen, groups=None):
+    return {"seconds": seconds, "chosen": chosen, "groups": groups or {}, "verdict": "missing"}
+
+
+def test_the_time_counts_from_which_on_answers_are_right():
+    result = {"kind": "one", "hidden": ["wind"], "allowed": []}
+    wind, drag = answer(20, ["wind"]), answer(30, ["quadratic_drag"])
+    group = answer(40, ["quadratic_drag"], {"quadratic_drag": ["quadratic_drag", "wind"]})
+    late = answer(50, ["wind"])
+    assert discover_table.first_right(dict(result, answers=[wind, late])) == 20
+    assert discover_table.first_right(dict(result, answers=[wind, drag, group, late])) == 40
+    assert discover_table.first_right(dict(result, answers=[wind, drag])) is None
+
+
+def test_scores_of_effects_outside_the_library():
+    found = {"chosen": [], "verdict": "unexplained", "where": ["r", "x"], "proposed": []}
+    result = {"kind": "outside", "depends": ["x"], "found": dict(found, heldout=[0.2, 0.2])}
+    assert discover_table.is_explained(result)
+    result["found"]["where"] = ["r", "u", "x"]
+    assert not discover_table.is_explained(result)
+    result["found"].update(verdict="missing", chosen=["proposed"], proposed=["proposed"])
+    assert not discover_table.is_explained(result)
+    result["found"]["formulas"] = {"proposed": {"Y": "c1*r*u"}, "other": {"X": "c1*x"}}
+    assert not discover_table.is_explained(result)
+    result["found"]["formulas"]["proposed"]["X"] = "c2*sin(2*pi*x/0.3)"
+    assert discover_table.is_explained(result)
+    result["found"].update(heldout=[0.2, 0.09], formulas={})
+    assert discover_table.is_explained(result)
+
+
+def test_medians_have_intervals_by_order():
+    assert discover_table.median(np.arange(1.0, 101.0)) == (50.5, 40, 61)
+    assert discover_table.median([3.0]) == (3.0, 3.0, 3.0)
+
+
+def test_cases_follow_from_their_seeds():
+    for kind in cases.KINDS:
+        assert cases.make(kind, 3) == cases.make(kind, 3)
+        assert cases.make(kind, 3).body != cases.make(kind, 4).body
+    assert len(cases.make("two", 1).effects) == 2
+    every = {name for seed in range(1, 6) for name in cases.make("memory", seed).effects}
+    assert every == set(cases.MEMORY)
+
+
+def test_a_craft_finds_its_effect(monkeypatch, tmp_path, capsys):
+    """A short discovery; `make bench-discover` runs whole ones."""
+    monkeypatch.setitem(cases.KINDS, "one", (cases.one, 1, 48.0))
+    options = ["--kinds", "one", "--choosers", "informed", "--jobs", "1"]
+    path = tmp_path / "results.jsonl"
+    monkeypatch.setattr(sys, "argv", ["discover.py", *options, "--results", str(path)])
+    assert discover.main() is None
+    result = json.loads(path.read_text())
+    assert result["hidden"] == ["input_delay"]
+    assert hidden_score.is_right(result)
+    assert result["clearance"] > 0
+    assert result["tracking"]["after"] < result["tracking"]["before"]
+    assert result["confirmation"]["final"] < 1.2 * result["confirmation"]["truth"]
+    said = capsys.readouterr().out
+    assert "one effect: right or a group, in time" in said and "100.0%" in said
+    assert discover.main() is None
+    assert "0 of them to do" in capsys.readouterr().out

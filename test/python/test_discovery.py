@@ -1,0 +1,390 @@
+"""A simulated craft finds its own physics: information, beliefs, and the steps of a discovery."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from conftest import MODEL, ROOT
+from ground import _core
+from ground.analysis import candidates
+from ground.analysis.likelihood import Likelihood
+from ground.discovery import choice, information, pieces
+from ground.discovery.analyst import Analyst
+from ground.discovery.campaign import Discovery, Settings
+from ground.discovery.journal import Journal
+from ground.discovery.laboratory import Landed
+from ground.discovery.simulated import SimulatedLaboratory
+from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, TRACK, Story
+from ground.errors import GroundError
+from ground.simulation import experiments
+
+SHARE, TIME = 0.005, 0.5  # disturbance: of full thrust, correlation time [s]
+
+
+def given():
+    return _core.load_model(str(MODEL))
+
+
+def room():
+    return _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
+
+
+def craft(**effects):
+    """The given craft with other parameters, and effects {name: {parameter: value}}."""
+    truth = given()
+    for name, factor in (("I_z", 1.2), ("Y_v", 0.8), ("N_r", 1.25), ("k", 0.8)):
+        truth.set_value(name, factor * truth.value(name))
+    for name, parameters in effects.items():
+        truth.add_effect(name)
+        for parameter, value in parameters.items():
+            truth.set_value("%s.%s" % (name, parameter), value)
+    return truth
+
+
+def laboratory(truth, folder="", seed=1, kind=SimulatedLaboratory):
+    mocap = _core.MocapParams()
+    mocap.latency = 0.02
+    push = experiments.disturbance_in_shares(truth, SHARE, TIME)
+    return kind(truth, given(), room(), mocap, push, seed, str(folder))
+
+
+def plain(story):
+    """A story as JSON gives it."""
+    return json.loads(json.dumps(story.to_dict()))
+
+
+CURVED = {"thrust_curve": {"p": 1.4}}
+
+
+@pytest.fixture(scope="module")
+def analyst():
+    return Analyst(given(), room(), 1)
+
+
+@pytest.fixture(scope="module")
+def curved(tmp_path_factory):
+    """A whole discovery of a craft with a curved thrust: story, laboratory, stories as told."""
+    folder = tmp_path_factory.mktemp("curved") / "discovery"
+    folder.mkdir()
+    told = []
+    lab = laboratory(craft(**CURVED), folder)
+    found = Discovery(
+        given(), lab, folder=str(folder), told=lambda s: told.append(s.to_dict()), threads=1
+    )
+    return found.run(), lab, told, folder
+
+
+# --- Information
+
+
+def seen(analyst, *chosen):
+    """{effect: visibility} of some pieces."""
+    questions = analyst.start.questions
+    offers = [o for o in analyst.first_offers if o.piece.words in chosen]
+    assert len(offers) == len(chosen)
+    visibility = questions.visibility(sum(offer.gain for offer in offers))
+    return {q.about: v for q, v in zip(questions.asked, visibility)}
+
+
+def test_what_inputs_do_not_excite_is_not_visible(analyst):
+    full = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust")
+    low = seen(analyst, "PRBS of 10 Hz between 0 and 1 of full thrust, lift at 0.6")
+    # at full lift the skirt does not touch the floor; on-off inputs do not show a curve
+    assert full["skirt_friction"] < 0.1 < 20 < low["skirt_friction"]
+    assert full["thrust_curve"] < 0.1 and low["thrust_curve"] < 0.1
+    assert seen(analyst, "random levels, 0.25 s each")["thrust_curve"] > 20
+
+
+def test_visibility_is_the_expected_log_likelihood_ratio(analyst):
+    # Experiments with the effect in the truth: the mean of 2 (L1 - L0) is visibility + 1.
+    name, free = "thrust_curve", list(analyst.start.questions.basis.free)
+    truth = given()
+    truth.add_effect(name)
+    truth.set_value("thrust_curve.p", 1 + 0.3 * analyst.sizes["thrust_curve.p"])
+    piece = next(p for p in pieces.pieces(given(), 1) if p.words.startswith("random levels, 0.25"))
+    rows = pieces.joined([piece, piece], 0.5)
+    push = experiments.disturbance_in_shares(truth, SHARE, TIME)
+    expected, ratios = [], []
+    for seed in range(12):
+        drive = experiments.as_given(rows, float(rows[-1, 0]))
+        run = experiments.simulate(truth, drive, seed=seed, disturbance=push).repaired.data(truth)
+        box = Likelihood([run], truth, ())
+        without = box.fit(given(), free)
+        full = box.fit(truth, [*free, "thrust_curve.p"], near=without)
+        ratios.append(2 * (full.log_posterior - without.log_posterior))
+        known = information.of_runs(analyst.basis(without.model), box, full.levels)
+        questions = dataclasses.replace(
+            analyst.start.questions, asked=[information.Question(name)], scale=known.scale
+        )
+        expected.append(0.3**2 * questions.visibility(known.matrix)[0] + 1)
+    error = np.std(ratios, ddof=1) / np.sqrt(len(ratios))
+    assert np.mean(expected) > 10
+    assert abs(np.mean(ratios) - np.mean(expected)) < 3 * error + 0.15 * np.mean(expected)
+
+
+def test_the_first_flight_mixes_what_shows_all_effects(analyst):
+    found = choice.Informed().choose(analyst.start, analyst.first_offers, 30.0, 1)
+    words = " ".join(piece.words for piece in found.pieces)
+    assert "lift at 0.6" in words
+    shown = seen(analyst, *[piece.words for piece in found.pieces])
+    poor = seen(analyst, "PRBS of 20 Hz between 0 and 1 of full thrust")
+    decided = [sum(v >= information.DECIDED for v in one.values()) for one in (shown, poor)]
+    assert decided[0] > decided[1] + 5
+
+
+def test_more_flight_leaves_less_doubt(analyst):
+    questions = analyst.start.questions
+    matrix, doubts = 0 * analyst.start.information.matrix, []
+    for offer in analyst.first_offers[:6]:
+        doubts.append(questions.doubt(matrix))
+        matrix = matrix + offer.gain
+    assert doubts == sorted(doubts, reverse=True) and doubts[-1] < doubts[0] / 2
+
+
+def test_pieces_are_played_inside_the_room(analyst):
+    home, reach = np.array(room().home), room().clearance(room().home)
+    for piece in pieces.pieces(given(), 3):
+        run, seconds = pieces.motion(piece, given(), room(), 0.5, np.array([3e-4, 3e-4, 5e-3]))
+        assert np.linalg.norm(np.array(run.eta)[:, :2] - home, axis=1).max() < reach
+        assert seconds >= pieces.SECONDS
+
+
+# --- A whole discovery
+
+
+def test_it_finds_the_hidden_effect_and_confirms_it(curved):
+    story, _, _, _ = curved
+    assert (story.verdict, story.findings[-1].effects) == ("missing", ["thrust_curve"])
+    assert story.sure and story.ended and story.flown < 120
+    assert story.confirmation.holds
+    assert story.confirmation.final < 0.5 * story.confirmation.given
+    last = story.flights[-1]
+    assert last.flight.purpose == CONFIRM
+    # neither fit nor choice has seen it
+    assert story.findings[-1].after < last.flight.number
+    assert all(version.after < last.flight.number for version in story.versions)
+
+
+def test_the_error_falls_from_model_to_model(curved):
+    story, _, _, _ = curved
+    errors = story.flights[-1].errors
+    assert list(errors) == [version.label for version in story.versions]
+    assert errors[story.in_use] < 0.5 * errors[GIVEN]
+    assert errors[story.in_use] < 1.3 * story.flights[-1].floor
+
+
+def test_beliefs_start_equal_and_end_decided(curved):
+    story, _, _, _ = curved
+    last = {belief.effect: belief for belief in story.findings[-1].beliefs}
+    assert last["thrust_curve"].state == PRESENT and last["thrust_curve"].probability > 0.95
+    others = [belief for name, belief in last.items() if name != "thrust_curve"]
+    assert all(belief.state == ABSENT for belief in others)
+    assert np.median([belief.probability for belief in others]) < 0.02
+
+
+def test_tracking_is_better_with_the_final_model(curved):
+    story, lab, _, _ = curved
+    assert not story.tracking.taken_back and story.tracking.after < story.tracking.before
+    assert lab.believed.effects == ["thrust_curve"]
+
+
+def test_it_stays_in_the_room(curved):
+    story, _, _, _ = curved
+    assert not any(flown.stopped for flown in story.flights)
+    for flown in story.flights:
+        assert min(room().clearance(np.array(point[1:])) for point in flown.path) > 0
+
+
+def test_each_flight_is_planned_before_it_is_flown(curved):
+    _, _, told, _ = curved
+    planned = [s["planned"]["number"] for s in told if s["planned"]]
+    assert sorted(set(planned)) == list(range(1, len(told[-1]["flights"]) + 1))
+    first = next(s for s in told if s["planned"])
+    assert first["planned"]["path"] and first["planned"]["why"]
+
+
+def test_the_folder_keeps_all(curved):
+    story, _, _, folder = curved
+    kept = Journal(str(folder)).story()
+    assert plain(kept) == plain(story)
+    for flown in kept.flights:
+        assert (folder / flown.recording).is_file()
+        assert flown.flight.reference or (folder / flown.flight.inputs).is_file()
+    for version in kept.versions:
+        assert _core.load_model(str(folder / version.file)).effects == version.effects
+
+
+class Broken(SimulatedLaboratory):
+    """Is switched off in its third flight."""
+
+    def fly(self, flight, inputs):
+        if flight.number == 3:
+            raise KeyboardInterrupt
+        return super().fly(flight, inputs)
+
+
+def test_an_interrupted_discovery_goes_on(curved, tmp_path):
+    whole, _, _, _ = curved
+    truth = craft(**CURVED)
+    with pytest.raises(KeyboardInterrupt):
+        Discovery(
+            given(), laboratory(truth, tmp_path, kind=Broken), folder=str(tmp_path), threads=1
+        ).run()
+    assert len(Journal(str(tmp_path)).story().flights) == 2
+    lab = laboratory(truth, tmp_path)
+    story = Discovery(given(), lab, folder=str(tmp_path), threads=1).run()
+    assert story.sure and story.findings[-1].effects == whole.findings[-1].effects
+    assert [f.flight.number for f in story.flights] == list(range(1, len(story.flights) + 1))
+
+
+def test_an_ended_discovery_is_not_flown_again(curved):
+    story, lab, _, folder = curved
+    again = Discovery(given(), lab, folder=str(folder), threads=1).run()
+    assert plain(again) == plain(story)
+
+
+def test_the_folder_of_another_model_is_refused(curved, tmp_path):
+    _, lab, _, folder = curved
+    other = given()
+    other.set_value("m", 0.07)
+    with pytest.raises(GroundError, match="another model"):
+        Discovery(other, lab, folder=str(folder), threads=1)
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(GroundError, match="new folder"):
+        Discovery(given(), lab, folder=str(tmp_path), threads=1)
+    (tmp_path / "notes.txt").rename(tmp_path / "journal.json")
+    with pytest.raises(GroundError, match="not the story"):
+        Discovery(given(), lab, folder=str(tmp_path), threads=1)
+
+
+def test_proposed_effects_are_tried_again_after_an_interruption():
+    entry = {
+        "name": "proposed",
+        "expression": {"Y": "a*r*u"},
+        "parameters": {"a": {"value": 0.005, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}},
+    }
+    model = candidates.from_entry(entry, "the proposal").add(craft(**CURVED))
+    again = Analyst(given(), room(), 1)
+    again.adopt(model)
+    again.adopt(model)  # it is in several models of a story
+    assert [c.name for c in again.own] == ["proposed"]
+    assert again.formulas["proposed"] == {"Y": "a*r*u"}
+    assert again.own[0].add(given()).effects == ["proposed"]
+
+
+# --- Crafts and rooms that do not go as planned
+
+
+def test_a_craft_that_misses_nothing_is_complete():
+    lab = laboratory(craft(), seed=2)
+    story = Discovery(given(), lab, Settings(track=False), threads=1).run()
+    assert (story.verdict, story.findings[-1].effects, story.sure) == ("complete", [], True)
+    assert not any(flown.flight.purpose == TRACK for flown in story.flights)
+
+
+class Grounded(SimulatedLaboratory):
+    """Stops every flight before anything is measured."""
+
+    def fly(self, flight, inputs):
+        return Landed(None, "", 0.2, "the sender is disarmed")
+
+
+def test_it_ends_when_nothing_can_be_flown():
+    story = Discovery(given(), laboratory(craft(), kind=Grounded), threads=1).run()
+    assert story.ended and not story.sure and len(story.flights) == 3
+    assert "sender is disarmed" in story.reason
+
+
+def test_it_ends_with_its_budget_and_says_what_is_open():
+    lab = laboratory(craft(**CURVED))
+    story = Discovery(given(), lab, Settings(budget=34.0, track=False), threads=1).run()
+    assert story.ended and not story.sure and story.flown < 34.0
+    assert "budget" in story.reason
+
+
+def test_it_can_be_stopped_and_gone_on(tmp_path):
+    lab = laboratory(craft(**CURVED), tmp_path)
+    found = Discovery(given(), lab, Settings(track=False), str(tmp_path), threads=1)
+    found.told = lambda story: found.stop("stopped by hand") if story.flights else None
+    story = found.run()
+    assert story.ended and story.reason == "stopped by hand" and len(story.flights) == 1
+    again = Discovery(given(), lab, Settings(track=False), str(tmp_path), threads=1).run()
+    assert again.sure and again.findings[-1].effects == ["thrust_curve"]
+
+
+class Refusing(SimulatedLaboratory):
+    """Has controllers that take no other model."""
+
+    def load(self, model, label):
+        return "it has an effect that the controller cannot use" if label != GIVEN else ""
+
+
+def test_controllers_that_refuse_a_model_keep_theirs():
+    lab = laboratory(craft(**CURVED), kind=Refusing)
+    story = Discovery(given(), lab, threads=1).run()
+    assert story.sure and story.in_use == GIVEN and lab.believed.effects == []
+    assert story.tracking is None  # there is nothing to compare
+
+
+class Worse(SimulatedLaboratory):
+    """Tracks worse with other models than the given one."""
+
+    def fly(self, flight, inputs):
+        landed = super().fly(flight, inputs)
+        if landed.tracking_error is None or not self.believed.effects:
+            return landed
+        return dataclasses.replace(landed, tracking_error=1.0)
+
+
+def test_a_model_that_tracks_worse_is_taken_back():
+    lab = laboratory(craft(**CURVED), kind=Worse)
+    story = Discovery(given(), lab, threads=1).run()
+    assert story.tracking.taken_back and "given model again" in story.tracking.sentence
+    assert story.in_use == GIVEN and lab.believed.effects == []
+    assert story.sure  # the finding stands
+
+
+class Swapped(SimulatedLaboratory):
+    """Records left and right swapped."""
+
+    def fly(self, flight, inputs):
+        landed = super().fly(flight, inputs)
+        controls = landed.recording.controls[:, [1, 0, 2]]
+        return dataclasses.replace(
+            landed, recording=dataclasses.replace(landed.recording, controls=controls)
+        )
+
+
+def test_misread_recordings_end_it():
+    story = Discovery(given(), laboratory(craft(), kind=Swapped), threads=1).run()
+    assert story.ended and story.verdict == "misread" and not story.findings[-1].effects
+    assert story.in_use == GIVEN and "swapped" in story.reason
+
+
+def test_a_story_is_read_as_it_was_written(curved):
+    story, _, told, _ = curved
+    for document in [*told[:: max(1, len(told) // 5)], story.to_dict()]:
+        read = json.loads(json.dumps(document))
+        assert plain(Story.from_dict(read)) == read
+    assert story.findings[0].beliefs[0].state in (OPEN, PRESENT)
+
+
+def test_a_force_that_no_effect_explains_becomes_a_formula():
+    entry = {
+        "name": "side_force_in_turns",
+        "expression": {"Y": "a*r*u"},
+        "parameters": {
+            "a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}
+        },
+    }
+    truth = candidates.from_entry(entry, "the truth").add(craft())
+    lab = laboratory(truth, seed=3)
+    story = Discovery(given(), lab, Settings(track=False), threads=1).run()
+    last = story.findings[-1]
+    assert last.effects == ["proposed"] and story.confirmation.holds
+    assert any("r*u" in sentence or "u*r" in sentence for sentence in last.sentences)
+    errors = story.flights[-1].errors
+    assert errors[last.label] < 0.7 * errors[story.findings[0].label]
+    assert errors[last.label] < 1.2 * story.confirmation.floor

@@ -1,0 +1,259 @@
+"""report.html of a discovery, of whole and of unfinished stories."""
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+import stories
+from browsing import CROWDED, assert_sound, open_page, shape
+from conftest import ROOT
+
+from ground import _core, files
+from ground.discovery import story as tale
+from ground.discovery.story import Story
+from ground.reports import discovery_figures, discovery_page, discovery_words
+
+ROOM = _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
+
+
+def written(story, folder, room=ROOM):
+    """Path of the page of a story that went through journal.json."""
+    stories.write_files(story, folder)
+    again = Story.from_dict(json.loads(json.dumps(story.to_dict())))
+    discovery_page.write(again, str(folder), room)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return written(stories.whole(), tmp_path_factory.mktemp("discovery"))
+
+
+def text_of(browser):
+    return browser.find_element("tag name", "body").text
+
+
+def test_the_page_tells_the_whole_story(whole, browser):
+    names = open_page(browser, whole)
+    assert len(names) == 2 + 4  # errors, beliefs; a figure of each flight
+    assert_sound(browser, names)
+    text = text_of(browser)
+    for part in (
+        "First-order lag of the thrusters (motor_lag) and air that moves over the floor (wind) are missing.",
+        "This took 55 s of flight in 4 flights, of at most 180 s.",
+        "confirms it: 1.750 falls to 0.221.",
+        "The error on a rhodonea falls from 31.0 to 12.0 mm.",
+        "The result is sure: nothing is open that a flight could show.",
+        "Tells motor_lag from input_delay.",
+        "Whether wind or floor_tilt acts.",
+        "these flights do not distinguish motor_lag and input_delay",
+        "The newest model (after flight 1) predicted it with an error of 0.610",
+        "after flight 2 (in the controller)",
+        "wind.wx",
+        "Nothing is needed",
+    ):
+        assert part in text, part
+
+
+def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
+    open_page(browser, whole)
+    traces = browser.execute_script(
+        "return document.getElementById('figure0').data.map(t => [t.name, t.x, t.y])"
+    )
+    by_name = {name: (x, y) for name, x, y in traces}
+    assert by_name["given"] == ([1, 2, 3], [1.92, 2.1, 1.75])
+    assert by_name["newest model"][1] == [1.92, 0.61, 0.221]
+    assert by_name["floor of noise and disturbance"][1][:2] == [0.21, 0.21]
+
+
+def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
+    open_page(browser, whole)
+    names, count = browser.execute_script(
+        "const t = document.getElementById('figure2').data;"
+        "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]"
+    )
+    assert names[:4] == ["walls", "planned", "flown", "start"] and count > 100
+    assert "input, left" in names and "input, lift" in names
+
+
+@pytest.mark.parametrize("width", [400, 500, 1200])
+def test_nothing_overlaps_or_is_cut_off(whole, browser, as_wide_as, width):
+    as_wide_as(width)
+    open_page(browser, whole)
+    assert shape(browser) == {"wide" if width > 600 else "narrow"}
+    wide = browser.execute_script("return document.documentElement.scrollWidth")
+    assert wide <= width
+    assert browser.execute_script(CROWDED) == []
+
+
+def test_figures_fit_on_paper(whole, browser):
+    open_page(browser, whole)
+    browser.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    assert shape(browser) == {"paper"}
+    assert browser.execute_script(CROWDED) == []
+    browser.execute_script("window.dispatchEvent(new Event('afterprint'))")
+
+
+def planned():
+    made = stories.begun()
+    made.planned = stories.flight(1, tale.LOOK)
+    return made
+
+
+def stopped():
+    """The first flight was stopped before anything was recorded."""
+    made = planned()
+    plan = dataclasses.replace(made.planned, path=[], why="")
+    made.flights = [tale.Flown(plan, "", 0.4, tale.GIVEN, stopped="no pose for 0.5 s")]
+    made.planned = None
+    return made
+
+
+def unfinished():
+    """All values that can be missing are: errors, floors, paths, tracking."""
+    made = stories.whole()
+    made.ended, made.confirmation, made.activity = False, None, "diagnoses flights 1 to 4"
+    made.tracking = dataclasses.replace(made.tracking, before=None, after=None, taken_back=True)
+    for flown in made.flights:
+        flown.floor, flown.path = None, []
+        flown.errors = {label: None for label in flown.errors}
+    made.findings = [dataclasses.replace(f, beliefs=[], sentences=[], open=[]) for f in made.findings]
+    made.planned = stories.flight(5, tale.DECIDE)
+    return made
+
+
+def unconfirmed():
+    """The time of flight is over before the result was confirmed."""
+    made = stories.whole()
+    made.confirmation = made.tracking = None
+    made.sure, made.reason, made.needed = False, "180 s of flight are over", "flights of 60 s more"
+    made.findings = [dataclasses.replace(made.findings[0], verdict="unexplained")]
+    return made
+
+
+def long():
+    """Twenty flights, most of which change nothing."""
+    made = stories.whole()
+    first = made.flights[1]
+    for number in range(5, 21):
+        label = "after flight %d" % number
+        made.versions.append(tale.Version(label, "model-02.yaml", ["motor_lag", "wind"], number))
+        plan = dataclasses.replace(first.flight, number=number)
+        errors = {v.label: 0.22 for v in made.versions[:-1]}
+        made.flights.append(dataclasses.replace(first, flight=plan, errors=errors))
+        made.findings.append(dataclasses.replace(made.findings[1], after=number, label=label))
+    return made
+
+
+def empty():
+    return Story("", "", 180.0)
+
+
+SAYS = {
+    empty: ["No flight has been diagnosed yet.", "Nothing has been flown yet."],
+    planned: ["Now: chooses the first flight.", "Next: flight 1"],
+    stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
+    unfinished: ["So far: first-order lag", "not finite", "stopped", "Now: diagnoses", "Next: flight 5"],
+    long: ["Open a flight to see it", "8 of 18 diagnoses are shown", "the newest of all"],
+    unconfirmed: [
+        "something is missing that no effect tried explains",
+        "The result was not confirmed by a flight of its own.",
+        "The result is not sure: 180 s of flight are over.",
+        "Needed: flights of 60 s more.",
+    ],
+}
+
+
+@pytest.mark.parametrize("story", SAYS, ids=lambda story: story.__name__)
+def test_a_story_has_a_page_at_any_time(story, browser, as_wide_as, tmp_path):
+    page = written(story(), tmp_path)
+    as_wide_as(400)
+    open_page(browser, page)
+    assert browser.execute_script(CROWDED) == []
+    as_wide_as(1200)
+    names = open_page(browser, page)
+    assert browser.execute_script(CROWDED) == []
+    assert_sound(browser, names)
+    text = text_of(browser)
+    for part in SAYS[story]:
+        assert part in text, part
+
+
+def test_missing_and_damaged_files_are_left_out(tmp_path):
+    story = stories.whole()
+    page = written(story, tmp_path, None)
+    (tmp_path / "model-02.yaml").write_text("nonsense")
+    (tmp_path / "flight-01.csv").write_text("time,left,right,lift\n0,1,oops,1\n")
+    (tmp_path / "flight-02.csv").unlink()
+    discovery_page.write(story, str(tmp_path))
+    text = page.read_text()
+    assert "flight 3" in text and "wind.wx" not in text
+
+
+def test_a_command_may_write_the_page_after_each_step(tmp_path):
+    story = stories.begun()
+    page, seen = written(story, tmp_path), []
+    with files.protect([]):
+        for story.activity in ("flies", "diagnoses"):
+            discovery_page.write(story, str(tmp_path))
+            seen.append(re.search("Now: (.*?)[.]<", page.read_text()).group(1))
+    assert seen == ["flies", "diagnoses"]
+
+
+def test_a_motion_that_is_not_finite_is_marked_above_all_errors():
+    story = stories.whole()
+    story.flights[1].errors["after flight 1"] = None
+    figure = discovery_figures.errors(story)
+    model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
+    assert model["marker"]["symbol"][0] == "x-open" and model["y"][0] > 2.1
+    assert "not finite" in figure["layout"]["meta"]
+
+
+def test_flights_that_a_model_was_fitted_to_have_open_marks():
+    story = stories.whole()
+    story.flights[0].errors["after flight 1"] = 0.3
+    figure = discovery_figures.errors(story)
+    model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
+    assert model["marker"]["symbol"] == ["square-open", "square", "square"]
+    newest = next(trace for trace in figure["data"] if trace["name"] == "newest model")
+    assert newest["y"][0] == 1.92, "a model did not predict what it was fitted to"
+
+
+def test_figures_are_those_that_plotly_knows():
+    from plotly import graph_objects
+
+    story = stories.whole()
+    inputs = [[0, 0, 0, 1], [1, 1, -1, 1]]
+    drawn = discovery_figures.flight(
+        story.flights[0].flight, story.flights[0], np.array(inputs, float), ["left", "right"], ROOM
+    )
+    for figure in (discovery_figures.errors(story), discovery_figures.beliefs(story), drawn):
+        graph_objects.Figure(data=figure["data"], layout=figure["layout"])
+
+
+def test_effects_are_ranked_by_state_and_probability():
+    assert discovery_figures.ranked(stories.whole())[:3] == ["motor_lag", "wind", "coulomb_friction"]
+
+
+def test_the_teller_tells_each_step_once():
+    whole, told = stories.whole(), []
+    story = stories.begun()
+    teller = discovery_words.Teller(told.append)
+    teller(story)
+    assert told == []
+    story.planned = stories.flight(1, tale.LOOK)
+    for _ in range(2):
+        teller(story)
+    assert told == ["Flight 1 (look, 12 s): tells motor_lag from input_delay."]
+    story.planned, story.flights = None, whole.flights[:1]
+    teller(story)
+    assert told[1:] == ["   Flown 11.8 s; error of prediction: given 1.920, floor 0.210."]
+    story.findings = whole.findings[:1]
+    teller(story)
+    assert "motor_lag" in told[2] and told[3] == "   Open: Whether wind or floor_tilt acts."
+    del told[:]
+    for _ in range(2):
+        teller(whole)
+    assert sum("confirms it" in line for line in told) == 1
+    assert [line[:8] for line in told if line.startswith("Flight")] == ["Flight 2", "Flight 3", "Flight 4"]
