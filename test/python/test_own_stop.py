@@ -81,6 +81,16 @@ def test_a_craft_without_a_watchdog_fails(glides):
         assert verdict.stopped_after is None
 
 
+def test_a_speed_that_levels_off_is_driven_by_thrust():
+    given = trial(None)
+    t, end = given.times, SILENCE
+    driven = 0.75 - 0.65 * np.exp(-np.maximum(t + 0.4, 0) / 0.8)
+    speeds = np.where(t < end, driven, np.maximum(0, driven[np.argmax(t >= end)] - FLOOR * (t - end)))
+    verdict = own_stop.judge(changed(given, speeds=speeds))
+    assert verdict.outcome == own_stop.FAILED, verdict
+    assert "driven on by its thrust" in verdict.reason
+
+
 def changed(given, **values):
     return dataclasses.replace(given, **values)
 
