@@ -138,7 +138,7 @@ def test_a_force_that_all_runs_have_does_not_differ_between_them():
 
 
 @pytest.mark.parametrize(
-    "seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (10, "warm_up")]
+    "seed, kind", [(7, "thrust_droop"), (8, "skirt_pressure"), (9, "thrust_backlash"), (10, "warm_up")]
 )
 def test_memory_is_found_with_its_kind_and_no_effect_is_chosen_for_it(seed, kind):
     case, found, conclusion = diagnosed("history", seed)

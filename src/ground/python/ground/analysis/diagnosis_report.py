@@ -129,7 +129,7 @@ def _memory(conclusion: Conclusion) -> Document:
     """What a flexible function of the past explains, and the kind of memory that was found."""
     found, kind = conclusion.memory, None
     if found:
-        kind = {"name": found.kind.name, "means": found.means, "time": found.time,
+        kind = {"name": found.kind.name, "means": found.means, "constant": found.constant, "unit": found.kind.constant.unit,
                 "p_value": found.p_value}  # fmt: skip
     past = _remains(conclusion.history)
     return dict(past, found=bool(found) or past["found"], kind=kind)

@@ -1,7 +1,7 @@
 """Whether the motion depends on the past: effects with states, added to a grown model.
 
-Each kind of memory is an effect as model files list it, with a state that forgets with a time
-constant. Score tests of all kinds and times choose the one to refit. It has to raise the
+Each kind of memory is an effect as model files list it, with states that forget within a time, or
+follow with play of a width. Score tests of all kinds and constants choose the one to refit. It has to raise the
 likelihood significantly, corrected for the number of tests, and the held-out likelihood, too.
 """
 
@@ -24,34 +24,48 @@ MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other
 
 @can_be_kept
 @dataclass(frozen=True)
+class Constant:
+    """What a Kind's states depend on, and the range of its value."""
+
+    name: str  # in formulas
+    unit: str
+    lower: float
+    upper: float
+
+
+@can_be_kept
+@dataclass(frozen=True)
 class Kind:
-    """A way in which the past may act. `c` is its size, `tau` its time constant."""
+    """A way in which the past may act. `c` is its size."""
 
     name: str
-    means: str  # the dependence in words, with %s for the time
+    means: str  # the dependence in words, with %s for its constant
     unit: str  # unit of c
     scale: float  # typical size of c
-    times: Tuple[float, ...]  # time constants that are tried [s]
+    constant: Constant  # in the formulas of its states
+    tried: Tuple[float, ...]  # values of the constant that are tried
     states: Dict[str, str]
     expression: Dict[str, str]
 
-    def entry(self, time: float, size: float = 0.0) -> Document:
-        """The effect as model files list it, its tau at a time [s]; neutral at c = 0."""
+    def entry(self, at: float, size: float = 0.0) -> Document:
+        """The effect as model files list it, its constant at a value; neutral at c = 0."""
+        constant = self.constant
+        limits = {"lower": constant.lower, "upper": constant.upper}
         return {
             "name": self.name,
             "states": dict(self.states),
             "expression": dict(self.expression),
             "parameters": {
                 "c": dict(self._size(), value=size),
-                "tau": {"value": time, "unit": "s", "neutral": time, "lower": 0.02, "upper": 100.0},
+                constant.name: dict(limits, value=at, unit=constant.unit, neutral=at),
             },
         }
 
-    def at(self, time: float, model: _core.Model) -> candidates.Candidate:
-        """The Candidate for a model with a fixed time constant, for score tests of several times."""
-        states = {s: f.replace("tau", repr(time)) for s, f in self.states.items()}
-        entry = dict(self.entry(time), states=states, parameters={"c": self._size()})
-        entry["name"] += "_%d" % round(1e3 * time)
+    def at(self, value: float, model: _core.Model) -> candidates.Candidate:
+        """The Candidate for a model with a fixed constant, for score tests of several values."""
+        states = {s: f.replace(self.constant.name, repr(value)) for s, f in self.states.items()}
+        entry = dict(self.entry(value), states=states, parameters={"c": self._size()})
+        entry["name"] += "_%d" % round(1e3 * value)
         return candidates.from_entry(entry, self.name, model)
 
     def _size(self) -> Document:
@@ -59,7 +73,11 @@ class Kind:
         return dict(size, lower=-1e3, upper=1e3)
 
 
+TIME = Constant("tau", "s", 0.02, 100.0)
 BRIEF, LONG = (0.08,), (0.3, 1.5)
+PLAY = Constant("half", "-", 0.005, 0.5)  # half of the width of a play, in inputs
+WIDTHS = (0.04, 0.1)
+TAKES_UP = 0.01  # time constant with which a play is taken up: short beside a craft's [s]
 
 
 def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
@@ -74,23 +92,27 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
         return {"thrust_" + name: formula.replace("N", short[name]) for name in names}
 
     own = {"past_" + s: "(u_%s - past_%s)/tau" % (s, s) for s in short.values()}
+    play = "(u_N - past_N - min(max(u_N - past_N, -half), half))/%g" % TAKES_UP
+    held = {"past_" + s: play.replace("N", s) for s in short.values()}
     drawn = {"p": "(%s - p)/tau" % total}
     return (
         Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
-             LONG, own, each_thrust("-c*past_N*u_N")),
+             TIME, LONG, own, each_thrust("-c*past_N*u_N")),
         Kind("battery_droop", "thrust depends on what all thrusters drew in the last %s", "N", 0.01,
-             LONG, drawn, each_thrust("-c*p*u_N")),
+             TIME, LONG, drawn, each_thrust("-c*p*u_N")),
         Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
-             "of full thrust", "N", 0.01, (3.0,), {"p": total + "/tau"},
+             "of full thrust", "N", 0.01, TIME, (3.0,), {"p": total + "/tau"},
              each_thrust("-c*exp(-p)*u_N")),
         Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
-             BRIEF, own, each_thrust("-c*abs(u_N - past_N)")),
+             TIME, BRIEF, own, each_thrust("-c*abs(u_N - past_N)")),
+        Kind("thrust_backlash", "thrust follows its command with play: by %s less after a rise, more "
+             "after a fall", "N", 0.01, PLAY, WIDTHS, held, each_thrust("-c*(u_N - past_N)")),
         Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
-             LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
+             TIME, LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
         Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,
-             LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
+             TIME, LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
         Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
-             LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
+             TIME, LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
     )  # fmt: skip
 
 
@@ -104,29 +126,30 @@ class Memory:
     fit: Fit  # of the model with it
 
     @property
-    def time(self) -> float:
-        """Its time constant [s]."""
-        return self.fit.model.value(self.kind.name + ".tau")
+    def constant(self) -> float:
+        """The value of the kind's constant, in its unit."""
+        return self.fit.model.value("%s.%s" % (self.kind.name, self.kind.constant.name))
 
     @property
     def means(self) -> str:
-        """The dependence in words, with the time."""
-        return self.kind.means % ("%.2g s" % self.time)
+        """The dependence in words, with the constant."""
+        unit = self.kind.constant.unit
+        return self.kind.means % ("%.2g %s" % (self.constant, "of input" if unit == "-" else unit))
 
     @property
     def entry(self) -> Document:
         """The effect as model files list it, its parameters fitted."""
-        return self.kind.entry(self.time, self.fit.model.value(self.kind.name + ".c"))
+        return self.kind.entry(self.constant, self.fit.model.value(self.kind.name + ".c"))
 
 
 def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     """The likeliest Memory to add to a likelihood.Fit; None without a significant one."""
     kinds = [kind for kind in kinds_of(fit.model) if kind.name not in fit.model.effects]
     tried = {
-        c.name: (kind, time, c)
+        c.name: (kind, value, c)
         for kind in kinds
-        for time in kind.times
-        for c in [kind.at(time, fit.model)]
+        for value in kind.tried
+        for c in [kind.at(value, fit.model)]
     }
     tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
     gains = {name: tests.test((name,))[0] for name in tried}
@@ -134,24 +157,24 @@ def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
     if chance > LEVEL or gains[best] < MIN_RATIO:
         return None
-    kind, time, _ = tried[best]
+    kind, value, _ = tried[best]
     _, step = tests.test((best,))
-    timed = _fitted(likelihood, fit, kind, time, step[best + ".c"])
+    timed = _fitted(likelihood, fit, kind, value, step[best + ".c"])
     if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < MIN_RATIO:
         return None
     return Memory(kind, chance, timed)
 
 
 def _fitted(
-    likelihood: Likelihood, fit: Fit, kind: Kind, time: float, size: float
+    likelihood: Likelihood, fit: Fit, kind: Kind, at: float, size: float
 ) -> Optional[Fit]:
-    """The Fit with a kind of memory, first its size and then its time as well; None where that
-    fails."""
-    entry = kind.entry(time)
+    """The Fit with a kind of memory, first its size and then its constant as well, from a value on;
+    None where that fails."""
+    entry = kind.entry(at)
     start = candidates.from_entry(entry, kind.name, fit.model).neutral(fit.model)
     start.set_value(kind.name + ".c", size)
     try:
         sized = likelihood.fit(start, fit.free + (kind.name + ".c",), near=fit)
-        return likelihood.fit(sized.model, sized.free + (kind.name + ".tau",), near=sized)
+        return likelihood.fit(sized.model, sized.free + ("%s.%s" % (kind.name, kind.constant.name),), near=sized)
     except GroundError:
         return None

@@ -84,7 +84,7 @@ class Analyst:
         """Effects of the library, proposed effects and kinds of memory that a model does not have."""
         library = candidates.library(model)
         past = [
-            kind.at(kind.times[-1], model)
+            kind.at(kind.tried[-1], model)
             for kind in memory.kinds_of(model)
             if kind.name not in model.effects
         ]
