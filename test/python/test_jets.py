@@ -153,7 +153,7 @@ def test_kinds_of_memory_act_on_every_jet(table):
     kinds = {kind.name: kind for kind in memory.kinds_of(table)}
     assert list(kinds) == [kind.name for kind in memory.kinds_of(pair)]
     for kind in kinds.values():
-        kind.at(0.5, table).add(table)  # its formulas are those of the craft
+        kind.at(kind.tried[0], table).add(table)  # its formulas are those of the craft
     droop = kinds["thrust_droop"]
     assert len(droop.states) == len(droop.expression) == 8
     assert droop.expression["thrust_back_left_right"] == "-c*past_8*u_8"
@@ -161,7 +161,7 @@ def test_kinds_of_memory_act_on_every_jet(table):
 
 
 def test_the_past_of_each_jet_is_its_own(table):
-    model = memory.kinds_of(table)[0].at(0.5, table).add(table)
+    model = memory.kinds_of(table)[0].at((0.5,), table).add(table)
     model.set_value("thrust_droop_500.c", 0.2)
     steps = np.zeros((3, 10))
     steps[:, 0] = [0.0, 2.0, 4.0]

@@ -129,8 +129,13 @@ def _memory(conclusion: Conclusion) -> Document:
     """What a flexible function of the past explains, and the kind of memory that was found."""
     found, kind = conclusion.memory, None
     if found:
-        kind = {"name": found.kind.name, "means": found.means, "constant": found.constant, "unit": found.kind.constant.unit,
-                "p_value": found.p_value}  # fmt: skip
+        constants = zip(found.kind.constants, found.constants)
+        kind = {
+            "name": found.kind.name,
+            "means": found.means,
+            "constants": [{"name": c.name, "value": at, "unit": c.unit} for c, at in constants],
+            "p_value": found.p_value,
+        }
     past = _remains(conclusion.history)
     return dict(past, found=bool(found) or past["found"], kind=kind)
 

@@ -1,19 +1,20 @@
 """Whether the motion depends on the past: effects with states, added to a grown model.
 
-Each kind of memory is an effect as model files list it, with states that forget within a time, or
-follow with play of a width. Score tests of all kinds and constants choose the one to refit. It has to raise the
+Each kind of memory is an effect as model files list it, with states that forget within a time or
+follow with play. Score tests of all kinds, at some values of their constants, choose the one to
+refit. It has to raise the
 likelihood significantly, corrected for the number of tests, and the held-out likelihood, too.
 """
 
+import re
 from dataclasses import dataclass
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 from scipy import stats
 
 from ground import _core
-from ground.analysis import candidates
+from ground.analysis import candidates, score_tests
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.score_tests import ScoreTests
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Document
 from ground.errors import GroundError
@@ -25,7 +26,7 @@ MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other
 @can_be_kept
 @dataclass(frozen=True)
 class Constant:
-    """What a Kind's states depend on, and the range of its value."""
+    """What the states of a Kind depend on, and the range of its value."""
 
     name: str  # in formulas
     unit: str
@@ -39,33 +40,34 @@ class Kind:
     """A way in which the past may act. `c` is its size."""
 
     name: str
-    means: str  # the dependence in words, with %s for its constant
+    means: str  # the dependence in words, with %s for each constant
     unit: str  # unit of c
     scale: float  # typical size of c
-    constant: Constant  # in the formulas of its states
-    tried: Tuple[float, ...]  # values of the constant that are tried
+    constants: Tuple[Constant, ...]  # in the formulas of its states
+    tried: Tuple[Tuple[float, ...], ...]  # their values that are tried
     states: Dict[str, str]
     expression: Dict[str, str]
 
-    def entry(self, at: float, size: float = 0.0) -> Document:
-        """The effect as model files list it, its constant at a value; neutral at c = 0."""
-        constant = self.constant
-        limits = {"lower": constant.lower, "upper": constant.upper}
+    def entry(self, at: Sequence[float], size: float = 0.0) -> Document:
+        """The effect as model files list it, its constants at values; neutral at c = 0."""
+        parameters = {"c": dict(self._size(), value=size)}
+        for constant, value in zip(self.constants, at):
+            limits = {"lower": constant.lower, "upper": constant.upper}
+            parameters[constant.name] = dict(limits, value=value, unit=constant.unit, neutral=value)
         return {
             "name": self.name,
             "states": dict(self.states),
             "expression": dict(self.expression),
-            "parameters": {
-                "c": dict(self._size(), value=size),
-                constant.name: dict(limits, value=at, unit=constant.unit, neutral=at),
-            },
+            "parameters": parameters,
         }
 
-    def at(self, value: float, model: _core.Model) -> candidates.Candidate:
-        """The Candidate for a model with a fixed constant, for score tests of several values."""
-        states = {s: f.replace(self.constant.name, repr(value)) for s, f in self.states.items()}
-        entry = dict(self.entry(value), states=states, parameters={"c": self._size()})
-        entry["name"] += "_%d" % round(1e3 * value)
+    def at(self, values: Sequence[float], model: _core.Model) -> candidates.Candidate:
+        """The Candidate for a model with fixed constants, for score tests at several values."""
+        states = dict(self.states)
+        for constant, value in zip(self.constants, values):
+            states = {s: re.sub(r"\b%s\b" % constant.name, repr(value), f) for s, f in states.items()}
+        entry = dict(self.entry(values), states=states, parameters={"c": self._size()})
+        entry["name"] += "".join("_%d" % round(1e3 * value) for value in values)
         return candidates.from_entry(entry, self.name, model)
 
     def _size(self) -> Document:
@@ -73,11 +75,14 @@ class Kind:
         return dict(size, lower=-1e3, upper=1e3)
 
 
-TIME = Constant("tau", "s", 0.02, 100.0)
-BRIEF, LONG = (0.08,), (0.3, 1.5)
-PLAY = Constant("half", "-", 0.005, 0.5)  # half of the width of a play, in inputs
-WIDTHS = (0.04, 0.1)
-TAKES_UP = 0.01  # time constant with which a play is taken up: short beside a craft's [s]
+TIME = (Constant("tau", "s", 0.02, 100.0),)
+LONG = ((0.3,), (1.5,))
+PACES = (Constant("rise", "s", 0.005, 10.0), Constant("fall", "s", 0.005, 10.0))
+UNEQUAL = ((0.06, 0.02), (0.02, 0.06))
+PLAY = (Constant("half", "-", 0.005, 0.5),)  # half of the width of a play, in inputs
+WIDTHS = ((0.04,), (0.1,))
+# Time constant with which a play is taken up, as short as steps of 10 ms allow [s]
+TAKES_UP = 0.005
 
 
 def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
@@ -91,9 +96,13 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
         """A formula for the thrust of each thruster, which N stands for."""
         return {"thrust_" + name: formula.replace("N", short[name]) for name in names}
 
-    own = {"past_" + s: "(u_%s - past_%s)/tau" % (s, s) for s in short.values()}
-    play = "(u_N - past_N - min(max(u_N - past_N, -half), half))/%g" % TAKES_UP
-    held = {"past_" + s: play.replace("N", s) for s in short.values()}
+    def each_past(rate: str) -> Dict[str, str]:
+        """The state past_N of each thruster, by the formula of its derivative."""
+        return {"past_" + s: rate.replace("N", s) for s in short.values()}
+
+    own = each_past("(u_N - past_N)/tau")
+    paced = each_past("(u_N - past_N)/(u_N > past_N ? rise : fall)")
+    held = each_past("(u_N - past_N - min(max(u_N - past_N, -half), half))/%g" % TAKES_UP)
     drawn = {"p": "(%s - p)/tau" % total}
     return (
         Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
@@ -101,10 +110,10 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
         Kind("battery_droop", "thrust depends on what all thrusters drew in the last %s", "N", 0.01,
              TIME, LONG, drawn, each_thrust("-c*p*u_N")),
         Kind("warm_up", "thrust depends on how long the thrusters were driven since the start, over %s "
-             "of full thrust", "N", 0.01, TIME, (3.0,), {"p": total + "/tau"},
+             "of full thrust", "N", 0.01, TIME, ((3.0,),), {"p": total + "/tau"},
              each_thrust("-c*exp(-p)*u_N")),
-        Kind("spin_up", "thrust rises and falls at different pace, by %s", "N", 0.01,
-             TIME, BRIEF, own, each_thrust("-c*abs(u_N - past_N)")),
+        Kind("spin_up", "thrust rises within %s and falls within %s", "N", 0.01, PACES, UNEQUAL,
+             paced, each_thrust("-c*(u_N - past_N)")),
         Kind("thrust_backlash", "thrust follows its command with play: by %s less after a rise, more "
              "after a fall", "N", 0.01, PLAY, WIDTHS, held, each_thrust("-c*(u_N - past_N)")),
         Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
@@ -112,7 +121,8 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
         Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,
              TIME, LONG, {"p": "(lift - p)/tau"}, {"X": "-c*(lift - p)*u", "Y": "-c*(lift - p)*v"}),
         Kind("wake", "a force follows the velocity of the last %s", "N s/m", 0.01,
-             TIME, LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"}, {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
+             TIME, LONG, {"p": "(u - p)/tau", "q": "(v - q)/tau"},
+             {"X": "-c*(p - u)", "Y": "-c*(q - v)"}),
     )  # fmt: skip
 
 
@@ -122,59 +132,61 @@ class Memory:
     """The likeliest kind of memory that holds."""
 
     kind: Kind
-    p_value: float  # of the best kind and time, corrected for their number
+    p_value: float  # of the best kind and constants, corrected for their number
     fit: Fit  # of the model with it
 
     @property
-    def constant(self) -> float:
-        """The value of the kind's constant, in its unit."""
-        return self.fit.model.value("%s.%s" % (self.kind.name, self.kind.constant.name))
+    def constants(self) -> Tuple[float, ...]:
+        """The fitted values of the kind's constants, in their units."""
+        names = ["%s.%s" % (self.kind.name, constant.name) for constant in self.kind.constants]
+        return tuple(self.fit.model.value(name) for name in names)
 
     @property
     def means(self) -> str:
-        """The dependence in words, with the constant."""
-        unit = self.kind.constant.unit
-        return self.kind.means % ("%.2g %s" % (self.constant, "of input" if unit == "-" else unit))
+        """The dependence in words, with the constants."""
+        units = ["of input" if c.unit == "-" else c.unit for c in self.kind.constants]
+        return self.kind.means % tuple("%.2g %s" % found for found in zip(self.constants, units))
 
     @property
     def entry(self) -> Document:
         """The effect as model files list it, its parameters fitted."""
-        return self.kind.entry(self.constant, self.fit.model.value(self.kind.name + ".c"))
+        return self.kind.entry(self.constants, self.fit.model.value(self.kind.name + ".c"))
 
 
 def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     """The likeliest Memory to add to a likelihood.Fit; None without a significant one."""
     kinds = [kind for kind in kinds_of(fit.model) if kind.name not in fit.model.effects]
     tried = {
-        c.name: (kind, value, c)
+        c.name: (kind, values, c)
         for kind in kinds
-        for value in kind.tried
-        for c in [kind.at(value, fit.model)]
+        for values in kind.tried
+        for c in [kind.at(values, fit.model)]
     }
-    tests = ScoreTests(likelihood, fit, [c for _, _, c in tried.values()])
-    gains = {name: tests.test((name,))[0] for name in tried}
+    parts = score_tests.in_parts(likelihood, fit, [c for _, _, c in tried.values()])
+    tests = {name: part.test((name,)) for part in parts for name in part.columns}
+    gains = {name: gain for name, (gain, _) in tests.items()}
     best = max(gains, key=gains.__getitem__)
     chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
     if chance > LEVEL or gains[best] < MIN_RATIO:
         return None
-    kind, value, _ = tried[best]
-    _, step = tests.test((best,))
-    timed = _fitted(likelihood, fit, kind, value, step[best + ".c"])
+    kind, values, _ = tried[best]
+    timed = _fitted(likelihood, fit, kind, values, tests[best][1][best + ".c"])
     if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < MIN_RATIO:
         return None
     return Memory(kind, chance, timed)
 
 
 def _fitted(
-    likelihood: Likelihood, fit: Fit, kind: Kind, at: float, size: float
+    likelihood: Likelihood, fit: Fit, kind: Kind, at: Sequence[float], size: float
 ) -> Optional[Fit]:
-    """The Fit with a kind of memory, first its size and then its constant as well, from a value on;
-    None where that fails."""
+    """The Fit with a kind of memory, first its size and then its constants as well, from given ones
+    on; None where that fails."""
     entry = kind.entry(at)
     start = candidates.from_entry(entry, kind.name, fit.model).neutral(fit.model)
     start.set_value(kind.name + ".c", size)
     try:
         sized = likelihood.fit(start, fit.free + (kind.name + ".c",), near=fit)
-        return likelihood.fit(sized.model, sized.free + ("%s.%s" % (kind.name, kind.constant.name),), near=sized)
+        constants = tuple("%s.%s" % (kind.name, constant.name) for constant in kind.constants)
+        return likelihood.fit(sized.model, sized.free + constants, near=sized)
     except GroundError:
         return None

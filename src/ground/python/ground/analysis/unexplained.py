@@ -20,6 +20,7 @@ from ground.annotations import Array, Document, Indices
 from ground.recordings import repair
 
 CHANNELS = failure.CHANNELS
+PROPOSED = "proposed"  # name of an effect that the library does not have
 STRETCH = 2.0  # length of a stretch of time that is held out together [s]
 FOLDS = 6
 MAX_TERMS = 4  # terms of a proposal
@@ -90,6 +91,12 @@ class Term:
         """Names that the term's value depends on, without the heading that rotates a world force."""
         return set(re.findall(r"\b(?:%s|u_\w+)\b" % "|".join(NAMES), self.formula))
 
+    @property
+    def weight_unit(self) -> str:
+        """Unit of the factor that makes the term a force or a moment."""
+        unit = "N m" if list(self.parts) == ["N"] else "N"
+        return unit if self.unit == "-" else "%s/(%s)" % (unit, self.unit)
+
 
 def _inputs(model: _core.Model) -> List[str]:
     """Names of the inputs of a model's thrusters in formulas."""
@@ -156,11 +163,11 @@ def _prepare(
     wrench_filter, run, _ = failure.undisturbed(model, run)
     found = failure.variables(run, model)
     bins = [v.indicators() for v in found.values()]
-    values = _values(run, model)
+    sampled = values(run, model)
     columns, channels, owner = [], [], []
     for at, term in enumerate(terms):
         for channel, formula in term.parts.items():
-            columns.append(_evaluate(formula, values))
+            columns.append(evaluate(formula, sampled))
             channels.append(CHANNELS.index(channel))
             owner.append(at)
     acting = np.column_stack(columns + bins * 3)
@@ -225,7 +232,8 @@ def _beside(own: Array, design: Array, wrench: Array) -> Tuple[Array, Array]:
     return rest(design), rest(wrench)
 
 
-def _values(run: _core.RunData, model: _core.Model) -> Dict[str, Any]:
+def values(run: _core.RunData, model: _core.Model) -> Dict[str, Any]:
+    """Samples (n,) of what formulas may depend on, by name."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     held = residuals.held(run, times)
     return {
@@ -245,10 +253,10 @@ def _values(run: _core.RunData, model: _core.Model) -> Dict[str, Any]:
     }
 
 
-def _evaluate(formula: str, values: Mapping[str, Any]) -> Array:
+def evaluate(formula: str, sampled: Mapping[str, Any]) -> Array:
     """A formula of the dictionary, in muparser's syntax, over all samples."""
-    result = eval(formula.replace("^", "**"), {"__builtins__": {}}, values)
-    return np.broadcast_to(np.asarray(result, float), values["u"].shape)
+    result = eval(formula.replace("^", "**"), {"__builtins__": {}}, sampled)
+    return np.broadcast_to(np.asarray(result, float), sampled["u"].shape)
 
 
 def _fit(columns: Array, wrench: Array) -> Array:
@@ -330,18 +338,17 @@ def _proposal(kept: Sequence[Term], weights: Array, share: float) -> Document:
     parameters: Document = {}
     for number, (term, weight) in enumerate(zip(kept, weights), 1):
         name = "c%d" % number
-        unit = "N m" if list(term.parts) == ["N"] else "N"
         for channel, formula in term.parts.items():
             expression.setdefault(channel, []).append("%s*(%s)" % (name, formula))
         parameters[name] = {
             "value": float("%.6g" % weight),
-            "unit": unit if term.unit == "-" else "%s/(%s)" % (unit, term.unit),
+            "unit": term.weight_unit,
             "neutral": 0.0,
             "lower": -100 * abs(float("%.3g" % weight)),
             "upper": 100 * abs(float("%.3g" % weight)),
         }
     return {
-        "name": "proposed",
+        "name": PROPOSED,
         "expression": {channel: " + ".join(parts) for channel, parts in expression.items()},
         "parameters": parameters,
         "share": float(share),

@@ -7,14 +7,14 @@ import numpy as np
 import yaml
 
 from ground import _core
-from ground.analysis import budget, candidates, diagnosis, memory, study, unexplained
+from ground.analysis import budget, candidates, challengers, diagnosis, memory, study, unexplained
 from ground.analysis.conclusion import EXPLAINED, Conclusion, conclude
 from ground.analysis.diagnosis_report import effect_entry
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
-from ground.discovery.information import Offer
+from ground.discovery.information import Offer, Question
 from ground.errors import GroundError
 from ground.recordings import suspicions, windows
 from ground.recordings.recording import Recording
@@ -45,6 +45,12 @@ class Found:
     def verdict(self) -> str:
         """That of the conclusion."""
         return self.conclusion.verdict
+
+    @property
+    def asked(self) -> List[Question]:
+        """Open questions about effects."""
+        tested = self.state.questions.basis.columns
+        return [q for q in self.state.open if q.rival or q.about in tested]
 
     @property
     def is_left_open(self) -> bool:
@@ -112,6 +118,13 @@ class Analyst:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
         for the next one. GroundError when they are too short."""
         runs = [recording.repaired.data(self.given) for recording in recordings]
+        found = self._diagnosed(runs, reachable, seed)
+        # What the library does not have may be imitated by its effects, which then leave no question.
+        if found.diagnosis.chosen and not found.asked and self._challenge(found.diagnosis):
+            found = self._diagnosed(runs, reachable, seed)
+        return found
+
+    def _diagnosed(self, runs: Sequence[_core.RunData], reachable: float, seed: int) -> Found:
         library = candidates.library(self.given)
         found = diagnosis.Diagnosis(runs, self.given, library + self.own, threads=self.threads)
         found.grow()
@@ -150,8 +163,22 @@ class Analyst:
             name = str(entry["name"])
             known = name in self.formulas or name in self.given.effects
             if "expression" in entry and not known:
-                self.formulas[name] = dict(entry["expression"])
-                self.own.append(candidates.from_entry(entry, name, self.given))
+                self._add(entry, name)
+
+    def _challenge(self, found: diagnosis.Diagnosis) -> bool:
+        """Adds the best formula that may act in the place of effects to those that are tried; returns
+        whether there is a new one."""
+        known = list(self.formulas.values())
+        new = [c for c in challengers.challengers(found) if dict(c.entry["expression"]) not in known]
+        for challenger in new[:1]:
+            number = "_%d" % (len(known) + 1) if known else ""
+            self._add(challenger.entry, unexplained.PROPOSED + number)
+        return bool(new)
+
+    def _add(self, entry: Document, name: str) -> None:
+        """Tries an effect from now on."""
+        self.formulas[name] = dict(entry["expression"])
+        self.own.append(candidates.from_entry(dict(entry, name=name), name, self.given))
 
     def propose(self, found: Found) -> None:
         """Adds an effect that would explain what the library does not to those that are tried from
@@ -168,13 +195,11 @@ class Analyst:
             self.depends = "depends on %s%s" % (past, names)
         if entry is None:
             return
-        formulas = dict(entry["expression"])
         name = str(entry["name"])
         if name in self.formulas and remembered is None and name in found.model.effects:
             name = "%s_%d" % (name, len(self.formulas) + 1)
         if name not in self.formulas:
-            self.formulas[name] = formulas
-            self.own.append(candidates.from_entry(dict(entry, name=name), name, self.given))
+            self._add(entry, name)
 
 
 def error(run: _core.RunData, model: _core.Model) -> Optional[float]:

@@ -21,7 +21,6 @@ from ground.analysis.conclusion import MISREAD
 from ground.annotations import Array
 from ground.discovery import analyst, choice, pieces
 from ground.discovery.analyst import Found
-from ground.discovery.information import Question
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import (
@@ -178,13 +177,7 @@ class Discovery:
             return len(verdicts) == LASTING and len(set(verdicts)) == 1
         if self.found.conclusion.varies and len(self._excitations()) < FEWEST_VARYING:
             return False
-        return not self._asked() and not self.found.is_left_open
-
-    def _asked(self) -> List[Question]:
-        """Open questions about effects."""
-        assert self.found is not None
-        tested = self.found.state.questions.basis.columns
-        return [q for q in self.found.state.open if q.rival or q.about in tested]
+        return not self.found.asked and not self.found.is_left_open
 
     # Flights
 
@@ -200,7 +193,7 @@ class Discovery:
             (first.start, first.first_offers) if found is None else (found.state, found.offers)
         )
         chosen = self.chooser.choose(state, offers, left, self._seed())
-        if found is not None and found.is_left_open and not self._asked():
+        if found is not None and found.is_left_open and not found.asked:
             chosen = choice.rest(self.given, self._seed())
         purpose = LOOK if self.found is None else DECIDE
         if self._excite(purpose, chosen.pieces, chosen.why) is None:
