@@ -164,6 +164,10 @@ class HiddenLaboratory(SimulatedLaboratory):
         self.late_thrust += late_thrust(run)
         return run
 
+    def carry_home(self):
+        """See SimulatedLaboratory."""
+        self.plant.mover.state[:2] = self.room.home
+
     def fly(self, flight, inputs):
         """See Laboratory."""
         landed = super().fly(flight, inputs)

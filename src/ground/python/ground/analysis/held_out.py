@@ -94,9 +94,13 @@ class Folds:
     def _likelihood(self, fold: int, fit: Fit) -> Array:
         """Log-likelihood of a fold's blocks by a Fit to the others. Noise and disturbance are those of
         the fold itself: what is judged is the motion, and a model that leaves less to the disturbance
-        would else be too sure of runs that differ from those it was fitted to."""
+        would else be too sure of runs that differ from those it was fitted to. -inf for all blocks
+        together where the motion is not finite."""
         tested = self.tested[fold]
-        own = tested.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+        try:
+            own = tested.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+        except GroundError:
+            return np.array([-np.inf])
         return np.concatenate(tested.blocks(own, own.loudness))
 
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
@@ -124,6 +128,9 @@ class Folds:
 
 def gain(better: Judged, worse: Judged) -> Tuple[float, float]:
     """Rise of the held-out log-likelihood from one Judged to another, and its standard error."""
+    sums = [np.concatenate(judged.likelihood).sum() for judged in (better, worse)]
+    if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
+        return (float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf), 0.0
     rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
     return float(rise.sum()), (
         float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf

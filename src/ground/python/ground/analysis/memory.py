@@ -26,7 +26,7 @@ MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other
 @can_be_kept
 @dataclass(frozen=True)
 class Constant:
-    """What the states of a Kind depend on, and the range of its value."""
+    """A number in the formulas of a Kind, and the range of its value."""
 
     name: str  # in formulas
     unit: str
@@ -43,7 +43,7 @@ class Kind:
     means: str  # the dependence in words, with %s for each constant
     unit: str  # unit of c
     scale: float  # typical size of c
-    constants: Tuple[Constant, ...]  # in the formulas of its states
+    constants: Tuple[Constant, ...]  # in its formulas
     tried: Tuple[Tuple[float, ...], ...]  # their values that are tried
     states: Dict[str, str]
     expression: Dict[str, str]
@@ -63,11 +63,18 @@ class Kind:
 
     def at(self, values: Sequence[float], model: _core.Model) -> candidates.Candidate:
         """The Candidate for a model with fixed constants, for score tests at several values."""
-        states = dict(self.states)
-        for constant, value in zip(self.constants, values):
-            states = {s: re.sub(r"\b%s\b" % constant.name, repr(value), f) for s, f in states.items()}
-        entry = dict(self.entry(values), states=states, parameters={"c": self._size()})
-        entry["name"] += "".join("_%d" % round(1e3 * value) for value in values)
+        fixed = {constant.name: repr(value) for constant, value in zip(self.constants, values)}
+
+        def at_values(formulas: Dict[str, str]) -> Dict[str, str]:
+            names = r"\b(%s)\b" % "|".join(fixed)
+            return {what: re.sub(names, lambda m: fixed[m[0]], f) for what, f in formulas.items()}
+
+        entry = {
+            "name": self.name + "".join("_%d" % round(1e3 * value) for value in values),
+            "states": at_values(self.states),
+            "expression": at_values(self.expression),
+            "parameters": {"c": self._size()},
+        }
         return candidates.from_entry(entry, self.name, model)
 
     def _size(self) -> Document:
@@ -102,7 +109,8 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
 
     own = each_past("(u_N - past_N)/tau")
     paced = each_past("(u_N - past_N)/(u_N > past_N ? rise : fall)")
-    held = each_past("(u_N - past_N - min(max(u_N - past_N, -half), half))/%g" % TAKES_UP)
+    played = "min(max(past_N, u_N - half), u_N + half)"
+    held = each_past("(%s - past_N)/%g" % (played, TAKES_UP))
     drawn = {"p": "(%s - p)/tau" % total}
     return (
         Kind("thrust_droop", "thrust falls or grows while a thruster is driven, within %s", "N", 0.01,
@@ -115,7 +123,7 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
         Kind("spin_up", "thrust rises within %s and falls within %s", "N", 0.01, PACES, UNEQUAL,
              paced, each_thrust("-c*(u_N - past_N)")),
         Kind("thrust_backlash", "thrust follows its command with play: by %s less after a rise, more "
-             "after a fall", "N", 0.01, PLAY, WIDTHS, held, each_thrust("-c*(u_N - past_N)")),
+             "after a fall", "N", 0.01, PLAY, WIDTHS, held, each_thrust("-c*(u_N - %s)" % played)),
         Kind("skirt_pressure", "damping depends on the speed of the last %s", "N s^3/m^3", 0.01,
              TIME, LONG, {"p": "(u*u + v*v - p)/tau"}, {"X": "-c*p*u", "Y": "-c*p*v"}),
         Kind("skirt_filling", "damping depends on the lift of the last %s", "N s/m", 0.01,

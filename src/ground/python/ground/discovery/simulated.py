@@ -21,8 +21,8 @@ PATH_STEP = 0.1  # between points of a path [s]
 
 class SimulatedLaboratory:
     """A craft that moves by the model `truth`, in a room. folder: recordings are kept there as bags;
-    empty: they are not. The craft stays where a flight has left it; disturbance and noise go on with
-    other random numbers."""
+    empty: they are not. The craft stays where a flight has left it, unless the flight was stopped:
+    then it is carried home. Disturbance and noise go on with other random numbers."""
 
     def __init__(
         self,
@@ -48,11 +48,18 @@ class SimulatedLaboratory:
             )
             run = self.simulated(drive, name, flight.number)
         self.pose = run.truth_eta[-1].copy()
+        if run.stopped:
+            self.carry_home()
         file = ""
         if self.folder:
             file = name + ".bag"
             run.save(os.path.join(self.folder, file), True)
         return Landed(run, file, lifted(run), run.stopped, tracking_error(run))
+
+    def carry_home(self) -> None:
+        """Carries the craft home, as a person does before arming again: near a wall the room would not
+        let it move."""
+        self.pose[:2] = self.room.home
 
     def simulated(
         self, drive: experiments.Drive, name: str, number: int
