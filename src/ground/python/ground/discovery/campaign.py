@@ -367,9 +367,7 @@ class Discovery:
 
     def _diagnose(self) -> None:
         self._tell("diagnoses flights 1 to %d" % len(self.story.flights))
-        # With a controller in the loop commands follow the motion, so that their delay and their signs
-        # do not show.
-        misread = self.analyst.misread([self._recordings[n] for n in self._excitations()])
+        misread = self.analyst.misread([self._recordings[n] for n in self._data()])
         if misread:
             self._diagnosed = self._data()[-1]
             nothing = Finding(self._diagnosed, MISREAD, [], {}, [], GIVEN, misread, [])
