@@ -10,7 +10,7 @@ from conftest import MODEL, ROOT
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
-from ground.discovery import choice, information, pieces, tracking
+from ground.discovery import campaign, choice, information, pieces, tracking
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import PAIRS, Discovery, Settings
 from ground.discovery.journal import Journal
@@ -339,20 +339,13 @@ def test_controllers_that_refuse_a_model_keep_theirs():
 
 
 class Tracking(SimulatedLaboratory):
-    """Tracks with errors of its own: (flights, parts) [m] with the given model, and with others; the last
-    flights again if there are more."""
-
-    errors = [[1.0] * tracking.PARTS], [[1.1] * tracking.PARTS]
+    """Tracks with errors of its own: (flights, parts) [m] with the given model, and with others."""
 
     def fly(self, flight, inputs):
-        landed = super().fly(flight, inputs)
-        if not flight.reference:
-            return landed
-        self.tracked = getattr(self, "tracked", [0, 0])
         which = int(bool(self.believed.effects))
-        flown, self.tracked[which] = self.tracked[which], self.tracked[which] + 1
-        parts = self.errors[which][min(flown, len(self.errors[which]) - 1)]
-        return dataclasses.replace(landed, tracking_parts=parts, stopped="")
+        parts = self.errors[which][self.tracked[which]]
+        self.tracked[which] += 1
+        return Landed(None, "", 15.0, "", list(parts))
 
 
 def varied(seed, scale=1.0):
@@ -360,37 +353,52 @@ def varied(seed, scale=1.0):
     return scale * np.exp(np.random.default_rng(seed).normal(0, 0.3, (3, tracking.PARTS)))
 
 
-def compared(monkeypatch, before, after, **settings):
-    """Story and laboratory of a discovery with errors of tracking before and after."""
-    monkeypatch.setattr(Tracking, "errors", (before, after))
-    lab = laboratory(craft(**CURVED), kind=Tracking)
-    story = Discovery(given(), lab, Settings(**settings), threads=1).run()
-    return story, lab
+def compared(monkeypatch, analyst, before, after, budget=180.0):
+    """Story and laboratory of a comparison with errors of tracking before and after."""
+    monkeypatch.setattr(campaign.analyst, "Analyst", lambda *_: analyst)
+    lab = laboratory(craft(), kind=Tracking)
+    lab.errors, lab.tracked = (before, after), [0, 0]
+    found = Discovery(given(), lab, Settings(budget=budget))
+    found._track(GIVEN)
+    found._add_version("final", craft(**CURVED))
+    assert found._load("final") == ""
+    while found._contender():
+        found._check_tracking("final")
+    return found.story, lab
 
 
-def test_a_model_that_tracks_worse_is_taken_back(monkeypatch):
-    story, lab = compared(monkeypatch, varied(1), varied(1, 1.1))
+def test_a_model_that_tracks_worse_is_taken_back(monkeypatch, analyst):
+    even = 1 + 0.01 * (-1) ** np.arange(tracking.PARTS)
+    story, lab = compared(monkeypatch, analyst, varied(1), varied(1, 1.1) * even)
     check = story.tracking
     assert check.decided and check.taken_back and "given model again" in check.sentence
     assert story.in_use == GIVEN and lab.believed.effects == []
-    assert story.sure and lab.tracked == [1, 1]  # the finding stands
+    assert lab.tracked == [1, 1]
 
 
-def test_a_model_is_kept_once_more_flights_show_that_it_tracks_better(monkeypatch):
-    first, later = varied(1), varied(2)
-    after = [first[0] * (1 + 0.01 * (-1) ** np.arange(tracking.PARTS)), later[1] / 3, later[2] / 3]
-    story, lab = compared(monkeypatch, [first[0], later[1]], after)
+def test_a_model_is_kept_once_more_flights_show_that_it_tracks_better(monkeypatch, analyst):
+    before = varied(1)
+    after = [before[0][::-1], before[1] / 3, before[2] / 3]
+    story, lab = compared(monkeypatch, analyst, before, after)
     assert lab.tracked == [2, 2] and story.tracking.decided and not story.tracking.taken_back
-    assert story.in_use == story.tracking.label == story.findings[-1].label
-    assert lab.believed.effects and story.sure
+    assert story.in_use == story.tracking.label == "final" and lab.believed.effects
 
 
-def test_models_that_track_alike_leave_the_given_one(monkeypatch):
-    story, lab = compared(monkeypatch, varied(1), varied(2))
+def test_models_that_track_alike_leave_the_given_one(monkeypatch, analyst):
+    story, lab = compared(monkeypatch, analyst, varied(1), varied(2))
     check = story.tracking
     assert not check.decided and check.taken_back and "cannot be decided" in check.sentence
     assert lab.tracked == [PAIRS, PAIRS] and story.in_use == GIVEN and lab.believed.effects == []
-    assert story.sure and story.confirmation.holds and story.flown <= story.budget
+
+
+def test_a_comparison_leaves_time_for_the_confirming_flight(monkeypatch, analyst):
+    story, lab = compared(monkeypatch, analyst, varied(1), varied(2), budget=79.0)
+    assert lab.tracked == [1, 1] and not story.tracking.decided
+    story, lab = compared(monkeypatch, analyst, varied(1), varied(2), budget=80.0)
+    assert lab.tracked == [2, 2] and story.flown == 60.0
+    story, lab = compared(monkeypatch, analyst, varied(1), varied(2), budget=29.0)
+    assert lab.tracked == [1, 0] and "no time of flight is left" in story.tracking.sentence
+    assert story.in_use == GIVEN
 
 
 def test_the_evidence_of_a_comparison_is_a_statistic():
@@ -413,7 +421,8 @@ def test_errors_are_averaged_over_parts_of_equal_time():
     assert tracking.in_parts(times[gap], times[gap]) == []
 
 
-def test_a_story_of_before_parts_were_kept_goes_on(tmp_path):
+def test_a_story_of_before_parts_were_kept_goes_on(monkeypatch, analyst, tmp_path):
+    monkeypatch.setattr(campaign.analyst, "Analyst", lambda *_: analyst)
     lab = laboratory(craft(**CURVED), tmp_path)
     found = Discovery(given(), lab, folder=str(tmp_path), threads=1)
     found.told = lambda story: found.stop("stopped by hand") if story.flights else None

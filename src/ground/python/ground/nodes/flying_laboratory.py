@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from typing import List, Optional
+from typing import List
 
 import numpy as np
 import rospy
