@@ -30,7 +30,7 @@ import hidden_white
 import room
 from ground import _core, workers
 from ground.analysis import unexplained
-from ground.discovery import campaign, choice, pieces, simulated, story
+from ground.discovery import campaign, choice, pieces, story, tracking
 from ground.errors import GroundError
 from hidden_white import MODEL
 
@@ -150,7 +150,7 @@ def _tracking(case, place, given, final):
         lab = discover_lab.HiddenLaboratory(case, model, place)
         landed = lab.fly(flight, np.empty((0, 0)))
         run = lab.flown[0][0]
-        references = run.references[run.references[:, 0] >= run.references[0, 0] + simulated.SETTLING]
+        references = run.references[run.references[:, 0] >= run.references[0, 0] + tracking.SETTLING]
         at = np.minimum(np.searchsorted(run.truth_times, references[:, 0]), len(run.truth_times) - 1)
         off = hidden_craft.seen(case.effects, run.truth_eta[at])[:, :2] - references[:, 1:3]
         errors.append(None if landed.stopped else float(np.sqrt((off**2).sum(axis=1).mean())))

@@ -1,14 +1,17 @@
 """Mistakes in units, axes, signs, clocks and swaps are named with their remedy; honest runs are not."""
 
+import dataclasses
 import re
 import sys
 
 import numpy as np
 import pytest
 from conftest import MODEL, ROOT, identify
-from ground.recordings import units
+from ground.recordings import reply, suspicions, units
+from ground.simulation import experiments, gains
 
 import ground
+from ground import _core
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
@@ -112,6 +115,49 @@ def test_slow_motors_are_not_another_clock(tmp_path):
     path, mapping = run.write(tmp_path / "run")
     (found,) = ground.read(path, mapping=mapping)
     assert found.repaired.reply["lag"] > 0.15 and found.repaired.suspicions == []
+
+
+def tracked(controller, seed, body, tau, delay, duration):
+    """A run along a rhodonea by a controller that does not know of the craft's slow motors. body: ratios of
+    its parameters to those that the controller knows; tau, delay: of the motors [s]."""
+    believed, truth = _core.load_model(str(MODEL)), _core.load_model(str(MODEL))
+    for name, ratio in zip(("I_z", "X_u", "Y_v", "N_r", "k"), body):
+        truth.set_value(name, ratio * truth.value(name))
+    for name, value in (("motor_lag.tau", tau), ("input_delay.delay", delay)):
+        if value:
+            truth.add_effect(name.split(".")[0])
+            truth.set_value(name, value)
+    place = _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
+    params, mocap = _core.TrackingParams(), _core.MocapParams()
+    params.controller = gains.choice(controller)
+    params.reference.kind, params.reference.size = "rhodonea", 1.0
+    params.reference.x, params.reference.y = place.home
+    params.duration, params.room, mocap.latency = duration, place, 0.02
+    push = experiments.disturbance_in_shares(truth, 0.005, 0.5)
+    return experiments.simulate(
+        truth, params, "tracked", [*place.home, 0.0], mocap=mocap, seed=seed, believed=believed,
+        disturbance=push,
+    )  # fmt: skip
+
+
+def kinds(run, times=None):
+    """Kinds of the suspicions of a run, or of that run with other times of its poses (n,) [s]."""
+    run = run if times is None else dataclasses.replace(run, pose_times=times)
+    return [found.suspicion.kind for found in suspicions.of_runs([run]) if found.misread]
+
+
+def test_a_slow_craft_under_control_is_not_another_clock():
+    run = tracked("ModelPredictive", 4, (1.27, 1.01, 1.29, 0.75, 1.06), 0.09, 0.08, 30.0)
+    assert run.stopped  # it oscillates, so that commands and motion are alike at many lags
+    assert reply.far_lag(run, run.repaired.motion) is not None and kinds(run) == []
+
+
+def test_another_clock_shows_under_control_too():
+    run = tracked("ModelPredictive", 1, (1.1, 0.9, 1.1, 0.9, 1.0), 0.05, 0.0, 30.0)
+    since = run.pose_times - run.pose_times[0]
+    assert kinds(run) == []
+    assert kinds(run, run.pose_times + 0.01 * since) == ["drift"]
+    assert kinds(run, run.pose_times + 0.8) == kinds(run, run.pose_times - 0.2) == ["clock"]
 
 
 def test_the_real_runs_of_a_turned_mocap_are_suspected_and_the_others_are_not(tmp_path, recordings):

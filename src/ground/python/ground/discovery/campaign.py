@@ -5,13 +5,14 @@ What comes next follows from the story alone, so that an interrupted discovery g
 1. a reference is tracked with the given model (if asked for),
 2. flights look at all effects, then decide what is open, each followed by a diagnosis of all flights
    and, if the controllers take it, the improved model in their place,
-3. when no question is open: the reference again, then a confirming flight, which is neither chosen
+3. when no question is open: the reference with the final model, and with both in turn until it shows
+   which tracks better or PAIRS are flown; then a confirming flight, which is neither chosen
    by what is known nor fitted to. If the final model does not predict it, it becomes data.
 """
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Callable, Dict, List, Mapping, Optional
+from typing import Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.conclusion import MISREAD
 from ground.annotations import Array
-from ground.discovery import analyst, choice, pieces
+from ground.discovery import analyst, choice, pieces, tracking
 from ground.discovery.analyst import Found
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Laboratory
@@ -46,6 +47,7 @@ LIFT_TIME = 0.5  # lift alone before the first thrust [s]
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
 LEFT = "what is left"  # the question what no effect explains
 REFERENCE, SIZE, TRACKING = "rhodonea", 0.6, 15.0  # size: share of the clearance of home; length [s]
+PAIRS = 3  # most flights along the reference with each of two models that are compared
 SHORTEST = 6.0  # shortest flight of an excitation [s]
 RESERVED = 20.0  # kept of the budget for the confirming flight [s]
 RETURNS = 2.5  # length of a flight, in lengths of its inputs, where it cannot be predicted
@@ -124,15 +126,15 @@ class Discovery:
                 PATIENCE, story.flights[-1].stopped or "they were too short",
             ))  # fmt: skip
         elif self.settings.track and not self._tracked(GIVEN):
-            self._track()
+            self._track(GIVEN)
         elif waiting > self._diagnosed:
             self._diagnose()
         elif story.verdict == MISREAD:
             self._end("the recordings look misread: %s" % story.findings[-1].sentences[0])
         elif not self._sure():
             self._look()
-        elif self._last_check():
-            self._track()
+        elif self._contender():
+            self._check_tracking(self._contender())
         elif story.confirmation is None or not story.confirmation.holds:
             self._confirm()
         else:
@@ -163,10 +165,15 @@ class Discovery:
         flights = self.story.flights
         return any(f.flight.purpose == TRACK and f.controlled_by == label for f in flights)
 
-    def _last_check(self) -> bool:
-        """Whether tracking with the final model has to be compared with the given one's."""
-        label = self.story.in_use
-        return self.settings.track and label != GIVEN and not self._tracked(label)
+    def _contender(self) -> str:
+        """Label of a model whose tracking has to be compared with the given one's; empty: none."""
+        compared = {GIVEN} if self.story.tracking is None else {GIVEN, self.story.tracking.label}
+        tracked = [f.controlled_by for f in self.story.flights if f.flight.purpose == TRACK]
+        if self.story.in_use != GIVEN:
+            label = self.story.in_use
+        else:  # the given model may be in use for a flight of the comparison
+            label = next((other for other in reversed(tracked) if other != GIVEN), GIVEN)
+        return label if self.settings.track and label not in compared else ""
 
     def _sure(self) -> bool:
         """Whether no question is left that flights could decide."""
@@ -256,13 +263,39 @@ class Discovery:
         )  # fmt: skip
         return Confirmation(flown.flight.number, given, final, flown.floor, holds, sentence)
 
-    def _track(self) -> None:
-        label = self.story.in_use
+    def _check_tracking(self, final: str) -> None:
+        """Flies the reference once more, or decides whether the controllers keep a final model."""
+        flown = {label: self._tracks(label) for label in (GIVEN, final)}
+        counts = [len(flights) for flights in flown.values()]
+        verdict = 0.0
+        if min(counts) == max(counts):
+            verdict = _better(flown[GIVEN], flown[final])
+        reserved = RESERVED if min(counts) and self.story.confirmation is None else 0.0
+        to_fly = 2 if min(counts) == max(counts) else max(counts) - min(counts)
+        left = self._left() - reserved >= to_fly * TRACKING
+        if verdict or min(counts) >= PAIRS or not left:
+            self._compare(final, flown, verdict)
+        elif min(counts) == max(counts):
+            self._track(self.story.in_use)  # what is in use need not be loaded
+        else:
+            self._track(min(flown, key=lambda label: len(flown[label])))
+
+    def _tracks(self, label: str) -> List[Flown]:
+        """Flights along the reference with a model that can be compared."""
+        flights = [f for f in self.story.flights if f.flight.purpose == TRACK]
+        known = [f for f in flights if f.tracking_parts or f.tracking_error is None]
+        return [f for f in known if f.controlled_by == label]
+
+    def _track(self, label: str) -> None:
+        """Flies the reference with a model."""
+        if self._left() < TRACKING:
+            self._end("no time of flight is left to track a reference")
+            return
+        refused = self._load(label) if label != self.story.in_use else ""
+        if refused:
+            raise GroundError("the controllers refuse the model %s: %s" % (label, refused))
         number = len(self.story.flights) + 1
         size = SIZE * self.laboratory.room.clearance(self.laboratory.room.home)
-        if self._left() < TRACKING:
-            self._end("no time of flight is left to compare the tracking")
-            return
         which = "given" if label == GIVEN else "final"
         flight = Flight(
             number,
@@ -273,11 +306,9 @@ class Discovery:
             reference=REFERENCE,
             size=size,
         )
-        flown = self._fly(flight, np.empty((0, 0)))
-        if label != GIVEN:
-            self._compare(flown)
-            if self.found is not None:
-                self._judge_flights(self.found)
+        self._fly(flight, np.empty((0, 0)))
+        if self.found is not None:
+            self._judge_flights(self.found)
 
     def _reference(self, size: float) -> List[Point]:
         params = _core.ReferenceParams()
@@ -286,20 +317,29 @@ class Discovery:
         times = np.arange(0, TRACKING, PATH_STEP)
         return [(float(t), float(x), float(y)) for t, (x, y) in zip(times, params.sample(times))]
 
-    def _compare(self, after: Flown) -> None:
-        """Compares tracking with the final model and with the given one; takes a worse one back."""
-        before = next(f for f in self.story.flights if f.flight.purpose == TRACK)
-        old, new = before.tracking_error, after.tracking_error
-        worse = new is None or (old is not None and new > old)
-        refused = self._load(GIVEN) if worse else ""
+    def _compare(self, final: str, flown: Mapping[str, List[Flown]], verdict: float) -> None:
+        """Decides which model the controllers keep: the final one only if the flights show that it tracks
+        better. verdict: as _better has it."""
+        old, new = (_tracking_error(flown[label]) for label in (GIVEN, final))
+        kept = final if verdict > 0 else GIVEN
+        refused = self._load(kept) if kept != self.story.in_use else ""
         sentence = "Tracking error of the %s: %s with the given model, %s with the final one." % (
-            REFERENCE, _millimetres(old), _millimetres(new),
+            REFERENCE, _millimetres(old, flown[GIVEN]), _millimetres(new, flown[final]),
         )  # fmt: skip
-        if worse:
-            sentence += " The controllers have the given model again%s." % (
-                " (refused: %s)" % refused if refused else ""
+        if not verdict:
+            sentence += " It cannot be decided which of them tracks better: %s." % (
+                "the difference is not clear beside its spread along %d flights with each"
+                % len(flown[final])
+                if flown[final] and flown[GIVEN]
+                else "no time of flight is left"
             )
-        self.story.tracking = TrackingCheck(REFERENCE, old, new, worse, sentence)
+        if verdict <= 0:
+            sentence += " The controllers have the given model%s." % (
+                " again (refused: %s)" % refused if refused else " again"
+            )
+        self.story.tracking = TrackingCheck(
+            REFERENCE, old, new, verdict <= 0, sentence, final, bool(verdict)
+        )
 
     def _excite(self, purpose: str, chosen: List[pieces.Piece], why: str) -> Optional[Flown]:
         """Flies as many of the pieces as the budget has time for; None if there is no time for one."""
@@ -334,7 +374,8 @@ class Discovery:
         self._tell("flies: %s" % flight.why)
         landed = self.laboratory.fly(flight, inputs)
         flown = Flown(flight, landed.file, landed.seconds, story.in_use, landed.stopped)
-        flown.tracking_error = landed.tracking_error
+        flown.tracking_parts = list(landed.tracking_parts)
+        flown.tracking_error = tracking.overall([flown.tracking_parts])
         if landed.recording is not None and self._take(flown, landed.recording):
             run = self._recordings[flight.number].repaired.data(self.given)
             flown.errors = {label: analyst.error(run, m) for label, m in self.models.items()}
@@ -360,9 +401,7 @@ class Discovery:
 
     def _diagnose(self) -> None:
         self._tell("diagnoses flights 1 to %d" % len(self.story.flights))
-        # With a controller in the loop commands follow the motion, so that their delay and their signs
-        # do not show.
-        misread = self.analyst.misread([self._recordings[n] for n in self._excitations()])
+        misread = self.analyst.misread([self._recordings[n] for n in self._data()])
         if misread:
             self._diagnosed = self._data()[-1]
             nothing = Finding(self._diagnosed, MISREAD, [], {}, [], GIVEN, misread, [])
@@ -508,5 +547,29 @@ def _number(value: Optional[float]) -> str:
     return "not finite" if value is None else "%.3f" % value
 
 
-def _millimetres(value: Optional[float]) -> str:
-    return "stopped" if value is None else "%.1f mm" % (1e3 * value)
+def _better(given: Sequence[Flown], final: Sequence[Flown]) -> float:
+    """1 if flights show that the final model tracks better than the given one, -1 if worse, 0 if they do
+    not show it. A flight that was stopped decides."""
+    if not given or not final:
+        return 0.0
+    if any(f.tracking_error is None for f in final):
+        return -1.0
+    if any(f.tracking_error is None for f in given):
+        return 1.0
+    clear = tracking.evidence(
+        [f.tracking_parts for f in given], [f.tracking_parts for f in final]
+    )
+    return float(np.sign(clear)) if abs(clear) > tracking.CLEAR else 0.0
+
+
+def _tracking_error(flights: Sequence[Flown]) -> Optional[float]:
+    """Root mean square error of flights along the reference [m]; None where one was stopped."""
+    if any(f.tracking_error is None for f in flights):
+        return None
+    return tracking.overall([f.tracking_parts for f in flights])
+
+
+def _millimetres(value: Optional[float], flights: Sequence[Flown]) -> str:
+    if value is None:
+        return "stopped" if flights else "not flown"
+    return "%.1f mm" % (1e3 * value)

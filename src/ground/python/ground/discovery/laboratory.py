@@ -1,7 +1,7 @@
 """Where a discovery flies: a simulated craft, or the real one in its room."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Protocol
+from typing import List, Optional, Protocol, Sequence
 
 from ground import _core
 from ground.annotations import Array
@@ -17,7 +17,8 @@ class Landed:
     file: str  # where it is kept; empty if it is not
     seconds: float  # time with the lift on [s]
     stopped: str  # why it ended early; empty if it did not
-    tracking_error: Optional[float] = None  # root mean square [m]; None unless it tracked to the end
+    # root mean square errors in parts of the reference [m]; empty unless it tracked to the end
+    tracking_parts: Sequence[float] = ()
 
 
 class Laboratory(Protocol):

@@ -9,13 +9,13 @@ import numpy as np
 
 from ground import _core, files
 from ground.annotations import Array
+from ground.discovery import tracking
 from ground.discovery.laboratory import Landed
 from ground.discovery.story import Flight, Point
 from ground.errors import GroundError
 from ground.simulation import experiments, gains
 
 MOST = 4.0  # longest flight, in lengths of its inputs
-SETTLING = 6.0  # time after which tracking errors count [s]
 PATH_STEP = 0.1  # between points of a path [s]
 
 
@@ -54,7 +54,7 @@ class SimulatedLaboratory:
         if self.folder:
             file = name + ".bag"
             run.save(os.path.join(self.folder, file), True)
-        return Landed(run, file, lifted(run), run.stopped, tracking_error(run))
+        return Landed(run, file, lifted(run), run.stopped, tracking_parts(run))
 
     def carry_home(self) -> None:
         """Carries the craft home, as a person does before arming again: near a wall the room would not
@@ -134,13 +134,12 @@ def lifted(run: experiments.SimulatedRun) -> float:
     return float(on[-1] - on[0]) if len(on) else 0.0
 
 
-def tracking_error(run: experiments.SimulatedRun) -> Optional[float]:
-    """Root mean square distance of the measured from the reference's position [m]; None unless a
-    reference was tracked to its end."""
+def tracking_parts(run: experiments.SimulatedRun) -> List[float]:
+    """Root mean square distances of the measured from the reference's position in parts of the reference
+    [m]; empty unless one was tracked to its end."""
     references = run.references
     if run.stopped or not len(references):
-        return None
-    settled = references[references[:, 0] >= references[0, 0] + SETTLING]
-    at = np.minimum(np.searchsorted(run.pose_times, settled[:, 0]), len(run.pose_times) - 1)
-    off = run.eta[at, :2] - settled[:, 1:3]
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
+        return []
+    at = np.minimum(np.searchsorted(run.pose_times, references[:, 0]), len(run.pose_times) - 1)
+    off = run.eta[at, :2] - references[:, 1:3]
+    return tracking.in_parts(references[:, 0] - references[0, 0], np.hypot(*off.T))

@@ -64,7 +64,8 @@ class Flown:
     # Mean |e|/s of the models that were there before the flight, by label; None: not finite
     errors: Dict[str, Optional[float]] = field(default_factory=dict)
     floor: Optional[float] = None  # the error that noise of poses and disturbance leave
-    tracking_error: Optional[float] = None  # root mean square, when tracking [m]
+    tracking_error: Optional[float] = None  # root mean square, when tracking [m]; None: stopped
+    tracking_parts: List[float] = field(default_factory=list)  # the same in parts of the reference
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,8 @@ class TrackingCheck:
     after: Optional[float]
     taken_back: bool  # whether the controller has the given model again
     sentence: str
+    label: str = ""  # the final model's; empty in stories of before this was kept
+    decided: bool = True  # whether the flights show which of the models tracks better
 
 
 @dataclass

@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from typing import List, Optional
+from typing import List
 
 import numpy as np
 import rospy
@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from ground import _core, files
 from ground.annotations import Array, Message, Say
-from ground.discovery import simulated
+from ground.discovery import simulated, tracking
 from ground.discovery.laboratory import Landed
 from ground.discovery.story import GIVEN, Flight, Point
 from ground.errors import GroundError
@@ -347,16 +347,16 @@ def _landed(bag: str, stopped: str, tracked: bool) -> Landed:
         recording = readers.read(bag)
     except GroundError as problem:
         return Landed(None, "", 0.0, stopped or str(problem))
-    error = _tracking_error(bag, recording) if tracked and not stopped else None
-    return Landed(recording, os.path.basename(bag), lifted(recording), stopped, error)
+    parts = _tracking_parts(bag, recording) if tracked and not stopped else []
+    return Landed(recording, os.path.basename(bag), lifted(recording), stopped, parts)
 
 
-def _tracking_error(bag: str, recording: Recording) -> Optional[float]:
-    """Root mean square error of the flight's reference, once settled [m]; None if that is not known."""
+def _tracking_parts(bag: str, recording: Recording) -> List[float]:
+    """Root mean square errors in parts of the flight's reference [m]; empty if they are not known."""
     with contextlib.suppress(GroundError):
-        numbers = tracks.numbers(tracks.read(bag, recording)[-1], simulated.SETTLING)
-        return None if numbers["rms"] is None else float(numbers["rms"])
-    return None
+        track = tracks.read(bag, recording)[-1]
+        return tracking.in_parts(track.times, track.errors)
+    return []
 
 
 def _offer(service: str, path: str) -> str:

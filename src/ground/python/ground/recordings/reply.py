@@ -1,7 +1,7 @@
 """How the motion of a craft replies to its commands."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, TypedDict
+from typing import TYPE_CHECKING, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -17,8 +17,7 @@ FAR_SHARE = 0.3  # least share of the accelerations that the commands explain at
 FAR_SAMPLES = 2000  # samples of motion to find it from
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 MIN_FOLLOWING = 200  # samples that lags are found from
-DELAYS = np.arange(0.0, 0.41, 0.03)  # tried parts of the lag that are all at once [s]
-TAUS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # tried time constants beside them [s]
+TAUS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # tried time constants of motors [s]
 RATES = np.arange(-0.012, 0.0121, 0.002)  # tried drifts of clocks [s/s]
 DRIFT_LAGS = np.arange(-0.4, 0.61, 0.05)  # tried beside them, in the middle of a run [s]
 DRIFT_AROUND = np.arange(-0.15, 0.151, 0.01)  # tried around the best one in each part of a run [s]
@@ -155,6 +154,22 @@ class _Following:
         """Share of the accelerations that those commands explain."""
         return 1 - float((self.left(times, tau) ** 2).mean() / (self.wanted**2).mean())
 
+    @property
+    def middle(self) -> float:
+        """The middle of the run [s]."""
+        return 0.5 * float(self.times[0] + self.times[-1])
+
+    def at_rate(self, rate: float) -> Array:
+        """The times (n,) [s] on a clock that runs slower by a rate [s/s], set in the middle of the run."""
+        return np.asarray(self.times - rate * (self.times - self.middle))
+
+    def least(self, rate: float, lags: Array) -> Array:
+        """The least sum of squares, by sample (n,), that commands leave of the accelerations on a clock of
+        that rate: at the best of some lags (m,) [s] and of the time constants TAUS."""
+        times = self.at_rate(rate)
+        left = ((self.left(times - lag, tau) ** 2).sum(axis=1) for tau in TAUS for lag in lags)
+        return np.asarray(min(left, key=np.sum))
+
 
 def far_lag(recording: "Recording", motion: Motion) -> Optional[float]:
     """The lag [s] of the motion after the commands where it is further off than `find` looks; None where
@@ -167,49 +182,75 @@ def far_lag(recording: "Recording", motion: Motion) -> Optional[float]:
     return float(FAR_LAGS[best]) if shares[best] > FAR_SHARE else None
 
 
-def delay(recording: "Recording", motion: Motion) -> float:
-    """The part of the lag [s] of the motion that is no first-order lag."""
-    following = _Following.of(recording, motion)
-    if following is None:
-        return 0.0
-    shares = {
-        (delay, tau): following.share(following.times - delay, tau) for delay in DELAYS for tau in TAUS
-    }
-    return float(max(shares, key=lambda way: shares[way])[0])
+class Drift(NamedTuple):
+    """How the lag of a motion behind its commands changes."""
+
+    rate: float  # change of the lag per second [s/s]
+    error: float  # its standard error
+    lag: float  # in the middle of the run [s]
 
 
-def drift(recording: "Recording", motion: Motion) -> Tuple[float, float]:
-    """Change of the lag per second [s/s], and its standard error; 0 where the run is too short or the motion
-    does not follow the commands.
+def drift(recording: "Recording", motion: Motion) -> Drift:
+    """The Drift of a run; of rate 0 where the run is too short or the motion does not follow the commands.
 
     For each rate, commands are taken at times that run at it. The share that they explain then has a peak;
     the scatter of the best rates of parts of the run gives its error.
     """
     following = _Following.of(recording, motion)
     if following is None or np.ptp(following.times) < MIN_DRIFTING:
-        return 0.0, np.inf
+        return Drift(0.0, np.inf, 0.0)
     times = following.times
-    middle_time = 0.5 * (times[0] + times[-1])
     shares = {
-        (lag, rate): following.share(times - lag - rate * (times - middle_time))
+        (lag, rate): following.share(following.at_rate(rate) - lag)
         for rate in RATES
         for lag in DRIFT_LAGS
     }
     coarse = max(shares, key=lambda way: shares[way])
     if shares[coarse] < DRIFT_SHARE:
-        return 0.0, np.inf
-    straight = times - coarse[1] * (times - middle_time)
+        return Drift(0.0, np.inf, 0.0)
+    straight = following.at_rate(coarse[1])
     part = ((times - times[0]) / DRIFT_PART).astype(int)
     lags = coarse[0] + DRIFT_AROUND
     losses = np.array([(following.left(straight - lag) ** 2).sum(axis=1) for lag in lags])
     parts = [i for i in np.unique(part) if (part == i).sum() > MIN_FOLLOWING // 4]
     best = np.array([lags[int(np.argmin(losses[:, part == i].sum(axis=1)))] for i in parts])
-    at = np.array([times[part == i].mean() for i in parts]) - middle_time
+    at = np.array([times[part == i].mean() for i in parts]) - following.middle
     slopes = [(best[j] - best[i]) / (at[j] - at[i]) for j in range(len(at)) for i in range(j)]
     slope = float(np.median(slopes))  # Theil 1950, Sen 1968
     rest = best - slope * at
     scatter = 1.4826 * np.median(np.abs(rest - np.median(rest))) + np.diff(lags).max()
-    return coarse[1] + slope, float(scatter / np.sqrt(((at - at.mean()) ** 2).sum()))
+    error = float(scatter / np.sqrt(((at - at.mean()) ** 2).sum()))
+    return Drift(coarse[1] + slope, error, float(coarse[0]))
+
+
+def drift_evidence(recording: "Recording", motion: Motion, found: Drift) -> float:
+    """By how many standard errors a lag that drifts explains more than a constant one."""
+    return _evidence(recording, motion, found.lag + DRIFT_AROUND, found.lag + DRIFT_AROUND, found.rate)
+
+
+def lag_evidence(recording: "Recording", motion: Motion, lag: float, delays: Array) -> float:
+    """By how many standard errors a lag [s] explains more than any of some delays (n,) [s]."""
+    return _evidence(recording, motion, np.array([lag]), delays)
+
+
+def _evidence(
+    recording: "Recording", motion: Motion, suspected: Array, honest: Array, rate: float = 0.0
+) -> float:
+    """By how many standard errors commands on another clock explain more of the accelerations than those
+    on the motion's own. 0 where there are too few samples.
+
+    suspected: lags that are tried on the other clock [s], which runs at a rate [s/s]; honest: lags on the
+    motion's own. Slow motors are tried with both. A large share alone is no evidence: where a controller
+    closes the loop, commands follow the motion, and oscillations of a slow craft make them alike at lags
+    that no clock has caused. The difference of the two in blocks of time shows whether one wins throughout.
+    """
+    following = _Following.of(recording, motion)
+    if following is None:
+        return 0.0
+    gain = following.least(0.0, honest) - following.least(rate, suspected)
+    blocks = np.array([block.sum() for block in np.array_split(gain, BLOCKS)])
+    error = blocks.std(ddof=1) / np.sqrt(BLOCKS)
+    return float(blocks.mean() / error) if error > 0 else 0.0
 
 
 def _lagged(recording: "Recording", times: Array, tau: float) -> Array:

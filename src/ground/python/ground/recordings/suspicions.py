@@ -25,6 +25,8 @@ LATEST = 0.3  # largest delay of the motion on one clock [s]
 EARLIEST = -0.03  # least delay: motion cannot come before its command [s]
 DELAYED = 0.15  # largest delay of the motion, all at once [s]
 DRIFTING = 5.0  # least drift of two clocks, in its standard errors
+DELAYS = np.arange(EARLIEST, DELAYED + 0.005, 0.01)  # delays that one clock explains [s]
+CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
@@ -106,21 +108,23 @@ def clocks(run: "Run") -> Iterator[Suspicion]:
     """Stamps of two computers, by the time from command to motion and its change."""
     if len(reply.changes(run.recording)) < MIN_CHANGES:
         return
-    drift, error = reply.drift(run.recording, run.motion)
-    if abs(drift) > max(DRIFTING * error, MIN_DRIFT / run.end):
+    recording, motion = run.recording, run.motion
+    drift = reply.drift(recording, motion)
+    drifts = abs(drift.rate) > max(DRIFTING * drift.error, MIN_DRIFT / run.end)
+    if drifts and reply.drift_evidence(recording, motion, drift) > CLEAR:
         yield Suspicion(
             "drift",
             "the motion falls behind its commands by %.1f ms a second (+- %.1f): the stamps seem to be of "
-            "two computers' clocks that run at different rates" % (1e3 * drift, 1e3 * error),
-            "clock_drift: %.5f in a mapping" % -drift,
+            "two computers' clocks that run at different rates" % (1e3 * drift.rate, 1e3 * drift.error),
+            "clock_drift: %.5f in a mapping" % -drift.rate,
         )
         return
-    lag = run.reply["lag"] if run.reply else reply.far_lag(run.recording, run.motion)
+    lag = run.reply["lag"] if run.reply else reply.far_lag(recording, motion)
     if lag is None or EARLIEST <= lag <= DELAYED:
         return
+    if reply.lag_evidence(recording, motion, lag, DELAYS) < CLEAR:
+        return  # slow motors, or a loop that a controller closes
     late = DELAYED < lag <= LATEST
-    if late and reply.delay(run.recording, run.motion) <= DELAYED:
-        return  # slow motors
     yield Suspicion(
         "delay" if late else "clock",
         "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"

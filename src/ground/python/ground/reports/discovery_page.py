@@ -236,8 +236,9 @@ class _StoryPage:
             sheet.heading("Tracking")
             sheet.paragraph(sentence(check.sentence))
             tracked = [check.reference, millimetres(check.before), millimetres(check.after)]
-            head = ["reference", "#error, given model", "#error, final model", "=model taken back"]
-            sheet.table(head, [[*tracked, "yes" if check.taken_back else "no"]])
+            head = ["reference", "#error, given model", "#error, final model", "=decided", "=model taken back"]
+            said = ["yes" if answer else "no" for answer in (check.decided, check.taken_back)]
+            sheet.table(head, [[*tracked, *said]])
 
     def _go_on(self) -> None:
         sheet, story = self._sheet, self._story
