@@ -99,6 +99,7 @@ def _flights(told):
         "flights": [[f.flight.purpose, f.seconds, f.stopped] for f in told.flights],
         "sure": told.sure,
         "reason": told.reason,
+        "compared": told.tracking.sentence if told.tracking else "",
         "held": told.confirmation is not None and told.confirmation.holds,
     }
 

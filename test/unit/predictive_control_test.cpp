@@ -107,6 +107,32 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
   EXPECT_GT(at_bounds, 0);
 }
 
+TEST(TrajectoryOptimizer, FollowsEffectStatesThatAreFasterThanItsSteps) {
+  // A lag written as an expression is the library's, which has an exact step, only if steps are divided.
+  const Model lag = craft({{"motor_lag", {0.015}}});
+  const Model written = withEffect(craft(), R"yaml(
+name: lag
+states: {left: (u_L - left)/0.015, right: (u_R - right)/0.015}
+expression: {thrust_L: -k*(u_L - left), thrust_R: -k*(u_R - right)}
+parameters: {k: {value: 0.05, unit: N}}
+)yaml",
+                                   "lag");
+  std::vector<TrajectoryOptimizer::State> ends;
+  for (Model model : {lag, written}) {
+    model.body.k = 0.05;
+    const auto plan = TrajectoryOptimizer::make(model, 20, 0.05);
+    plan->setProblem(0, TrajectoryOptimizer::State::Zero(), 1.0, {0, 0, 0},
+                     std::vector<ReferencePoint>(20));
+    std::vector<Thrusters<double>>& inputs = plan->inputs();
+    for (std::size_t k = 0; k < inputs.size(); ++k)
+      asVector(inputs[k]) << double(k % 3 == 0), double(k % 4 < 2);
+    plan->rollOut();
+    ends.push_back(plan->states().back());
+  }
+  EXPECT_GT(ends[0].segment<3>(3).norm(), 0.1);
+  for (int i = 0; i < 6; ++i) EXPECT_NEAR(ends[0](i), ends[1](i), 2e-3) << i;
+}
+
 INSTANTIATE_TEST_SUITE_P(
     All, Plans,
     testing::Values(Planned{"nominal", craft()}, Planned{"lag", craft({{"motor_lag", {0.06}}})},

@@ -135,10 +135,9 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
 TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& state,
                                                         const Thrusters<double>& input) const {
   State next = state;
-  const StepInputs<double> acting = dynamics_.actuate(input, lift_, step_, next.data() + 6);
   const RigidState<double> before{state.head<3>(), state.segment<3>(3)};
-  const RigidState<double> body =
-      pushedStep(dynamics_, t_ + k * step_, before, acting, missing_, step_);
+  const RigidState<double> body = drivenStep(dynamics_, t_ + k * step_, before, input, lift_,
+                                             missing_, step_, next.data() + 6);
   next.head<3>() = body.eta;
   next.segment<3>(3) = body.nu;
   return next;
@@ -177,11 +176,10 @@ void TrajectoryOptimizer::linearize(int k, Square& A, Drive B) const {
           variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
       one.v[i - first] = 1;
     }
-    const StepInputs<Jet> acting = derivatives_.actuate(command, lift_, Jet(step_), &x[6]);
     const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
     const Vector3<Jet> missing = missing_.cast<Jet>();
-    const RigidState<Jet> body =
-        pushedStep(derivatives_, Jet(t_ + k * step_), before, acting, missing, step_);
+    const RigidState<Jet> body = drivenStep(derivatives_, Jet(t_ + k * step_), before, command,
+                                            lift_, missing, step_, &x[6]);
     for (int i = first; i < last; ++i) {
       const int column = by[static_cast<std::size_t>(i)];
       State derivative = State::Zero();

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
 #include "ground/model/dynamics.h"
 
 namespace ground {
@@ -16,6 +19,21 @@ RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state,
   state.nu += push;
   dynamics.template step<true>(t, state, inputs, h);
   state.nu += push;
+  return state;
+}
+
+/// State after a step of constant commands in which a missing wrench acts, see pushedStep; moves the
+/// states of effects, too. Steps that are too long for these (Dynamics::settling) are divided.
+template <typename T>
+RigidState<T> drivenStep(const Dynamics<T>& dynamics, const T& t, RigidState<T> state,
+                         const Thrusters<T>& command, double lift, const Vector3<T>& missing,
+                         double h, T* states) {
+  const int parts = std::max(1, static_cast<int>(std::ceil(h / dynamics.settling().step - 1e-9)));
+  const double part = h / parts;
+  for (int i = 0; i < parts; ++i) {
+    const StepInputs<T> acting = dynamics.actuate(command, lift, T(part), states);
+    state = pushedStep(dynamics, T(t + i * part), state, acting, missing, part);
+  }
   return state;
 }
 
