@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT
+from conftest import MODEL, ROOT, schema
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
@@ -219,6 +219,7 @@ def test_the_folder_keeps_all(curved):
     story, _, _, folder = curved
     kept = Journal(str(folder)).story()
     assert plain(kept) == plain(story)
+    schema("discovery").validate(plain(kept))
     for flown in kept.flights:
         assert (folder / flown.recording).is_file()
         assert flown.flight.reference or (folder / flown.flight.inputs).is_file()
