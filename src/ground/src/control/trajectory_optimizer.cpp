@@ -19,9 +19,9 @@ constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
 
-/// The optimizer of N inputs; Eigen::Dynamic for any number. Two inputs, the most frequent case,
-/// are faster with a number that the compiler knows.
-template <int N>
+/// The optimizer of N inputs, Eigen::Dynamic for any number, and of models with at most S states.
+/// The algebra, which takes most of the time, is faster with small sizes that the compiler knows.
+template <int N, int S>
 class SizedOptimizer final : public TrajectoryOptimizer {
  public:
   SizedOptimizer(const Model& model, int steps, double step)
@@ -38,8 +38,8 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     }
     turning_ = levers * levers.transpose();
     open_.assign(count, Input::Zero(inputs));
-    linear_.assign(count, {Square::Identity(), Drive::Zero(kStates, inputs)});
-    gains_.assign(count, Gain::Zero(inputs, kStates));
+    linear_.assign(count, {Square::Identity(), Drive::Zero(S, inputs)});
+    gains_.assign(count, Gain::Zero(inputs, S));
   }
 
   bool improve() override;
@@ -48,8 +48,11 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   using Input = PerThruster<N>;
   static constexpr int kMax = BoxMinimum<N>::kMax;
   using InputSquare = typename BoxMinimum<N>::Square;
-  using Drive = Eigen::Matrix<double, kStates, N, 0, kStates, kMax>;
-  using Gain = Eigen::Matrix<double, N, kStates, 0, kMax, kStates>;
+  using Vector = Eigen::Matrix<double, S, 1>;
+  using Square = Eigen::Matrix<double, S, S>;
+  /// Derivatives of a state by the inputs, a column each.
+  using Drive = Eigen::Matrix<double, S, N, 0, S, kMax>;
+  using Gain = Eigen::Matrix<double, N, S, 0, kMax, S>;
   struct Linear {
     Square A;
     Drive B;
@@ -59,6 +62,9 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     return Eigen::Map<const Input>(inputs.begin(), inputs.size());
   }
 
+  void linearize(int k, Linear& linear) const;
+  void addStateCost(int k, Vector& gradient, Square& curvature) const;
+  void addWallCost(const State& state, Vector& gradient, Square& curvature) const;
   bool backward();
 
   Input low_, high_;     ///< ranges of the inputs
@@ -69,6 +75,16 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   BoxMinimum<N> box_;
   double damping_ = 0;
 };
+
+template <int N>
+std::unique_ptr<TrajectoryOptimizer> makeSized(const Model& model, int steps, double step) {
+  constexpr int kBody = 6, kOfLag = 2;  // states of the rigid body, of the motors of a pair
+  const int states = model.stateCount();
+  if (states == 0) return std::make_unique<SizedOptimizer<N, kBody>>(model, steps, step);
+  if (states <= kOfLag)
+    return std::make_unique<SizedOptimizer<N, kBody + kOfLag>>(model, steps, step);
+  return std::make_unique<SizedOptimizer<N, TrajectoryOptimizer::kStates>>(model, steps, step);
+}
 
 }  // namespace
 
@@ -117,8 +133,8 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
 
 std::unique_ptr<TrajectoryOptimizer> TrajectoryOptimizer::make(const Model& model, int steps,
                                                                double step) {
-  if (model.thrusters->size() == 2) return std::make_unique<SizedOptimizer<2>>(model, steps, step);
-  return std::make_unique<SizedOptimizer<Eigen::Dynamic>>(model, steps, step);
+  if (model.thrusters->size() == 2) return makeSized<2>(model, steps, step);
+  return makeSized<Eigen::Dynamic>(model, steps, step);
 }
 
 void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
@@ -142,62 +158,6 @@ TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& stat
   next.head<3>() = body.eta;
   next.segment<3>(3) = body.nu;
   return next;
-}
-
-void TrajectoryOptimizer::linearize(int k, Square& A, Drive B) const {
-  const State& state = states_[static_cast<std::size_t>(k)];
-  const State& after = states_[static_cast<std::size_t>(k) + 1];
-  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
-  const int inputs = input.size();
-  // Variables of the derivatives: indices of states, then of inputs.
-  std::array<int, kStates + kMaxThrusters> by{};
-  int count = 0;
-  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
-  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
-  if (dynamics_.usesPose()) {
-    for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
-  } else {
-    // The motion is invariant under translation and rotation of the pose.
-    A.leftCols<3>().setZero();
-    A.topLeftCorner<3, 3>().setIdentity();
-    A(0, 2) = -(after(1) - state(1));
-    A(1, 2) = after(0) - state(0);
-  }
-  constexpr int kAtOnce = Jet::kDirections;
-  for (int first = 0; first < count; first += kAtOnce) {
-    const int last = std::min(count, first + kAtOnce);
-    std::array<Jet, kStates> x;
-    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
-    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
-    for (int i = 0; i < inputs; ++i)
-      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
-    for (int i = first; i < last; ++i) {
-      const int variable = by[static_cast<std::size_t>(i)];
-      Jet& one =
-          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
-      one.v[i - first] = 1;
-    }
-    const StepInputs<Jet> acting = derivatives_.actuate(command, lift_, Jet(step_), &x[6]);
-    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
-    const Vector3<Jet> missing = missing_.cast<Jet>();
-    const RigidState<Jet> body =
-        pushedStep(derivatives_, Jet(t_ + k * step_), before, acting, missing, step_);
-    for (int i = first; i < last; ++i) {
-      const int column = by[static_cast<std::size_t>(i)];
-      State derivative = State::Zero();
-      for (int j = 0; j < 3; ++j) {
-        derivative(j) = body.eta(j).v[i - first];
-        derivative(3 + j) = body.nu(j).v[i - first];
-      }
-      for (int j = 0; j < effect_states_; ++j)
-        derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v[i - first];
-      if (column < kStates) {
-        A.col(column) = derivative;
-      } else {
-        B.col(column - kStates) = derivative;
-      }
-    }
-  }
 }
 
 double TrajectoryOptimizer::stateCost(int k, const State& state) const {
@@ -255,8 +215,68 @@ Thrusters<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
+/// Derivatives of the state after step k of the plan by the state before it and by the inputs.
+template <int N, int S>
+void SizedOptimizer<N, S>::linearize(int k, Linear& linear) const {
+  Square& A = linear.A;
+  Drive& B = linear.B;
+  const State& state = states_[static_cast<std::size_t>(k)];
+  const State& after = states_[static_cast<std::size_t>(k) + 1];
+  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
+  const int inputs = input.size();
+  // Variables of the derivatives: indices of states, then of inputs.
+  std::array<int, kStates + kMaxThrusters> by{};
+  int count = 0;
+  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
+  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
+  if (dynamics_.usesPose()) {
+    for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
+  } else {
+    // The motion is invariant under translation and rotation of the pose.
+    A.template leftCols<3>().setZero();
+    A.template topLeftCorner<3, 3>().setIdentity();
+    A(0, 2) = -(after(1) - state(1));
+    A(1, 2) = after(0) - state(0);
+  }
+  constexpr int kAtOnce = Jet::kDirections;
+  for (int first = 0; first < count; first += kAtOnce) {
+    const int last = std::min(count, first + kAtOnce);
+    std::array<Jet, kStates> x;
+    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
+    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
+    for (int i = 0; i < inputs; ++i)
+      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
+    for (int i = first; i < last; ++i) {
+      const int variable = by[static_cast<std::size_t>(i)];
+      Jet& one =
+          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
+      one.v[i - first] = 1;
+    }
+    const StepInputs<Jet> acting = derivatives_.actuate(command, lift_, Jet(step_), &x[6]);
+    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+    const Vector3<Jet> missing = missing_.cast<Jet>();
+    const RigidState<Jet> body =
+        pushedStep(derivatives_, Jet(t_ + k * step_), before, acting, missing, step_);
+    for (int i = first; i < last; ++i) {
+      const int column = by[static_cast<std::size_t>(i)];
+      Vector derivative = Vector::Zero();
+      for (int j = 0; j < 3; ++j) {
+        derivative(j) = body.eta(j).v[i - first];
+        derivative(3 + j) = body.nu(j).v[i - first];
+      }
+      for (int j = 6; j < S; ++j) derivative(j) = x[static_cast<std::size_t>(j)].v[i - first];
+      if (column < kStates) {
+        A.col(column) = derivative;
+      } else {
+        B.col(column - kStates) = derivative;
+      }
+    }
+  }
+}
+
 /// Adds the derivatives of the cost of the state at the end of step k.
-void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature) const {
+template <int N, int S>
+void SizedOptimizer<N, S>::addStateCost(int k, Vector& gradient, Square& curvature) const {
   const State& state = states_[static_cast<std::size_t>(k) + 1];
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
@@ -265,31 +285,32 @@ void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature
   const Rotation<double> heading(state(2));
   const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   const Vector2<double> slip = over_floor - reference.p_dot;
-  gradient.head<2>() += position * (state.head<2>() - reference.p);
+  gradient.template head<2>() += position * (state.head<2>() - reference.p);
   curvature(0, 0) += position;
   curvature(1, 1) += position;
   Eigen::Matrix<double, 2, 3> by;  // velocity over the floor by psi, u, v
   by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
-  gradient.segment<3>(2).noalias() += velocity * by.transpose() * slip;
-  curvature.block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
+  gradient.template segment<3>(2).noalias() += velocity * by.transpose() * slip;
+  curvature.template block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
 }
 
-void TrajectoryOptimizer::addWallCost(const State& state, State& gradient,
-                                      Square& curvature) const {
+template <int N, int S>
+void SizedOptimizer<N, S>::addWallCost(const State& state, Vector& gradient,
+                                       Square& curvature) const {
   Eigen::Matrix<double, 1, 5> derivative;
   const double excess =
       walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
   if (!(excess > 0)) return;
   const double weight = 2 * step_ * walls_->weight;
-  gradient.head<5>() += weight * excess * derivative.transpose();
-  curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
+  gradient.template head<5>() += weight * excess * derivative.transpose();
+  curvature.template topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
 }
 
-template <int N>
-bool SizedOptimizer<N>::backward() {
+template <int N, int S>
+bool SizedOptimizer<N, S>::backward() {
   const double scale = 1 / (input_max_ * input_max_);
   const int inputs = thrusterCount();
-  State gradient = State::Zero();
+  Vector gradient = Vector::Zero();
   Square curvature = Square::Zero();
   InputSquare input_curvature = weights_.turning * turning_;
   input_curvature.diagonal().array() += weights_.input;
@@ -304,13 +325,13 @@ bool SizedOptimizer<N>::backward() {
     const auto input = vectorOf(inputs_[i]);
     Square VA;
     VA.noalias() = curvature * A;
-    Drive VB(static_cast<int>(kStates), inputs);
+    Drive VB(S, inputs);
     VB.noalias() = curvature * B;
     Input Qu = input_curvature * input;
     Qu.noalias() += B.transpose() * gradient;
     InputSquare Quu = input_curvature;
     Quu.noalias() += B.transpose() * VB;
-    Gain Qux(inputs, static_cast<int>(kStates));
+    Gain Qux(inputs, S);
     Qux.noalias() = VB.transpose() * A;
     InputSquare damped = Quu;
     damped.diagonal().array() += damping_ * scale;
@@ -320,7 +341,7 @@ bool SizedOptimizer<N>::backward() {
     const Gain gain = -box_.solveFree(Qux);
     open_[i] = change;
     gains_[i] = gain;
-    State Qx;
+    Vector Qx;
     Qx.noalias() = A.transpose() * gradient;
     Square Qxx;
     Qxx.noalias() = A.transpose() * VA;
@@ -335,12 +356,9 @@ bool SizedOptimizer<N>::backward() {
   return true;
 }
 
-template <int N>
-bool SizedOptimizer<N>::improve() {
-  for (int k = 0; k < steps(); ++k) {
-    Linear& linear = linear_[static_cast<std::size_t>(k)];
-    linearize(k, linear.A, linear.B);
-  }
+template <int N, int S>
+bool SizedOptimizer<N, S>::improve() {
+  for (int k = 0; k < steps(); ++k) linearize(k, linear_[static_cast<std::size_t>(k)]);
   if (!backward()) {
     damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
     return false;
@@ -350,7 +368,7 @@ bool SizedOptimizer<N>::improve() {
     for (int k = 0; k < steps() && cost < cost_; ++k) {
       const auto i = static_cast<std::size_t>(k);
       Input input = vectorOf(inputs_[i]) + length * open_[i];
-      input.noalias() += gains_[i] * (tried_states_[i] - states_[i]);
+      input.noalias() += gains_[i] * (tried_states_[i] - states_[i]).template head<S>();
       tried_inputs_[i] = input.cwiseMax(low_).cwiseMin(high_).eval();
       tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
       cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));

@@ -72,19 +72,11 @@ class TrajectoryOptimizer {
   }
 
  protected:
-  using Square = Eigen::Matrix<double, kStates, kStates>;
-  /// Derivatives of a state by the inputs, a column each.
-  using Drive = Eigen::Ref<Eigen::Matrix<double, kStates, Eigen::Dynamic>>;
-
   TrajectoryOptimizer(const Model& model, int steps, double step);
 
   int thrusterCount() const { return dynamics_.layout().size(); }
   /// The state after step k of the horizon.
   State advance(int k, const State& state, const Thrusters<double>& input) const;
-  /// Derivatives of the state after step k of the plan by the state before it and by the inputs.
-  void linearize(int k, Square& A, Drive B) const;
-  void addStateCost(int k, State& gradient, Square& curvature) const;
-  void addWallCost(const State& state, State& gradient, Square& curvature) const;
   double stateCost(int k, const State& state) const;
   double inputCost(const Thrusters<double>& input) const;
 
