@@ -14,7 +14,8 @@
 namespace ground {
 namespace {
 
-constexpr double kMinDamping = 1e-9, kMaxDamping = 1e3;
+/// Damping of the inputs, relative to full scale [m^2]. Less than the least has no effect.
+constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
 constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
@@ -188,6 +189,7 @@ double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
 }
 
 double TrajectoryOptimizer::rollOut() {
+  is_linear_ = false;
   cost_ = 0;
   for (int k = 0; k < steps(); ++k) {
     const auto i = static_cast<std::size_t>(k);
@@ -358,7 +360,10 @@ bool SizedOptimizer<N, S>::backward() {
 
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve() {
-  for (int k = 0; k < steps(); ++k) linearize(k, linear_[static_cast<std::size_t>(k)]);
+  if (!is_linear_) {
+    for (int k = 0; k < steps(); ++k) linearize(k, linear_[static_cast<std::size_t>(k)]);
+    is_linear_ = true;
+  }
   if (!backward()) {
     damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
     return false;
@@ -375,6 +380,7 @@ bool SizedOptimizer<N, S>::improve() {
     }
     if (cost < cost_) {
       cost_ = cost;
+      is_linear_ = false;
       std::swap(inputs_, tried_inputs_);
       std::swap(states_, tried_states_);
       damping_ = length == 1 ? damping_ / 5 : damping_;

@@ -50,6 +50,7 @@ class TrajectoryOptimizer {
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
   /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
+  /// Call rollOut() after it.
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs, in the model's units. Call rollOut() after changing them.
@@ -95,6 +96,7 @@ class TrajectoryOptimizer {
   std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
   double cost_ = 0;
+  bool is_linear_ = false;  ///< whether the derivatives are those of the plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;
 };
