@@ -126,7 +126,7 @@ double bestOfMany(TrajectoryOptimizer& plan, int starts, std::mt19937& random) {
     for (int k = 0; k < plan.steps(); ++k) {
       if (k % ((plan.steps() + pieces - 1) / pieces) == 0)
         for (int side = 0; side < 2; ++side) held(side) = uniform(random);
-      plan.inputs()[static_cast<std::size_t>(k)] = held;
+      plan.newInputs()[static_cast<std::size_t>(k)] = held;
     }
     plan.rollOut();
     int idle = 0;

@@ -91,27 +91,19 @@ void PredictiveControl::commanded(double time, const Thrusters<double>& thruster
 }
 
 void PredictiveControl::carryOn(double time) {
-  std::vector<Thrusters<double>>& inputs = plan_->inputs();
-  if (!has_plan_) {
-    std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
+  if (has_plan_) {
+    plan_->carryOn(std::max(0.0, time - plan_time_));
   } else {
-    // Each step gets the mean of the inputs planned for its time.
-    const double shift = std::max(0.0, time - plan_time_) / plan_->step();
-    const double whole = std::floor(shift), part = shift - whole;
-    const std::size_t last = inputs.size() - 1;
-    const auto at = [&](std::size_t k) -> const Thrusters<double>& {
-      return inputs[std::min(last, k + static_cast<std::size_t>(std::min(whole, 1e6)))];
-    };
-    for (std::size_t k = 0; k <= last; ++k)
-      asVector(inputs[k]) =
-          (1 - part) * asVector(at(k)) + part * asVector(at(std::min(last, k + 1)));
+    std::vector<Thrusters<double>>& inputs = plan_->newInputs();
+    std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
+    plan_->rollOut();
   }
   has_plan_ = true;
   plan_time_ = time;
 }
 
 void PredictiveControl::follow(const Seed& seed) {
-  std::vector<Thrusters<double>>& inputs = other_->inputs();
+  std::vector<Thrusters<double>>& inputs = other_->newInputs();
   const double step = other_->step();
   const double half = 0.5 * turnTime(seed.turn);
   const bool starboard = seed.turn >= 0;
@@ -222,7 +214,6 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
     plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
   carryOn(acts);
-  plan_->rollOut();
   improvements_ = 0;
   for (int i = 0; i < params_.iterations; ++i) {
     ++improvements_;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -43,6 +44,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     gains_.assign(count, Gain::Zero(inputs, S));
   }
 
+  double carryOn(double shift) override;
   bool improve() override;
 
  private:
@@ -67,6 +69,8 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   void addStateCost(int k, Vector& gradient, Square& curvature) const;
   void addWallCost(const State& state, Vector& gradient, Square& curvature) const;
   bool backward();
+  Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
+  void shiftPlan(double shift);
 
   Input low_, high_;     ///< ranges of the inputs
   InputSquare turning_;  ///< curvature of the cost of turning
@@ -145,7 +149,7 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   lift_ = lift;
   missing_ = missing;
   asVector(unbounded_).setConstant(std::numeric_limits<double>::quiet_NaN());
-  states_[0] = tried_states_[0] = start;
+  start_ = start;
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
@@ -188,14 +192,30 @@ double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
          (input_max_ * input_max_);
 }
 
-double TrajectoryOptimizer::rollOut() {
-  is_linear_ = false;
-  cost_ = 0;
-  for (int k = 0; k < steps(); ++k) {
+template <class Plan>
+double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
+  tried_states_[0] = start_;
+  double cost = 0;
+  // A cost that is not a number ends it, too.
+  for (int k = 0; k < steps() && cost < limit; ++k) {
     const auto i = static_cast<std::size_t>(k);
-    states_[i + 1] = advance(k, states_[i], inputs_[i]);
-    cost_ += step_ * (inputCost(inputs_[i]) + stateCost(k, states_[i + 1]));
+    tried_inputs_[i] = plan(i, tried_states_[i]);
+    tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
+    cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
   }
+  return cost;
+}
+
+void TrajectoryOptimizer::take(double cost) {
+  cost_ = cost;
+  is_linear_ = false;
+  std::swap(inputs_, tried_inputs_);
+  std::swap(states_, tried_states_);
+}
+
+double TrajectoryOptimizer::rollOut() {
+  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+  take(tryOut(kNoLimit, [this](std::size_t k, const State&) { return inputs_[k]; }));
   return cost_;
 }
 
@@ -358,31 +378,64 @@ bool SizedOptimizer<N, S>::backward() {
   return true;
 }
 
+/// Inputs of step k with feedback on the deviation of `state` from the plan, within their ranges.
+template <int N, int S>
+Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
+                                                  const State& state) const {
+  input.noalias() += gains_[k] * (state - states_[k]).template head<S>();
+  return input.cwiseMax(low_).cwiseMin(high_).eval();
+}
+
+/// Moves inputs, gains and planned states by `shift` [s].
+template <int N, int S>
+void SizedOptimizer<N, S>::shiftPlan(double shift) {
+  const auto last = static_cast<std::size_t>(steps() - 1);
+  const double whole = std::floor(shift / step_), part = shift / step_ - whole;
+  const auto ahead = static_cast<std::size_t>(std::min<double>(whole, kMaxSteps));
+  const auto between = [part](const auto& a, const auto& b) { return (1 - part) * a + part * b; };
+  for (std::size_t k = 0; k <= last; ++k) {
+    const std::size_t from = std::min(last, k + ahead), to = std::min(last, from + 1);
+    inputs_[k] = between(vectorOf(inputs_[from]), vectorOf(inputs_[to])).eval();
+    states_[k] = between(states_[from], states_[from + 1]).eval();
+    gains_[k] = between(gains_[from], gains_[to]).eval();
+    if (k + ahead > last) gains_[k].setZero();  // no states are planned so far ahead
+  }
+  // The measured heading may have been wrapped.
+  const double turn = start_(2) - states_[0](2), turns = turn - wrapAngle(turn);
+  for (State& state : states_) state(2) += turns;
+}
+
+template <int N, int S>
+double SizedOptimizer<N, S>::carryOn(double shift) {
+  shiftPlan(shift);
+  if (!has_gains_) return rollOut();
+  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+  take(tryOut(kNoLimit, [this](std::size_t k, const State& state) {
+    return corrected(k, vectorOf(inputs_[k]), state);
+  }));
+  const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
+  const double open = tryOut(limit, [this](std::size_t k, const State&) { return tried_inputs_[k]; });
+  if (open < limit) take(open);
+  return cost_;
+}
+
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve() {
   if (!is_linear_) {
     for (int k = 0; k < steps(); ++k) linearize(k, linear_[static_cast<std::size_t>(k)]);
     is_linear_ = true;
   }
+  has_gains_ = true;
   if (!backward()) {
     damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
     return false;
   }
   for (double length : kLengths) {
-    double cost = 0;
-    for (int k = 0; k < steps() && cost < cost_; ++k) {
-      const auto i = static_cast<std::size_t>(k);
-      Input input = vectorOf(inputs_[i]) + length * open_[i];
-      input.noalias() += gains_[i] * (tried_states_[i] - states_[i]).template head<S>();
-      tried_inputs_[i] = input.cwiseMax(low_).cwiseMin(high_).eval();
-      tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
-      cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
-    }
+    const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
+      return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
+    });
     if (cost < cost_) {
-      cost_ = cost;
-      is_linear_ = false;
-      std::swap(inputs_, tried_inputs_);
-      std::swap(states_, tried_states_);
+      take(cost);
       damping_ = length == 1 ? damping_ / 5 : damping_;
       if (damping_ < kMinDamping) damping_ = 0;
       return true;

@@ -50,13 +50,23 @@ class TrajectoryOptimizer {
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
   /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
-  /// Call rollOut() after it.
+  /// Call rollOut() or carryOn() after it.
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
-  /// The plan's inputs, in the model's units. Call rollOut() after changing them.
-  std::vector<Thrusters<double>>& inputs() { return inputs_; }
+  /// The plan's inputs, in the model's units.
+  const std::vector<Thrusters<double>>& inputs() const { return inputs_; }
+  /// The same, to set another plan. Call rollOut() afterwards.
+  std::vector<Thrusters<double>>& newInputs() {
+    has_gains_ = false;
+    return inputs_;
+  }
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
+  /// Continues the plan for a problem that begins `shift` [s] >= 0 after the problem that it was
+  /// made for. Each step gets the mean of the inputs planned for its time, once as they are, and
+  /// once with the feedback of the last iteration on deviations from the planned states. The
+  /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
+  virtual double carryOn(double shift) = 0;
   /// One iteration; returns whether the cost decreased.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
@@ -80,6 +90,12 @@ class TrajectoryOptimizer {
   State advance(int k, const State& state, const Thrusters<double>& input) const;
   double stateCost(int k, const State& state) const;
   double inputCost(const Thrusters<double>& input) const;
+  /// Simulates the tried inputs, which plan(k, state) gives, until the cost reaches `limit`;
+  /// returns the cost.
+  template <class Plan>
+  double tryOut(double limit, const Plan& plan);
+  /// Makes the tried inputs the plan.
+  void take(double cost);
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
@@ -95,8 +111,10 @@ class TrajectoryOptimizer {
   std::vector<ReferencePoint> references_;
   std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
+  State start_ = State::Zero();
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
+  bool has_gains_ = false;  ///< whether the gains are those of the plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;
 };
