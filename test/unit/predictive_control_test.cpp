@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -447,6 +450,73 @@ TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {
   }
   EXPECT_LT(errors[0], 1e-3);
   EXPECT_LT(errors[1], 1e-3);
+}
+
+/// A clock on which each reading takes a while.
+struct SlowClock {
+  double now = 0, reading = 1e-3;  ///< [s]
+  double operator()() { return now += reading; }
+};
+
+/// Decides far from a circle, twice, with `deadline` [s]; 0: without a clock. Returns the costs.
+std::array<double, 2> costsBy(double deadline) {
+  SlowClock clock;
+  PredictiveParams params;
+  if (deadline > 0) params.deadline = deadline;
+  PredictiveControl control(craft(), params);
+  if (deadline > 0) control.setClock(std::ref(clock));
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  std::array<double, 2> costs{};
+  for (std::size_t i = 0; i < costs.size(); ++i) {
+    RigidState<double> state;
+    state.eta << -2, 2 + 0.1 * static_cast<double>(i), 3;
+    const double t = 0.02 * static_cast<double>(i);
+    const double began = clock.now + clock.reading;
+    const Thrusters<double> chosen = control.decide({t, t, state, circle.get(), 0, 1});
+    EXPECT_TRUE(asVector(chosen).allFinite());
+    if (deadline > 0) {
+      EXPECT_LE(clock.now - began, deadline * (1 + 1e-9) + 1e-12) << deadline;
+    }
+    costs[i] = control.plan().cost();
+  }
+  return costs;
+}
+
+TEST(PredictiveControl, KeepsItsDeadlineWithTheBestPlanSoFar) {
+  const double unlimited = costsBy(0)[0];
+  double before = std::numeric_limits<double>::infinity();
+  int better = 0;
+  for (int pieces = 1; pieces < 600; pieces += 1 + pieces / 20) {
+    const std::array<double, 2> costs = costsBy(1e-3 * pieces);
+    EXPECT_LE(costs[0], before) << "more time makes a worse plan";
+    EXPECT_TRUE(std::isfinite(costs[1]));
+    better += costs[0] < before;
+    before = costs[0];
+  }
+  EXPECT_GT(better, 5);
+  EXPECT_EQ(before, unlimited) << "with much time, the deadline changes something";
+}
+
+TEST(TimeBudget, LeavesTimeForThePieceThatTookLongest) {
+  double now = 0;
+  TimeBudget budget;
+  budget.start(1);
+  EXPECT_TRUE(budget.left()) << "without a clock, time is never up";
+  budget.setClock([&] { return now; });
+  budget.start(1);
+  const auto after = [&](double time) {
+    now = time;
+    return budget.left();
+  };
+  EXPECT_TRUE(after(0.3));
+  EXPECT_TRUE(after(0.4));
+  EXPECT_TRUE(after(0.69));
+  EXPECT_FALSE(after(0.71)) << "another 0.3 s would end at 1.01 s";
+  EXPECT_TRUE(budget.isUp());
+  EXPECT_FALSE(after(0.5)) << "once up, it stays up";
+  budget.start(1);
+  EXPECT_FALSE(budget.isUp());
+  EXPECT_TRUE(budget.left());
 }
 
 TEST(PredictiveParams, RefuseBadValues) {

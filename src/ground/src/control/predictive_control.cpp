@@ -28,6 +28,8 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
         {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
          &P::search_iterations},
         {{"lost", "m", "Rms error of a plan beyond which others are tried", 1e-4, 10}, &P::lost},
+        {{"deadline", "s", "Longest time of a decision, with the best plan so far", 1e-4, 1},
+         &P::deadline},
     };
     for (const auto& weight : lifted(&P::weights, PlanWeights::table())) all.push_back(weight);
     for (const auto& noise : lifted(&P::observer, ObserverParams::table())) all.push_back(noise);
@@ -64,6 +66,8 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
     const double step = params.horizon / params.steps;
     plan_ = TrajectoryOptimizer::make(model_, params.steps, step);
     other_ = TrajectoryOptimizer::make(model_, params.steps, step);
+    plan_->setBudget(budget_);
+    other_->setBudget(budget_);
     references_.resize(static_cast<std::size_t>(params.steps));
     has_plan_ = false;
   }
@@ -158,7 +162,7 @@ void PredictiveControl::search() {
   makeSeeds();
   std::size_t best = seeds_.size();
   double least = 0;
-  for (std::size_t number = 0; number < seeds_.size(); ++number) {
+  for (std::size_t number = 0; number < seeds_.size() && budget_.left(); ++number) {
     follow(seeds_[number]);
     const double cost = other_->rollOut();
     if (std::isfinite(cost) && (best == seeds_.size() || cost < least)) {
@@ -173,7 +177,7 @@ void PredictiveControl::search() {
   for (std::size_t number : {best, next_seed_}) {
     follow(seeds_[number]);
     other_->rollOut();
-    for (int i = 0; i < params_.search_iterations / 2 && left > 0; ++i, --left) {
+    for (int i = 0; i < params_.search_iterations / 2 && left > 0 && budget_.left(); ++i, --left) {
       ++improvements_;
       const double before = other_->cost();
       if (other_->improve() && before - other_->cost() < kMinImprovement * before) break;
@@ -192,6 +196,7 @@ Vector2<double> PredictiveControl::position(const RigidState<double>& measured) 
 }
 
 Thrusters<double> PredictiveControl::decide(const Observation& seen) {
+  budget_.start(params_.deadline);
   wanted_ = Thrusters<double>::zero(forward_.size());
   observer_.countFrom(seen.drive_start);
   observer_.measure(seen.stamp, seen.state);
@@ -215,12 +220,12 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
 
   carryOn(acts);
   improvements_ = 0;
-  for (int i = 0; i < params_.iterations; ++i) {
+  for (int i = 0; i < params_.iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan_->cost();
     if (plan_->improve() && before - plan_->cost() < kMinImprovement * before) break;
   }
-  if (!(plan_->error() < params_.lost)) search();
+  if (!(plan_->error() < params_.lost) && budget_.left()) search();
   if (!std::isfinite(plan_->cost())) {
     has_plan_ = false;
     return wanted_;

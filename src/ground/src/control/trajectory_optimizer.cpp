@@ -328,6 +328,8 @@ void SizedOptimizer<N, S>::addWallCost(const State& state, Vector& gradient,
   curvature.template topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
 }
 
+/// The quadratic problem of the iteration, from its end to its start. Returns false if it has no
+/// minimum, or when time is up.
 template <int N, int S>
 bool SizedOptimizer<N, S>::backward() {
   const double scale = 1 / (input_max_ * input_max_);
@@ -338,6 +340,7 @@ bool SizedOptimizer<N, S>::backward() {
   input_curvature.diagonal().array() += weights_.input;
   input_curvature *= 2 * step_ * scale;
   for (int k = steps() - 1; k >= 0; --k) {
+    if (!timeFor(k)) return false;
     const auto i = static_cast<std::size_t>(k);
     addStateCost(k, gradient, curvature);
     if (walls_) addWallCost(states_[i + 1], gradient, curvature);
@@ -421,27 +424,27 @@ double SizedOptimizer<N, S>::carryOn(double shift) {
 
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve() {
-  if (!is_linear_) {
-    for (int k = 0; k < steps(); ++k) linearize(k, linear_[static_cast<std::size_t>(k)]);
-    is_linear_ = true;
+  for (int k = 0; k < steps() && !is_linear_; ++k) {
+    if (!timeFor(k)) return false;
+    linearize(k, linear_[static_cast<std::size_t>(k)]);
   }
-  has_gains_ = true;
-  if (!backward()) {
-    damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
-    return false;
-  }
-  for (double length : kLengths) {
-    const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
-      return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
-    });
-    if (cost < cost_) {
+  is_linear_ = true;
+  if (backward()) {
+    has_gains_ = true;
+    for (double length : kLengths) {
+      if (!timeFor(0)) return false;
+      const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
+        return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
+      });
+      if (!(cost < cost_)) continue;
       take(cost);
-      damping_ = length == 1 ? damping_ / 5 : damping_;
+      if (length == 1) damping_ /= 5;
       if (damping_ < kMinDamping) damping_ = 0;
       return true;
     }
   }
-  damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
+  const bool is_interrupted = budget_ && budget_->isUp();
+  if (!is_interrupted) damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
   return false;
 }
 

@@ -6,6 +6,7 @@
 
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
+#include "ground/control/time_budget.h"
 #include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"
 #include "ground/model/tunable.h"
@@ -45,6 +46,9 @@ class TrajectoryOptimizer {
   /// Sets walls to avoid; without value, no walls.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
 
+  /// Sets a budget, which must outlive this object. When its time is up, improve() ends early.
+  void setBudget(TimeBudget& budget) { budget_ = &budget; }
+
   int steps() const { return static_cast<int>(inputs_.size()); }
   double step() const { return step_; }
 
@@ -67,7 +71,7 @@ class TrajectoryOptimizer {
   /// once with the feedback of the last iteration on deviations from the planned states. The
   /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
   virtual double carryOn(double shift) = 0;
-  /// One iteration; returns whether the cost decreased.
+  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
   /// The plan's first inputs before saturation, in the model's units: an input at a bound is
@@ -96,6 +100,11 @@ class TrajectoryOptimizer {
   double tryOut(double limit, const Plan& plan);
   /// Makes the tried inputs the plan.
   void take(double cost);
+  /// Whether there is time for step k of a loop over the steps.
+  bool timeFor(int k) {
+    constexpr int kPiece = 8;  // steps in a piece of work; reading a clock takes time, too
+    return !budget_ || (k % kPiece == 0 ? budget_->left() : !budget_->isUp());
+  }
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
@@ -105,6 +114,7 @@ class TrajectoryOptimizer {
   Thrusters<double> least_input_;  ///< smallest inputs at which derivatives are taken
   PlanWeights weights_;
   std::optional<PlanWalls> walls_;
+  TimeBudget* budget_ = nullptr;
   double step_;
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
