@@ -194,8 +194,8 @@ void cold(int count) {
   for (const auto& set : found)
     for (std::size_t j = 0; j < kDecisions.size(); ++j)
       std::printf("%s starts, %2d decisions: within 1%% of the best %5.1f%%, within 1e-4 %5.1f%%\n",
-                  &set == found ? "near" : "far ", kDecisions[j], 100.0 * set.good[j] / set.problems,
-                  100.0 * set.exact[j] / set.problems);
+                  &set == found ? "near" : "far ", kDecisions[j],
+                  100.0 * set.good[j] / set.problems, 100.0 * set.exact[j] / set.problems);
   std::printf("first decision: %.3f ms median, %.3f ms 99%%\n", 1e3 * quantile(times, 0.5),
               1e3 * quantile(times, 0.99));
 }
@@ -208,7 +208,7 @@ int main(int argc, char** argv) {
   if (!words.empty() && words[0] == "cold") {
     ground::cold(words.size() > 1 ? std::stoi(words[1]) : 240);
   } else if (!words.empty() && words[0] == "warm") {
-    const std::vector<std::string> effects(words.begin() + std::min<long>(2, argc - 1), words.end());
+    const std::vector<std::string> effects(words.begin() + std::min(2, argc - 1), words.end());
     ground::warm(words.size() > 1 ? std::stod(words[1]) : 60, effects);
   } else {
     std::puts("plans warm [SECONDS] [EFFECT=VALUE...] | plans cold [COUNT]");

@@ -169,7 +169,8 @@ TEST_P(Continued, NeverCostMoreThanTheSameInputsAndMostlyMuchLess) {
             (1 - (at - std::floor(at))) * asVector(planned[from]) +
             (at - std::floor(at)) * asVector(planned[to]);
       }
-      const State start = plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
+      const State start =
+          plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
       for (TrajectoryOptimizer* one : {plan.get(), same.get()})
         one->setProblem(shift, start, 1, {0, 0, 0}, ahead(std::min(shift, 10.0)));
       const double open = same->rollOut(), cost = plan->carryOn(shift);
@@ -450,6 +451,50 @@ TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {
   }
   EXPECT_LT(errors[0], 1e-3);
   EXPECT_LT(errors[1], 1e-3);
+}
+
+/// Least cost of plans that begin with random inputs.
+double leastCost(const Model& model, const RigidState<double>& start, std::mt19937& random) {
+  const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep);
+  State state = State::Zero();
+  state.head<3>() = start.eta;
+  state.segment<3>(3) = start.nu;
+  plan->setProblem(0, state, 1, {0, 0, 0}, ahead(0));
+  std::uniform_real_distribution<double> uniform(0, 1);
+  double least = std::numeric_limits<double>::infinity();
+  for (int trial = 0; trial < 32; ++trial) {
+    Thrusters<double> held = {0.0, 0.0};
+    for (int k = 0; k < kSteps; ++k) {
+      if (k % (kSteps / (1 + trial % 8)) == 0) held = {uniform(random), uniform(random)};
+      plan->newInputs()[static_cast<std::size_t>(k)] = held;
+    }
+    plan->rollOut();
+    least = std::min(least, improved(*plan, 60));
+  }
+  return least;
+}
+
+TEST(PredictiveControl, FindsTheBestValleyFromColdStarts) {
+  const Model model = craft();
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  constexpr int kProblems = 60;
+  int found = 0;
+  for (int problem = 0; problem < kProblems; ++problem) {
+    RigidState<double> start;
+    start.eta << 2 + 2.5 * uniform(random), 2.5 * uniform(random), M_PI * uniform(random);
+    start.nu << 0.5 * uniform(random), 0.3 * uniform(random), 2 * uniform(random);
+    PredictiveControl control(model, {});
+    double cost = std::numeric_limits<double>::infinity();
+    for (int decision = 0; decision < 20; ++decision) {
+      control.decide({0, 0, start, circle.get(), 0, 1});
+      EXPECT_LE(control.plan().cost(), cost * (1 + 1e-9)) << "the same problem again";
+      cost = control.plan().cost();
+    }
+    found += cost < 1.01 * leastCost(model, start, random);
+  }
+  EXPECT_GE(found, 0.95 * kProblems);
 }
 
 /// A clock on which each reading takes a while.

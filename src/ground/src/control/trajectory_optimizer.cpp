@@ -19,6 +19,7 @@ namespace {
 constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
 constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
 
 /// The optimizer of N inputs, Eigen::Dynamic for any number, and of models with at most S states.
@@ -214,7 +215,6 @@ void TrajectoryOptimizer::take(double cost) {
 }
 
 double TrajectoryOptimizer::rollOut() {
-  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
   take(tryOut(kNoLimit, [this](std::size_t k, const State&) { return inputs_[k]; }));
   return cost_;
 }
@@ -325,7 +325,8 @@ void SizedOptimizer<N, S>::addWallCost(const State& state, Vector& gradient,
   if (!(excess > 0)) return;
   const double weight = 2 * step_ * walls_->weight;
   gradient.template head<5>() += weight * excess * derivative.transpose();
-  curvature.template topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
+  curvature.template topLeftCorner<5, 5>().noalias() +=
+      weight * derivative.transpose() * derivative;
 }
 
 /// The quadratic problem of the iteration, from its end to its start. Returns false if it has no
@@ -412,12 +413,13 @@ template <int N, int S>
 double SizedOptimizer<N, S>::carryOn(double shift) {
   shiftPlan(shift);
   if (!has_gains_) return rollOut();
-  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
   take(tryOut(kNoLimit, [this](std::size_t k, const State& state) {
     return corrected(k, vectorOf(inputs_[k]), state);
   }));
   const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
-  const double open = tryOut(limit, [this](std::size_t k, const State&) { return tried_inputs_[k]; });
+  // The shifted inputs are the tried ones now.
+  const double open =
+      tryOut(limit, [this](std::size_t k, const State&) { return tried_inputs_[k]; });
   if (open < limit) take(open);
   return cost_;
 }

@@ -35,9 +35,10 @@ struct PredictiveParams {
 /// constant error. It also predicts the state at the time when the inputs will act, which
 /// compensates latency, delay and lag. A plan is continued from decision to decision and improved a
 /// few times each (real-time iterations). Most crafts cannot brake: if the plan does not follow the
-/// reference, others that first turn the craft left or right are tried. A decision takes bounded
-/// work and allocates no memory. With a clock, it ends at a deadline with the best plan so far, which
-/// is at least as good as the continued plan. Without a finite state or plan the thrust is zero.
+/// reference, others that first turn the craft left or right are tried, two at a time. A decision
+/// takes bounded work and allocates no memory. With a clock, it ends at a deadline with the best
+/// plan so far, which is at least as good as the continued plan. Without a finite state or plan the
+/// thrust is zero.
 class PredictiveControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model) { return wholeModelUse(model); }
@@ -64,16 +65,27 @@ class PredictiveControl : public TrackingController {
   const TrajectoryOptimizer& plan() const { return *plan_; }
 
  private:
+  static constexpr std::size_t kSeeds = 14;
   /// The beginning of a plan: the fastest possible turn, then thrust.
   struct Seed {
     double turn = 0;    ///< [rad], positive to starboard
     double thrust = 0;  ///< relative to full thrust
   };
 
+  /// A plan that may replace the one in use; it is continued and improved like that one.
+  struct Contender {
+    std::unique_ptr<TrajectoryOptimizer> plan;
+    bool has_plan = false;
+    double time = 0;  ///< start of the plan [s]
+  };
+
   void carryOn(double time);
-  void search();
-  void makeSeeds();
-  void follow(const Seed& seed);
+  void search(double time);
+  void endSearch();
+  bool beginAtSeed(TrajectoryOptimizer& plan);
+  void makeSeeds(TrajectoryOptimizer& plan);
+  void follow(const Seed& seed, TrajectoryOptimizer& plan) const;
+  bool improve(TrajectoryOptimizer& plan, int iterations);
   double turnTime(double angle) const;
 
   /// The inputs that turn the craft fastest to one side.
@@ -91,13 +103,14 @@ class PredictiveControl : public TrackingController {
   PredictiveParams params_;
   DisturbanceObserver observer_;
   TimeBudget budget_;
-  std::unique_ptr<TrajectoryOptimizer> plan_, other_;
+  std::unique_ptr<TrajectoryOptimizer> plan_;
+  std::array<Contender, 2> others_;
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
   bool has_plan_ = false;
   double plan_time_ = 0;  ///< start of the plan [s]
-  std::array<Seed, 14> seeds_;
-  std::size_t next_seed_ = 0;
+  std::array<Seed, kSeeds> seeds_;
+  std::array<bool, kSeeds> is_tried_{};  ///< seeds from which plans began in this search
   int improvements_ = 0;
   std::optional<PlanWalls> walls_;
   Thrusters<double> wanted_;
