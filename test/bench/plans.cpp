@@ -5,8 +5,10 @@
 // tracking error.
 // plans cold [COUNT]: first decisions far from the reference. How many plans are as good as the
 // best that any start reached, after one decision and after more decisions on the same problem.
+// plans deadline [MILLISECONDS] [COUNT]: decisions far from the reference that end in time.
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -200,6 +202,36 @@ void cold(int count) {
               1e3 * quantile(times, 0.99));
 }
 
+void keepDeadline(double milliseconds, int count) {
+  using Clock = std::chrono::steady_clock;
+  const auto now = [] {
+    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  };
+  PredictiveParams params;
+  params.deadline = 1e-3 * milliseconds;
+  PredictiveControl control(craft(), params);
+  control.setClock(now);
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  RigidState<double> state;
+  std::vector<double> times;
+  int in_time = 0;
+  for (int i = 0; i < count; ++i) {
+    if (i % 10 == 0) {
+      control.reset();
+      state.eta << 3 * uniform(random), 3 * uniform(random), M_PI * uniform(random);
+    }
+    const double t = kPeriod * (i % 10), began = now();
+    control.decide({t, t, state, circle.get(), 0, 1.0, 0});
+    times.push_back(now() - began);
+    in_time += times.back() <= params.deadline;
+  }
+  std::printf("%d of %d decisions in %g ms; %.3f ms median, %.3f ms 99.9%%, %.3f ms at most\n",
+              in_time, count, milliseconds, 1e3 * quantile(times, 0.5),
+              1e3 * quantile(times, 0.999), 1e3 * quantile(times, 1));
+}
+
 }  // namespace
 }  // namespace ground
 
@@ -210,8 +242,13 @@ int main(int argc, char** argv) {
   } else if (!words.empty() && words[0] == "warm") {
     const std::vector<std::string> effects(words.begin() + std::min(2, argc - 1), words.end());
     ground::warm(words.size() > 1 ? std::stod(words[1]) : 60, effects);
+  } else if (!words.empty() && words[0] == "deadline") {
+    ground::keepDeadline(words.size() > 1 ? std::stod(words[1]) : 2,
+                         words.size() > 2 ? std::stoi(words[2]) : 100000);
   } else {
-    std::puts("plans warm [SECONDS] [EFFECT=VALUE...] | plans cold [COUNT]");
+    std::puts(
+        "plans warm [SECONDS] [EFFECT=VALUE...] | plans cold [COUNT] | "
+        "plans deadline [MILLISECONDS] [COUNT]");
     return 1;
   }
   return 0;
