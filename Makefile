@@ -16,7 +16,7 @@ SEED ?= 1
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -103,6 +103,11 @@ bench-soak: build
 # Controllers in closed loop, also with hidden effects before and after a diagnosis.
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
+
+# Plans of ModelPredictive: closed loops with noise, cold starts, decisions with a deadline.
+bench-plans: build
+	@.ci/build build ground_benchmarks
+	@$(in_workspace) for part in warm cold deadline; do rosrun ground plans $$part || exit 1; done
 
 # The documentation from docs/ and from the code, hence always rebuilt; warnings, such as broken links, are errors.
 # LINKCHECK=1 also checks external links, which needs a network.

@@ -184,8 +184,8 @@ TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
       const double h = 1e-4, input = best[k](i);
       ASSERT_TRUE(input >= one.least && input <= one.most);
       const auto at = [&](double value) {
-        plan->inputs() = best;
-        plan->inputs()[k](i) = value;
+        plan->newInputs() = best;
+        plan->newInputs()[k](i) = value;
         return plan->rollOut();
       };
       const double slope = (at(input + h) - at(input - h)) / (2 * h);

@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -72,7 +75,7 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
   TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
   start.head<6>() << 0.97, -0.01, 1.5, 0.75, 0.02, 0.7;
   plan.setProblem(0, start, 1.0, {0.05, -0.02, 0.4}, points);
-  for (auto& input : plan.inputs()) asVector(input).setConstant(0.5);
+  for (auto& input : plan.newInputs()) asVector(input).setConstant(0.5);
   double cost = plan.rollOut();
   const double first = cost;
   for (int i = 0; i < 400; ++i) {
@@ -88,8 +91,8 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
       const double h = 1e-4, input = best[k](side);
       ASSERT_TRUE(input >= 0 && input <= 1);
       const auto at = [&](double value) {
-        plan.inputs() = best;
-        plan.inputs()[k](side) = value;
+        plan.newInputs() = best;
+        plan.newInputs()[k](side) = value;
         return plan.rollOut();
       };
       const double slope = (at(input + h) - at(input - h)) / (2 * h);
@@ -123,7 +126,7 @@ parameters: {k: {value: 0.05, unit: N}}
     const auto plan = TrajectoryOptimizer::make(model, 20, 0.05);
     plan->setProblem(0, TrajectoryOptimizer::State::Zero(), 1.0, {0, 0, 0},
                      std::vector<ReferencePoint>(20));
-    std::vector<Thrusters<double>>& inputs = plan->inputs();
+    std::vector<Thrusters<double>>& inputs = plan->newInputs();
     for (std::size_t k = 0; k < inputs.size(); ++k)
       asVector(inputs[k]) << double(k % 3 == 0), double(k % 4 < 2);
     plan->rollOut();
@@ -141,6 +144,152 @@ INSTANTIATE_TEST_SUITE_P(
                                                      {"floor_tilt", {0.02, -0.01}},
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
     [](const auto& test) { return test.param.name; });
+
+using State = TrajectoryOptimizer::State;
+
+constexpr int kSteps = 40;
+constexpr double kStep = 0.05;
+
+/// Points of a circle after each step of the horizon from t on.
+std::vector<ReferencePoint> ahead(double t, double rate = 0.63) {
+  const ReferencePtr circle = makeCircle({0, 0}, 2, rate);
+  std::vector<ReferencePoint> points;
+  for (int k = 1; k <= kSteps; ++k) points.push_back(circle->at(t + kStep * k));
+  return points;
+}
+
+/// A state near the start of the circle; `far` scales the deviations.
+State near(double far, std::mt19937& random) {
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  State state = State::Zero();
+  state.head<6>() << 2, 0, M_PI / 2, 1.26, 0, 0.63;
+  for (int i = 0; i < 6; ++i) state(i) += far * uniform(random);
+  return state;
+}
+
+double improved(TrajectoryOptimizer& plan, int iterations) {
+  for (int i = 0; i < iterations; ++i) plan.improve();
+  return plan.cost();
+}
+
+class Continued : public testing::TestWithParam<Planned> {};
+
+TEST_P(Continued, NeverCostMoreThanTheSameInputsAndMostlyMuchLess) {
+  const Model& model = GetParam().model;
+  std::mt19937 random(1);
+  double open_costs = 0, costs = 0;
+  for (double shift : {0.0, 0.02, 0.05, 0.13, 1.0, 1.99, 3.0, 1e9}) {
+    for (double far : {0.0, 1e-3, 0.01, 0.1, 1.0}) {
+      const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep);
+      plan->setProblem(0, near(0.02, random), 1, {0, 0, 0}, ahead(0));
+      plan->rollOut();
+      improved(*plan, 20);
+      // The planned inputs alone, each the mean of those that were planned for its time.
+      const std::vector<Thrusters<double>> planned = plan->inputs();
+      const auto same = TrajectoryOptimizer::make(model, kSteps, kStep);
+      for (int k = 0; k < kSteps; ++k) {
+        const double at = std::min(k + std::min(shift, 1e6) / kStep, kSteps - 1.0);
+        const auto from = static_cast<std::size_t>(at);
+        const std::size_t to = std::min<std::size_t>(from + 1, kSteps - 1);
+        asVector(same->newInputs()[static_cast<std::size_t>(k)]) =
+            (1 - (at - std::floor(at))) * asVector(planned[from]) +
+            (at - std::floor(at)) * asVector(planned[to]);
+      }
+      const State start =
+          plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
+      for (TrajectoryOptimizer* one : {plan.get(), same.get()})
+        one->setProblem(shift, start, 1, {0, 0, 0}, ahead(std::min(shift, 10.0)));
+      const double open = same->rollOut(), cost = plan->carryOn(shift);
+      EXPECT_LE(cost, open * (1 + 1e-9)) << shift << ' ' << far;
+      EXPECT_EQ(cost, plan->cost());
+      EXPECT_DOUBLE_EQ(cost, plan->rollOut()) << "the cost is not that of the plan";
+      if (shift < 1 && far > 0 && far < 0.1) {
+        open_costs += open;
+        costs += cost;
+      }
+    }
+  }
+  EXPECT_LT(costs, 0.5 * open_costs) << "the feedback does nothing";
+}
+
+INSTANTIATE_TEST_SUITE_P(Plans, Continued,
+                         testing::Values(Planned{"nominal", craft()},
+                                         Planned{"lag", craft({{"motor_lag", {0.06}}})},
+                                         Planned{"memory", craftWithMemory()}),
+                         [](const auto& test) { return test.param.name; });
+
+TEST(TrajectoryOptimizer, CarriesOnWhenTheHeadingWasWrapped) {
+  std::mt19937 random(1);
+  const State begin = near(0.02, random);
+  const auto costFrom = [&](double turns) {
+    const auto plan = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+    plan->setProblem(0, begin, 1, {0, 0, 0}, ahead(0));
+    plan->rollOut();
+    improved(*plan, 20);
+    State start = plan->states()[0];
+    start(0) += 0.03;
+    start(2) += 2 * M_PI * turns;
+    plan->setProblem(0, start, 1, {0, 0, 0}, ahead(0));
+    return plan->carryOn(0);
+  };
+  EXPECT_NEAR(costFrom(1), costFrom(0), 1e-9 * costFrom(0));
+  EXPECT_NEAR(costFrom(-2), costFrom(0), 1e-9 * costFrom(0));
+}
+
+TEST(TrajectoryOptimizer, MirroredProblemsHaveMirroredPlans) {
+  const Model model = craft({{"motor_lag", {0.06}}});
+  std::mt19937 random(1);
+  for (double far : {0.01, 0.3, 2.0}) {
+    const State start = near(far, random);
+    State mirrored_start = start;
+    for (int i : {1, 2, 4, 5}) mirrored_start(i) *= -1;
+    const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep),
+               mirrored = TrajectoryOptimizer::make(model, kSteps, kStep);
+    plan->setProblem(0, start, 1, {0.1, 0.2, 0.3}, ahead(0));
+    mirrored->setProblem(0, mirrored_start, 1, {0.1, -0.2, -0.3}, ahead(0, -0.63));
+    for (auto* one : {plan.get(), mirrored.get()}) {
+      one->rollOut();
+      improved(*one, 6);
+    }
+    EXPECT_NEAR(plan->cost(), mirrored->cost(), 1e-9 * plan->cost());
+    for (std::size_t k = 0; k < kSteps; ++k) {
+      EXPECT_NEAR(plan->inputs()[k](0), mirrored->inputs()[k](1), 1e-6) << far << ' ' << k;
+      EXPECT_NEAR(plan->inputs()[k](1), mirrored->inputs()[k](0), 1e-6) << far << ' ' << k;
+    }
+  }
+}
+
+TEST(TrajectoryOptimizer, FailsSeldomAndBrieflyFromColdStarts) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  int iterations = 0, failures = 0, longest = 0;
+  for (int problem = 0; problem < 40; ++problem) {
+    const auto plan = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+    plan->setProblem(0, near(0.5, random), 1, {0, 0, 0}, ahead(0));
+    for (auto& input : plan->newInputs()) input = {uniform(random), uniform(random)};
+    plan->rollOut();
+    const double least = [&] {
+      const auto other = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+      other->setProblem(0, plan->states()[0], 1, {0, 0, 0}, ahead(0));
+      other->newInputs() = plan->inputs();
+      other->rollOut();
+      return improved(*other, 200);
+    }();
+    for (int streak = 0; plan->cost() > (1 + 1e-6) * least;) {
+      const double before = plan->cost();
+      const bool better = plan->improve();
+      EXPECT_EQ(better, plan->cost() < before);
+      EXPECT_LE(plan->cost(), before);
+      ++iterations;
+      failures += !better;
+      streak = better ? 0 : streak + 1;
+      longest = std::max(longest, streak);
+    }
+  }
+  EXPECT_GT(failures, 0);
+  EXPECT_LT(failures, 0.15 * iterations);
+  EXPECT_LE(longest, 5) << failures << " of " << iterations;
+}
 
 TEST(TrajectoryOptimizer, RefusesBadHorizons) {
   EXPECT_THROW(TrajectoryOptimizer::make(craft(), 0, 0.05), std::invalid_argument);
@@ -328,6 +477,117 @@ TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {
   }
   EXPECT_LT(errors[0], 1e-3);
   EXPECT_LT(errors[1], 1e-3);
+}
+
+/// Least cost of plans that begin with random inputs.
+double leastCost(const Model& model, const RigidState<double>& start, std::mt19937& random) {
+  const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep);
+  State state = State::Zero();
+  state.head<3>() = start.eta;
+  state.segment<3>(3) = start.nu;
+  plan->setProblem(0, state, 1, {0, 0, 0}, ahead(0));
+  std::uniform_real_distribution<double> uniform(0, 1);
+  double least = std::numeric_limits<double>::infinity();
+  for (int trial = 0; trial < 32; ++trial) {
+    Thrusters<double> held = {0.0, 0.0};
+    for (int k = 0; k < kSteps; ++k) {
+      if (k % (kSteps / (1 + trial % 8)) == 0) held = {uniform(random), uniform(random)};
+      plan->newInputs()[static_cast<std::size_t>(k)] = held;
+    }
+    plan->rollOut();
+    least = std::min(least, improved(*plan, 60));
+  }
+  return least;
+}
+
+TEST(PredictiveControl, FindsTheBestValleyFromColdStarts) {
+  const Model model = craft();
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  constexpr int kProblems = 60;
+  int found = 0;
+  for (int problem = 0; problem < kProblems; ++problem) {
+    RigidState<double> start;
+    start.eta << 2 + 2.5 * uniform(random), 2.5 * uniform(random), M_PI * uniform(random);
+    start.nu << 0.5 * uniform(random), 0.3 * uniform(random), 2 * uniform(random);
+    PredictiveControl control(model, {});
+    double cost = std::numeric_limits<double>::infinity();
+    for (int decision = 0; decision < 20; ++decision) {
+      control.decide({0, 0, start, circle.get(), 0, 1});
+      EXPECT_LE(control.plan().cost(), cost * (1 + 1e-9)) << "the same problem again";
+      cost = control.plan().cost();
+    }
+    found += cost < 1.01 * leastCost(model, start, random);
+  }
+  EXPECT_GE(found, 0.95 * kProblems);
+}
+
+/// A clock on which each reading takes a while.
+struct SlowClock {
+  double now = 0, reading = 1e-3;  ///< [s]
+  double operator()() { return now += reading; }
+};
+
+/// Decides far from a circle, twice, with `deadline` [s]; 0: without a clock. Returns the costs.
+std::array<double, 2> costsBy(double deadline) {
+  SlowClock clock;
+  PredictiveParams params;
+  if (deadline > 0) params.deadline = deadline;
+  PredictiveControl control(craft(), params);
+  if (deadline > 0) control.setClock(std::ref(clock));
+  const ReferencePtr circle = makeCircle({0, 0}, 2, 0.63);
+  std::array<double, 2> costs{};
+  for (std::size_t i = 0; i < costs.size(); ++i) {
+    RigidState<double> state;
+    state.eta << -2, 2 + 0.1 * static_cast<double>(i), 3;
+    const double t = 0.02 * static_cast<double>(i);
+    const double began = clock.now + clock.reading;
+    const Thrusters<double> chosen = control.decide({t, t, state, circle.get(), 0, 1});
+    EXPECT_TRUE(asVector(chosen).allFinite());
+    if (deadline > 0) {
+      EXPECT_LE(clock.now - began, deadline * (1 + 1e-9) + 1e-12) << deadline;
+    }
+    costs[i] = control.plan().cost();
+  }
+  return costs;
+}
+
+TEST(PredictiveControl, KeepsItsDeadlineWithTheBestPlanSoFar) {
+  const double unlimited = costsBy(0)[0];
+  double before = std::numeric_limits<double>::infinity();
+  int better = 0;
+  for (int pieces = 1; pieces < 600; pieces += 1 + pieces / 20) {
+    const std::array<double, 2> costs = costsBy(1e-3 * pieces);
+    EXPECT_LE(costs[0], before) << "more time makes a worse plan";
+    EXPECT_TRUE(std::isfinite(costs[1]));
+    better += costs[0] < before;
+    before = costs[0];
+  }
+  EXPECT_GT(better, 5);
+  EXPECT_EQ(before, unlimited) << "with much time, the deadline changes something";
+}
+
+TEST(TimeBudget, LeavesTimeForThePieceThatTookLongest) {
+  double now = 0;
+  TimeBudget budget;
+  budget.start(1);
+  EXPECT_TRUE(budget.left()) << "without a clock, time is never up";
+  budget.setClock([&] { return now; });
+  budget.start(1);
+  const auto after = [&](double time) {
+    now = time;
+    return budget.left();
+  };
+  EXPECT_TRUE(after(0.3));
+  EXPECT_TRUE(after(0.4));
+  EXPECT_TRUE(after(0.69));
+  EXPECT_FALSE(after(0.71)) << "another 0.3 s would end at 1.01 s";
+  EXPECT_TRUE(budget.isUp());
+  EXPECT_FALSE(after(0.5)) << "once up, it stays up";
+  budget.start(1);
+  EXPECT_FALSE(budget.isUp());
+  EXPECT_TRUE(budget.left());
 }
 
 TEST(PredictiveParams, RefuseBadValues) {

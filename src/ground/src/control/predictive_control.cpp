@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "ground/control/allocation.h"
@@ -28,6 +29,8 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
         {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
          &P::search_iterations},
         {{"lost", "m", "Rms error of a plan beyond which others are tried", 1e-4, 10}, &P::lost},
+        {{"deadline", "s", "Nodelets: a decision ends in this time with its best plan", 1e-4, 1},
+         &P::deadline},
     };
     for (const auto& weight : lifted(&P::weights, PlanWeights::table())) all.push_back(weight);
     for (const auto& noise : lifted(&P::observer, ObserverParams::table())) all.push_back(noise);
@@ -63,14 +66,21 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
   if (!plan_ || params.steps != params_.steps || params.horizon != params_.horizon) {
     const double step = params.horizon / params.steps;
     plan_ = TrajectoryOptimizer::make(model_, params.steps, step);
-    other_ = TrajectoryOptimizer::make(model_, params.steps, step);
+    plan_->setBudget(budget_);
+    for (Contender& other : others_) {
+      other.plan = TrajectoryOptimizer::make(model_, params.steps, step);
+      other.plan->setBudget(budget_);
+      other.has_plan = false;
+    }
     references_.resize(static_cast<std::size_t>(params.steps));
     has_plan_ = false;
   }
   plan_->setWeights(params.weights);
-  other_->setWeights(params.weights);
   plan_->setWalls(walls_);
-  other_->setWalls(walls_);
+  for (Contender& other : others_) {
+    other.plan->setWeights(params.weights);
+    other.plan->setWalls(walls_);
+  }
   observer_.setParams(params.observer);
   params_ = params;
 }
@@ -78,12 +88,13 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
 void PredictiveControl::avoid(const PlanWalls& walls) {
   walls_ = walls;
   plan_->setWalls(walls);
-  other_->setWalls(walls);
+  for (Contender& other : others_) other.plan->setWalls(walls);
 }
 
 void PredictiveControl::reset() {
   observer_.reset();
   has_plan_ = false;
+  endSearch();
 }
 
 void PredictiveControl::commanded(double time, const Thrusters<double>& thrusters, double lift) {
@@ -91,28 +102,20 @@ void PredictiveControl::commanded(double time, const Thrusters<double>& thruster
 }
 
 void PredictiveControl::carryOn(double time) {
-  std::vector<Thrusters<double>>& inputs = plan_->inputs();
-  if (!has_plan_) {
-    std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
+  if (has_plan_) {
+    plan_->carryOn(std::max(0.0, time - plan_time_));
   } else {
-    // Each step gets the mean of the inputs planned for its time.
-    const double shift = std::max(0.0, time - plan_time_) / plan_->step();
-    const double whole = std::floor(shift), part = shift - whole;
-    const std::size_t last = inputs.size() - 1;
-    const auto at = [&](std::size_t k) -> const Thrusters<double>& {
-      return inputs[std::min(last, k + static_cast<std::size_t>(std::min(whole, 1e6)))];
-    };
-    for (std::size_t k = 0; k <= last; ++k)
-      asVector(inputs[k]) =
-          (1 - part) * asVector(at(k)) + part * asVector(at(std::min(last, k + 1)));
+    std::vector<Thrusters<double>>& inputs = plan_->newInputs();
+    std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
+    plan_->rollOut();
   }
   has_plan_ = true;
   plan_time_ = time;
 }
 
-void PredictiveControl::follow(const Seed& seed) {
-  std::vector<Thrusters<double>>& inputs = other_->inputs();
-  const double step = other_->step();
+void PredictiveControl::follow(const Seed& seed, TrajectoryOptimizer& plan) const {
+  std::vector<Thrusters<double>>& inputs = plan.newInputs();
+  const double step = plan.step();
   const double half = 0.5 * turnTime(seed.turn);
   const bool starboard = seed.turn >= 0;
   const Thrusters<double>& first = turns_[starboard ? 1 : 0].inputs;
@@ -127,7 +130,7 @@ void PredictiveControl::follow(const Seed& seed) {
     const double before = share(0, half), after = share(half, 2 * half);
     asVector(inputs[k]) =
         before * asVector(first) + after * asVector(second) + then * asVector(forward_);
-    inputs[k] = other_->clipped(inputs[k]);
+    inputs[k] = plan.clipped(inputs[k]);
   }
 }
 
@@ -138,7 +141,7 @@ double PredictiveControl::turnTime(double angle) const {
   return 2 * std::sqrt(std::abs(angle) * model_.body.I_z / moment);
 }
 
-void PredictiveControl::makeSeeds() {
+void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
   seeds_[0] = {0, 0};
   seeds_[1] = {0, 1};
   std::size_t count = 2;
@@ -148,9 +151,9 @@ void PredictiveControl::makeSeeds() {
   }
   // Turns from the end of a coasting motion towards the end of the reference, with the thrust that
   // reaches it.
-  follow(seeds_[0]);
-  other_->rollOut();
-  const Vector2<double> way = references_.back().p - other_->states().back().head<2>();
+  follow(seeds_[0], plan);
+  plan.rollOut();
+  const Vector2<double> way = references_.back().p - plan.states().back().head<2>();
   const double turn = wrapAngle(std::atan2(way.y(), way.x()) - start_.state.eta.z());
   const double other_way = turn > 0 ? turn - 2 * M_PI : turn + 2 * M_PI;
   for (double by : {turn, other_way}) {
@@ -162,32 +165,61 @@ void PredictiveControl::makeSeeds() {
   }
 }
 
-void PredictiveControl::search() {
-  makeSeeds();
+/// Begins at the seed with the lowest cost of those that were not tried; returns whether it did.
+bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
+  makeSeeds(plan);
+  if (std::all_of(is_tried_.begin(), is_tried_.end(), [](bool tried) { return tried; }))
+    is_tried_.fill(false);
   std::size_t best = seeds_.size();
-  double least = 0;
+  double least = std::numeric_limits<double>::infinity();
   for (std::size_t number = 0; number < seeds_.size(); ++number) {
-    follow(seeds_[number]);
-    const double cost = other_->rollOut();
-    if (std::isfinite(cost) && (best == seeds_.size() || cost < least)) {
-      best = number;
-      least = cost;
-    }
+    if (is_tried_[number]) continue;
+    if (!budget_.left()) return false;
+    follow(seeds_[number], plan);
+    const double cost = plan.rollOut();
+    if (!(cost < least)) continue;
+    best = number;
+    least = cost;
   }
-  if (best == seeds_.size()) return;
-  // Improves the seed with the lowest cost, and one of the others in turn.
-  next_seed_ = (next_seed_ + 1) % seeds_.size();
-  int left = params_.search_iterations;
-  for (std::size_t number : {best, next_seed_}) {
-    follow(seeds_[number]);
-    other_->rollOut();
-    for (int i = 0; i < params_.search_iterations / 2 && left > 0; ++i, --left) {
-      ++improvements_;
-      const double before = other_->cost();
-      if (other_->improve() && before - other_->cost() < kMinImprovement * before) break;
-    }
-    if (other_->cost() < kMaxOtherCost * plan_->cost()) std::swap(plan_, other_);
+  if (best == seeds_.size() || !budget_.left()) return false;
+  is_tried_[best] = true;
+  follow(seeds_[best], plan);
+  plan.rollOut();
+  return true;
+}
+
+/// Improves a plan until it hardly gets better, at most `iterations` times; returns whether more of
+/// them may be of use.
+bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
+  const double first = plan.cost();
+  for (int i = 0; i < iterations && budget_.left(); ++i) {
+    ++improvements_;
+    const double before = plan.cost();
+    if (plan.improve() && before - plan.cost() < kMinImprovement * before) return false;
   }
+  return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
+}
+
+void PredictiveControl::search(double time) {
+  const int iterations = params_.search_iterations / static_cast<int>(others_.size());
+  for (Contender& other : others_) {
+    if (!budget_.left()) return;
+    if (other.has_plan) {
+      other.plan->carryOn(std::max(0.0, time - other.time));
+    } else if (!beginAtSeed(*other.plan)) {
+      continue;
+    }
+    other.time = time;
+    other.has_plan = improve(*other.plan, iterations);
+    if (!(other.plan->cost() < kMaxOtherCost * plan_->cost())) continue;
+    std::swap(plan_, other.plan);
+    other.has_plan = false;
+  }
+}
+
+void PredictiveControl::endSearch() {
+  is_tried_.fill(false);
+  for (Contender& other : others_) other.has_plan = false;
 }
 
 Vector2<double> PredictiveControl::position(const RigidState<double>& measured) const {
@@ -200,6 +232,7 @@ Vector2<double> PredictiveControl::position(const RigidState<double>& measured) 
 }
 
 Thrusters<double> PredictiveControl::decide(const Observation& seen) {
+  budget_.start(params_.deadline);
   wanted_ = Thrusters<double>::zero(forward_.size());
   observer_.countFrom(seen.drive_start);
   observer_.measure(seen.stamp, seen.state);
@@ -218,18 +251,17 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   for (std::size_t k = 0; k < references_.size(); ++k)
     references_[k] =
         seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
-  for (TrajectoryOptimizer* plan : {plan_.get(), other_.get()})
+  for (TrajectoryOptimizer* plan : {plan_.get(), others_[0].plan.get(), others_[1].plan.get()})
     plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
   carryOn(acts);
-  plan_->rollOut();
   improvements_ = 0;
-  for (int i = 0; i < params_.iterations; ++i) {
-    ++improvements_;
-    const double before = plan_->cost();
-    if (plan_->improve() && before - plan_->cost() < kMinImprovement * before) break;
+  improve(*plan_, params_.iterations);
+  if (plan_->error() < params_.lost) {
+    endSearch();
+  } else {
+    search(acts);
   }
-  if (!(plan_->error() < params_.lost)) search();
   if (!std::isfinite(plan_->cost())) {
     has_plan_ = false;
     return wanted_;

@@ -22,6 +22,7 @@ ReferencePilot::ReferencePilot(Clock clock, Decided decided)
 void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller,
                                     const Model& model) {
   controller_.swap(controller);
+  controller_->setClock(steady_);
   input_max_ = model.body.input_max;
   thrusters_ = model.thrusters;
   obedience_.reset();

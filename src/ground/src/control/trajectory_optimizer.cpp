@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -14,14 +15,16 @@
 namespace ground {
 namespace {
 
-constexpr double kMinDamping = 1e-9, kMaxDamping = 1e3;
+/// Damping of the inputs, relative to full scale [m^2]. Less than the least has no effect.
+constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
 constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
 
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
 
-/// The optimizer of N inputs; Eigen::Dynamic for any number. Two inputs, the most frequent case,
-/// are faster with a number that the compiler knows.
-template <int N>
+/// The optimizer of N inputs, Eigen::Dynamic for any number, and of models with at most S states.
+/// The algebra, which takes most of the time, is faster with small sizes that the compiler knows.
+template <int N, int S>
 class SizedOptimizer final : public TrajectoryOptimizer {
  public:
   SizedOptimizer(const Model& model, int steps, double step)
@@ -38,18 +41,22 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     }
     turning_ = levers * levers.transpose();
     open_.assign(count, Input::Zero(inputs));
-    linear_.assign(count, {Square::Identity(), Drive::Zero(kStates, inputs)});
-    gains_.assign(count, Gain::Zero(inputs, kStates));
+    linear_.assign(count, {Square::Identity(), Drive::Zero(S, inputs)});
+    gains_.assign(count, Gain::Zero(inputs, S));
   }
 
+  double carryOn(double shift) override;
   bool improve() override;
 
  private:
   using Input = PerThruster<N>;
   static constexpr int kMax = BoxMinimum<N>::kMax;
   using InputSquare = typename BoxMinimum<N>::Square;
-  using Drive = Eigen::Matrix<double, kStates, N, 0, kStates, kMax>;
-  using Gain = Eigen::Matrix<double, N, kStates, 0, kMax, kStates>;
+  using Vector = Eigen::Matrix<double, S, 1>;
+  using Square = Eigen::Matrix<double, S, S>;
+  /// Derivatives of a state by the inputs, a column each.
+  using Drive = Eigen::Matrix<double, S, N, 0, S, kMax>;
+  using Gain = Eigen::Matrix<double, N, S, 0, kMax, S>;
   struct Linear {
     Square A;
     Drive B;
@@ -59,7 +66,12 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     return Eigen::Map<const Input>(inputs.begin(), inputs.size());
   }
 
+  void linearize(int k, Linear& linear) const;
+  void addStateCost(int k, Vector& gradient, Square& curvature) const;
+  void addWallCost(const State& state, Vector& gradient, Square& curvature) const;
   bool backward();
+  Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
+  void shiftPlan(double shift);
 
   Input low_, high_;     ///< ranges of the inputs
   InputSquare turning_;  ///< curvature of the cost of turning
@@ -69,6 +81,16 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   BoxMinimum<N> box_;
   double damping_ = 0;
 };
+
+template <int N>
+std::unique_ptr<TrajectoryOptimizer> makeSized(const Model& model, int steps, double step) {
+  constexpr int kBody = 6, kOfLag = 2;  // states of the rigid body, of the motors of a pair
+  const int states = model.stateCount();
+  if (states == 0) return std::make_unique<SizedOptimizer<N, kBody>>(model, steps, step);
+  if (states <= kOfLag)
+    return std::make_unique<SizedOptimizer<N, kBody + kOfLag>>(model, steps, step);
+  return std::make_unique<SizedOptimizer<N, TrajectoryOptimizer::kStates>>(model, steps, step);
+}
 
 }  // namespace
 
@@ -117,8 +139,8 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
 
 std::unique_ptr<TrajectoryOptimizer> TrajectoryOptimizer::make(const Model& model, int steps,
                                                                double step) {
-  if (model.thrusters->size() == 2) return std::make_unique<SizedOptimizer<2>>(model, steps, step);
-  return std::make_unique<SizedOptimizer<Eigen::Dynamic>>(model, steps, step);
+  if (model.thrusters->size() == 2) return makeSized<2>(model, steps, step);
+  return makeSized<Eigen::Dynamic>(model, steps, step);
 }
 
 void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
@@ -128,7 +150,7 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   lift_ = lift;
   missing_ = missing;
   asVector(unbounded_).setConstant(std::numeric_limits<double>::quiet_NaN());
-  states_[0] = tried_states_[0] = start;
+  start_ = start;
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
@@ -141,61 +163,6 @@ TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& stat
   next.head<3>() = body.eta;
   next.segment<3>(3) = body.nu;
   return next;
-}
-
-void TrajectoryOptimizer::linearize(int k, Square& A, Drive B) const {
-  const State& state = states_[static_cast<std::size_t>(k)];
-  const State& after = states_[static_cast<std::size_t>(k) + 1];
-  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
-  const int inputs = input.size();
-  // Variables of the derivatives: indices of states, then of inputs.
-  std::array<int, kStates + kMaxThrusters> by{};
-  int count = 0;
-  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
-  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
-  if (dynamics_.usesPose()) {
-    for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
-  } else {
-    // The motion is invariant under translation and rotation of the pose.
-    A.leftCols<3>().setZero();
-    A.topLeftCorner<3, 3>().setIdentity();
-    A(0, 2) = -(after(1) - state(1));
-    A(1, 2) = after(0) - state(0);
-  }
-  constexpr int kAtOnce = Jet::kDirections;
-  for (int first = 0; first < count; first += kAtOnce) {
-    const int last = std::min(count, first + kAtOnce);
-    std::array<Jet, kStates> x;
-    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
-    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
-    for (int i = 0; i < inputs; ++i)
-      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
-    for (int i = first; i < last; ++i) {
-      const int variable = by[static_cast<std::size_t>(i)];
-      Jet& one =
-          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
-      one.v[i - first] = 1;
-    }
-    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
-    const Vector3<Jet> missing = missing_.cast<Jet>();
-    const RigidState<Jet> body = drivenStep(derivatives_, Jet(t_ + k * step_), before, command,
-                                            lift_, missing, step_, &x[6]);
-    for (int i = first; i < last; ++i) {
-      const int column = by[static_cast<std::size_t>(i)];
-      State derivative = State::Zero();
-      for (int j = 0; j < 3; ++j) {
-        derivative(j) = body.eta(j).v[i - first];
-        derivative(3 + j) = body.nu(j).v[i - first];
-      }
-      for (int j = 0; j < effect_states_; ++j)
-        derivative(6 + j) = x[static_cast<std::size_t>(6 + j)].v[i - first];
-      if (column < kStates) {
-        A.col(column) = derivative;
-      } else {
-        B.col(column - kStates) = derivative;
-      }
-    }
-  }
 }
 
 double TrajectoryOptimizer::stateCost(int k, const State& state) const {
@@ -225,13 +192,29 @@ double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
          (input_max_ * input_max_);
 }
 
-double TrajectoryOptimizer::rollOut() {
-  cost_ = 0;
-  for (int k = 0; k < steps(); ++k) {
+template <class Plan>
+double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
+  tried_states_[0] = start_;
+  double cost = 0;
+  // A cost that is not a number ends it, too.
+  for (int k = 0; k < steps() && cost < limit; ++k) {
     const auto i = static_cast<std::size_t>(k);
-    states_[i + 1] = advance(k, states_[i], inputs_[i]);
-    cost_ += step_ * (inputCost(inputs_[i]) + stateCost(k, states_[i + 1]));
+    tried_inputs_[i] = plan(i, tried_states_[i]);
+    tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
+    cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
   }
+  return cost;
+}
+
+void TrajectoryOptimizer::take(double cost) {
+  cost_ = cost;
+  is_linear_ = false;
+  std::swap(inputs_, tried_inputs_);
+  std::swap(states_, tried_states_);
+}
+
+double TrajectoryOptimizer::rollOut() {
+  take(tryOut(kNoLimit, [this](std::size_t k, const State&) { return inputs_[k]; }));
   return cost_;
 }
 
@@ -253,8 +236,67 @@ Thrusters<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
+/// Derivatives of the state after step k of the plan by the state before it and by the inputs.
+template <int N, int S>
+void SizedOptimizer<N, S>::linearize(int k, Linear& linear) const {
+  Square& A = linear.A;
+  Drive& B = linear.B;
+  const State& state = states_[static_cast<std::size_t>(k)];
+  const State& after = states_[static_cast<std::size_t>(k) + 1];
+  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
+  const int inputs = input.size();
+  // Variables of the derivatives: indices of states, then of inputs.
+  std::array<int, kStates + kMaxThrusters> by{};
+  int count = 0;
+  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
+  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
+  if (dynamics_.usesPose()) {
+    for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
+  } else {
+    // The motion is invariant under translation and rotation of the pose.
+    A.template leftCols<3>().setZero();
+    A.template topLeftCorner<3, 3>().setIdentity();
+    A(0, 2) = -(after(1) - state(1));
+    A(1, 2) = after(0) - state(0);
+  }
+  constexpr int kAtOnce = Jet::kDirections;
+  for (int first = 0; first < count; first += kAtOnce) {
+    const int last = std::min(count, first + kAtOnce);
+    std::array<Jet, kStates> x;
+    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
+    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
+    for (int i = 0; i < inputs; ++i)
+      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
+    for (int i = first; i < last; ++i) {
+      const int variable = by[static_cast<std::size_t>(i)];
+      Jet& one =
+          variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
+      one.v[i - first] = 1;
+    }
+    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+    const Vector3<Jet> missing = missing_.cast<Jet>();
+    const RigidState<Jet> body = drivenStep(derivatives_, Jet(t_ + k * step_), before, command,
+                                            lift_, missing, step_, &x[6]);
+    for (int i = first; i < last; ++i) {
+      const int column = by[static_cast<std::size_t>(i)];
+      Vector derivative = Vector::Zero();
+      for (int j = 0; j < 3; ++j) {
+        derivative(j) = body.eta(j).v[i - first];
+        derivative(3 + j) = body.nu(j).v[i - first];
+      }
+      for (int j = 6; j < S; ++j) derivative(j) = x[static_cast<std::size_t>(j)].v[i - first];
+      if (column < kStates) {
+        A.col(column) = derivative;
+      } else {
+        B.col(column - kStates) = derivative;
+      }
+    }
+  }
+}
+
 /// Adds the derivatives of the cost of the state at the end of step k.
-void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature) const {
+template <int N, int S>
+void SizedOptimizer<N, S>::addStateCost(int k, Vector& gradient, Square& curvature) const {
   const State& state = states_[static_cast<std::size_t>(k) + 1];
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
@@ -263,36 +305,41 @@ void TrajectoryOptimizer::addStateCost(int k, State& gradient, Square& curvature
   const Rotation<double> heading(state(2));
   const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   const Vector2<double> slip = over_floor - reference.p_dot;
-  gradient.head<2>() += position * (state.head<2>() - reference.p);
+  gradient.template head<2>() += position * (state.head<2>() - reference.p);
   curvature(0, 0) += position;
   curvature(1, 1) += position;
   Eigen::Matrix<double, 2, 3> by;  // velocity over the floor by psi, u, v
   by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
-  gradient.segment<3>(2).noalias() += velocity * by.transpose() * slip;
-  curvature.block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
+  gradient.template segment<3>(2).noalias() += velocity * by.transpose() * slip;
+  curvature.template block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
 }
 
-void TrajectoryOptimizer::addWallCost(const State& state, State& gradient,
-                                      Square& curvature) const {
+template <int N, int S>
+void SizedOptimizer<N, S>::addWallCost(const State& state, Vector& gradient,
+                                       Square& curvature) const {
   Eigen::Matrix<double, 1, 5> derivative;
   const double excess =
       walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
   if (!(excess > 0)) return;
   const double weight = 2 * step_ * walls_->weight;
-  gradient.head<5>() += weight * excess * derivative.transpose();
-  curvature.topLeftCorner<5, 5>().noalias() += weight * derivative.transpose() * derivative;
+  gradient.template head<5>() += weight * excess * derivative.transpose();
+  curvature.template topLeftCorner<5, 5>().noalias() +=
+      weight * derivative.transpose() * derivative;
 }
 
-template <int N>
-bool SizedOptimizer<N>::backward() {
+/// The quadratic problem of the iteration, from its end to its start. Returns false if it has no
+/// minimum, or when time is up.
+template <int N, int S>
+bool SizedOptimizer<N, S>::backward() {
   const double scale = 1 / (input_max_ * input_max_);
   const int inputs = thrusterCount();
-  State gradient = State::Zero();
+  Vector gradient = Vector::Zero();
   Square curvature = Square::Zero();
   InputSquare input_curvature = weights_.turning * turning_;
   input_curvature.diagonal().array() += weights_.input;
   input_curvature *= 2 * step_ * scale;
   for (int k = steps() - 1; k >= 0; --k) {
+    if (!timeFor(k)) return false;
     const auto i = static_cast<std::size_t>(k);
     addStateCost(k, gradient, curvature);
     if (walls_) addWallCost(states_[i + 1], gradient, curvature);
@@ -302,13 +349,13 @@ bool SizedOptimizer<N>::backward() {
     const auto input = vectorOf(inputs_[i]);
     Square VA;
     VA.noalias() = curvature * A;
-    Drive VB(static_cast<int>(kStates), inputs);
+    Drive VB(S, inputs);
     VB.noalias() = curvature * B;
     Input Qu = input_curvature * input;
     Qu.noalias() += B.transpose() * gradient;
     InputSquare Quu = input_curvature;
     Quu.noalias() += B.transpose() * VB;
-    Gain Qux(inputs, static_cast<int>(kStates));
+    Gain Qux(inputs, S);
     Qux.noalias() = VB.transpose() * A;
     InputSquare damped = Quu;
     damped.diagonal().array() += damping_ * scale;
@@ -318,7 +365,7 @@ bool SizedOptimizer<N>::backward() {
     const Gain gain = -box_.solveFree(Qux);
     open_[i] = change;
     gains_[i] = gain;
-    State Qx;
+    Vector Qx;
     Qx.noalias() = A.transpose() * gradient;
     Square Qxx;
     Qxx.noalias() = A.transpose() * VA;
@@ -333,36 +380,71 @@ bool SizedOptimizer<N>::backward() {
   return true;
 }
 
-template <int N>
-bool SizedOptimizer<N>::improve() {
-  for (int k = 0; k < steps(); ++k) {
-    Linear& linear = linear_[static_cast<std::size_t>(k)];
-    linearize(k, linear.A, linear.B);
+/// Inputs of step k with feedback on the deviation of `state` from the plan, within their ranges.
+template <int N, int S>
+Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
+                                                  const State& state) const {
+  input.noalias() += gains_[k] * (state - states_[k]).template head<S>();
+  return input.cwiseMax(low_).cwiseMin(high_).eval();
+}
+
+/// Moves inputs, gains and planned states by `shift` [s].
+template <int N, int S>
+void SizedOptimizer<N, S>::shiftPlan(double shift) {
+  const auto last = static_cast<std::size_t>(steps() - 1);
+  const double whole = std::floor(shift / step_), part = shift / step_ - whole;
+  const auto ahead = static_cast<std::size_t>(std::min<double>(whole, kMaxSteps));
+  const auto between = [part](const auto& a, const auto& b) { return (1 - part) * a + part * b; };
+  for (std::size_t k = 0; k <= last; ++k) {
+    const std::size_t from = std::min(last, k + ahead), to = std::min(last, from + 1);
+    inputs_[k] = between(vectorOf(inputs_[from]), vectorOf(inputs_[to])).eval();
+    states_[k] = between(states_[from], states_[from + 1]).eval();
+    gains_[k] = between(gains_[from], gains_[to]).eval();
+    if (k + ahead > last) gains_[k].setZero();  // no states are planned so far ahead
   }
-  if (!backward()) {
-    damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
-    return false;
+  // The measured heading may have been wrapped.
+  const double turn = start_(2) - states_[0](2), turns = turn - wrapAngle(turn);
+  for (State& state : states_) state(2) += turns;
+}
+
+template <int N, int S>
+double SizedOptimizer<N, S>::carryOn(double shift) {
+  shiftPlan(shift);
+  if (!has_gains_) return rollOut();
+  take(tryOut(kNoLimit, [this](std::size_t k, const State& state) {
+    return corrected(k, vectorOf(inputs_[k]), state);
+  }));
+  const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
+  // The shifted inputs are the tried ones now.
+  const double open =
+      tryOut(limit, [this](std::size_t k, const State&) { return tried_inputs_[k]; });
+  if (open < limit) take(open);
+  return cost_;
+}
+
+template <int N, int S>
+bool SizedOptimizer<N, S>::improve() {
+  for (int k = 0; k < steps() && !is_linear_; ++k) {
+    if (!timeFor(k)) return false;
+    linearize(k, linear_[static_cast<std::size_t>(k)]);
   }
-  for (double length : kLengths) {
-    double cost = 0;
-    for (int k = 0; k < steps() && cost < cost_; ++k) {
-      const auto i = static_cast<std::size_t>(k);
-      Input input = vectorOf(inputs_[i]) + length * open_[i];
-      input.noalias() += gains_[i] * (tried_states_[i] - states_[i]);
-      tried_inputs_[i] = input.cwiseMax(low_).cwiseMin(high_).eval();
-      tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
-      cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
-    }
-    if (cost < cost_) {
-      cost_ = cost;
-      std::swap(inputs_, tried_inputs_);
-      std::swap(states_, tried_states_);
-      damping_ = length == 1 ? damping_ / 5 : damping_;
+  is_linear_ = true;
+  if (backward()) {
+    has_gains_ = true;
+    for (double length : kLengths) {
+      if (!timeFor(0)) return false;
+      const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
+        return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
+      });
+      if (!(cost < cost_)) continue;
+      take(cost);
+      if (length == 1) damping_ /= 5;
       if (damping_ < kMinDamping) damping_ = 0;
       return true;
     }
   }
-  damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
+  const bool is_interrupted = budget_ && budget_->isUp();
+  if (!is_interrupted) damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
   return false;
 }
 

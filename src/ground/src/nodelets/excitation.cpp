@@ -13,6 +13,7 @@
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/time.h"
 
 namespace ground {
 
@@ -26,7 +27,7 @@ namespace ground {
 /// (takes effect at the next start). A file with a column lift sets the lift, too.
 class Excitation : public Controller {
  public:
-  Excitation() : Controller(pilot_) {}
+  Excitation() : Controller(pilot_) { pilot_.setSteadyClock(steadyNow); }
   ~Excitation() override {
     reconfigure_.reset();
     model_service_ = ModelService();

@@ -51,6 +51,8 @@ class ExcitationPilot : public Pilot {
   ExcitationPilot(const ExcitationPilot&) = delete;
   ExcitationPilot& operator=(const ExcitationPilot&) = delete;
 
+  /// See ReferencePilot::setSteadyClock.
+  void setSteadyClock(ReferencePilot::Clock clock) { home_.setSteadyClock(std::move(clock)); }
   /// Sets the signal to play in open loop from the next activation, for `duration` [s] or until it
   /// ends.
   void play(InputSignal signal, double duration);

@@ -3,6 +3,7 @@
 #include <array>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ground/control/effect_use.h"
@@ -20,6 +21,7 @@ struct PredictiveParams {
   int iterations = 4;          ///< largest number of improvements of the plan per decision
   double lost = 0.02;          ///< error of the plan beyond which others are tried, too, rms [m]
   int search_iterations = 12;  ///< largest number of improvements of other plans per decision
+  double deadline = 0.01;      ///< longest time of a decision, by the clock of setClock() [s]
   PlanWeights weights;
   ObserverParams observer;
 
@@ -33,19 +35,24 @@ struct PredictiveParams {
 /// constant error. It also predicts the state at the time when the inputs will act, which
 /// compensates latency, delay and lag. A plan is continued from decision to decision and improved a
 /// few times each (real-time iterations). Most crafts cannot brake: if the plan does not follow the
-/// reference, others that first turn the craft left or right are tried. A decision takes bounded
-/// work and allocates no memory. Without a finite state or plan the thrust is zero.
+/// reference, others that first turn the craft left or right are tried, two at a time. A decision
+/// takes bounded work and allocates no memory. With a clock, it ends at a deadline with the best
+/// plan so far, which is at least as good as the continued plan. Without a finite state or plan the
+/// thrust is zero.
 class PredictiveControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model) { return wholeModelUse(model); }
 
   /// Throws std::invalid_argument if parameters are bad or the model has too many effect states.
   PredictiveControl(const Model& model, const PredictiveParams& params);
+  PredictiveControl(const PredictiveControl&) = delete;  // its plans refer to its budget
+  PredictiveControl& operator=(const PredictiveControl&) = delete;
 
   /// Takes effect with the next decision; allocates if the horizon changes. Throws
   /// std::invalid_argument if parameters are bad.
   void setParams(const PredictiveParams& params);
   void avoid(const PlanWalls& walls) override;
+  void setClock(TimeBudget::Clock clock) override { budget_.setClock(std::move(clock)); }
   void reset() override;
   void commanded(double time, const Thrusters<double>& thrusters, double lift) override;
   Vector2<double> position(const RigidState<double>& measured) const override;
@@ -58,16 +65,27 @@ class PredictiveControl : public TrackingController {
   const TrajectoryOptimizer& plan() const { return *plan_; }
 
  private:
+  static constexpr std::size_t kSeeds = 14;
   /// The beginning of a plan: the fastest possible turn, then thrust.
   struct Seed {
     double turn = 0;    ///< [rad], positive to starboard
     double thrust = 0;  ///< relative to full thrust
   };
 
+  /// A plan that may replace the one in use; it is continued and improved like that one.
+  struct Contender {
+    std::unique_ptr<TrajectoryOptimizer> plan;
+    bool has_plan = false;
+    double time = 0;  ///< start of the plan [s]
+  };
+
   void carryOn(double time);
-  void search();
-  void makeSeeds();
-  void follow(const Seed& seed);
+  void search(double time);
+  void endSearch();
+  bool beginAtSeed(TrajectoryOptimizer& plan);
+  void makeSeeds(TrajectoryOptimizer& plan);
+  void follow(const Seed& seed, TrajectoryOptimizer& plan) const;
+  bool improve(TrajectoryOptimizer& plan, int iterations);
   double turnTime(double angle) const;
 
   /// The inputs that turn the craft fastest to one side.
@@ -84,13 +102,15 @@ class PredictiveControl : public TrackingController {
   Dynamics<Jet> seen_;  ///< for the state from its measurement
   PredictiveParams params_;
   DisturbanceObserver observer_;
-  std::unique_ptr<TrajectoryOptimizer> plan_, other_;
+  TimeBudget budget_;
+  std::unique_ptr<TrajectoryOptimizer> plan_;
+  std::array<Contender, 2> others_;
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
   bool has_plan_ = false;
   double plan_time_ = 0;  ///< start of the plan [s]
-  std::array<Seed, 14> seeds_;
-  std::size_t next_seed_ = 0;
+  std::array<Seed, kSeeds> seeds_;
+  std::array<bool, kSeeds> is_tried_{};  ///< seeds from which plans began in this search
   int improvements_ = 0;
   std::optional<PlanWalls> walls_;
   Thrusters<double> wanted_;

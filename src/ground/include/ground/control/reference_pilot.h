@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/tracking_controller.h"
@@ -33,6 +34,8 @@ class ReferencePilot : public Pilot {
 
   ReferencePilot(Clock clock, Decided decided);
 
+  /// Sets the steady clock [s] of controllers that are swapped in from now on.
+  void setSteadyClock(Clock clock) { steady_ = std::move(clock); }
   /// Swaps the controller; `model` is its internal model.
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
@@ -61,7 +64,7 @@ class ReferencePilot : public Pilot {
  private:
   ReferencePoint at(double stamp) const;
 
-  Clock clock_;
+  Clock clock_, steady_;
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
   double input_max_ = 1;

@@ -2,6 +2,7 @@
 
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
+#include "ground/control/time_budget.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
 
@@ -30,6 +31,9 @@ class TrackingController {
   }
   /// Sets walls to avoid; a controller without plans ignores them.
   virtual void avoid(const PlanWalls& /*walls*/) {}
+  /// Sets a steady clock [s], by which decisions keep their deadlines. Without one, and without
+  /// deadlines, they take the time that they need.
+  virtual void setClock(TimeBudget::Clock /*clock*/) {}
   /// Whether it follows the reference; false for open-loop control.
   virtual bool follows() const { return true; }
   /// Position of the point that follows the reference, world_ned [m], given the measured pose and

@@ -6,6 +6,7 @@
 
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
+#include "ground/control/time_budget.h"
 #include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"
 #include "ground/model/tunable.h"
@@ -45,18 +46,32 @@ class TrajectoryOptimizer {
   /// Sets walls to avoid; without value, no walls.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
 
+  /// Sets a budget, which must outlive this object. When its time is up, improve() ends early.
+  void setBudget(TimeBudget& budget) { budget_ = &budget; }
+
   int steps() const { return static_cast<int>(inputs_.size()); }
   double step() const { return step_; }
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
   /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
+  /// Call rollOut() or carryOn() after it.
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
-  /// The plan's inputs, in the model's units. Call rollOut() after changing them.
-  std::vector<Thrusters<double>>& inputs() { return inputs_; }
+  /// The plan's inputs, in the model's units.
+  const std::vector<Thrusters<double>>& inputs() const { return inputs_; }
+  /// The same, to set another plan. Call rollOut() afterwards.
+  std::vector<Thrusters<double>>& newInputs() {
+    has_gains_ = false;
+    return inputs_;
+  }
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
-  /// One iteration; returns whether the cost decreased.
+  /// Continues the plan for a problem that begins `shift` [s] >= 0 after the problem that it was
+  /// made for. Each step gets the mean of the inputs planned for its time, once as they are, and
+  /// once with the feedback of the last iteration on deviations from the planned states. The
+  /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
+  virtual double carryOn(double shift) = 0;
+  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
   /// The plan's first inputs before saturation, in the model's units: an input at a bound is
@@ -72,21 +87,24 @@ class TrajectoryOptimizer {
   }
 
  protected:
-  using Square = Eigen::Matrix<double, kStates, kStates>;
-  /// Derivatives of a state by the inputs, a column each.
-  using Drive = Eigen::Ref<Eigen::Matrix<double, kStates, Eigen::Dynamic>>;
-
   TrajectoryOptimizer(const Model& model, int steps, double step);
 
   int thrusterCount() const { return dynamics_.layout().size(); }
   /// The state after step k of the horizon.
   State advance(int k, const State& state, const Thrusters<double>& input) const;
-  /// Derivatives of the state after step k of the plan by the state before it and by the inputs.
-  void linearize(int k, Square& A, Drive B) const;
-  void addStateCost(int k, State& gradient, Square& curvature) const;
-  void addWallCost(const State& state, State& gradient, Square& curvature) const;
   double stateCost(int k, const State& state) const;
   double inputCost(const Thrusters<double>& input) const;
+  /// Simulates the tried inputs, which plan(k, state) gives, until the cost reaches `limit`;
+  /// returns the cost.
+  template <class Plan>
+  double tryOut(double limit, const Plan& plan);
+  /// Makes the tried inputs the plan.
+  void take(double cost);
+  /// Whether there is time for step k of a loop over the steps.
+  bool timeFor(int k) {
+    constexpr int kPiece = 8;  // steps in a piece of work; reading a clock takes time, too
+    return !budget_ || (k % kPiece == 0 ? budget_->left() : !budget_->isUp());
+  }
 
   Dynamics<double> dynamics_;
   Dynamics<Jet> derivatives_;
@@ -96,13 +114,17 @@ class TrajectoryOptimizer {
   Thrusters<double> least_input_;  ///< smallest inputs at which derivatives are taken
   PlanWeights weights_;
   std::optional<PlanWalls> walls_;
+  TimeBudget* budget_ = nullptr;
   double step_;
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
   std::vector<ReferencePoint> references_;
   std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
+  State start_ = State::Zero();
   double cost_ = 0;
+  bool is_linear_ = false;  ///< whether the derivatives are those of the plan
+  bool has_gains_ = false;  ///< whether the gains are those of the plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;
 };

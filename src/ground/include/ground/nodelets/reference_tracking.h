@@ -45,7 +45,9 @@ class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
   explicit ReferenceTracking(const std::string& kind)
-      : Controller(pilot_), kind_(controllerInfo(kind)) {}
+      : Controller(pilot_), kind_(controllerInfo(kind)) {
+    pilot_.setSteadyClock(steadyNow);
+  }
   /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
     reconfigure_.reset();
