@@ -8,7 +8,7 @@ likelihood significantly, corrected for the number of tests, and the held-out li
 
 import re
 from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Callable, Dict, Optional, Sequence, Tuple
 
 from scipy import stats
 
@@ -21,6 +21,10 @@ from ground.errors import GroundError
 
 LEVEL = 0.001  # chance of finding memory where there is none
 MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other errors of the model
+
+
+def _value_of(values: Dict[str, str]) -> Callable[["re.Match[str]"], str]:
+    return lambda found: values[found.group()]
 
 
 @can_be_kept
@@ -66,8 +70,8 @@ class Kind:
         fixed = {constant.name: repr(value) for constant, value in zip(self.constants, values)}
 
         def at_values(formulas: Dict[str, str]) -> Dict[str, str]:
-            names = r"\b(%s)\b" % "|".join(fixed)
-            return {what: re.sub(names, lambda m: fixed[m[0]], f) for what, f in formulas.items()}
+            names = r"\b(?:%s)\b" % "|".join(fixed)
+            return {what: re.sub(names, _value_of(fixed), f) for what, f in formulas.items()}
 
         entry = {
             "name": self.name + "".join("_%d" % round(1e3 * value) for value in values),

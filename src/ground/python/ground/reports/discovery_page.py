@@ -236,7 +236,8 @@ class _StoryPage:
             sheet.heading("Tracking")
             sheet.paragraph(sentence(check.sentence))
             tracked = [check.reference, millimetres(check.before), millimetres(check.after)]
-            head = ["reference", "#error, given model", "#error, final model", "=decided", "=model taken back"]
+            head = ["reference", "#error, given model", "#error, final model"]
+            head += ["=decided", "=model taken back"]
             said = ["yes" if answer else "no" for answer in (check.decided, check.taken_back)]
             sheet.table(head, [[*tracked, *said]])
 
