@@ -27,7 +27,7 @@ demo: build
 test: $(configured)
 	@.ci/build build all tests
 	@rm -rf build/test_results build/Testing  # ctest would use its own costs, not those of CMakeLists.txt
-	@status=0; $(in_workspace) (cd build && ctest --parallel $(tests_at_once) --output-on-failure) || status=1; \
+	@status=0; $(in_workspace) .ci/test $(tests_at_once) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
 # Spelling, Python and its types, XML, catkin packages, long functions; TIDY=1: clang-tidy over all C++ as well, which is slow.
