@@ -7,8 +7,6 @@ a discovery chooses, and with random ones, for the same certainty. Results go to
 interrupted bench continues where it stopped.
 """
 import argparse
-import functools
-import json
 import os
 import sys
 import time
@@ -19,7 +17,6 @@ import discover_cases as cases
 import discover_floor
 import discover_lab
 import discover_table
-import hidden
 import hidden_cases
 import hidden_craft
 import hidden_noise
@@ -27,6 +24,7 @@ import hidden_score
 import hidden_table
 import hidden_visibility
 import hidden_white
+import resumed
 import room
 from ground import _core, workers
 from ground.analysis import unexplained
@@ -36,7 +34,7 @@ from hidden_white import MODEL
 
 # Modules that a cluster's workers need, in the order of their imports.
 MODULES = (hidden_white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_score)
-MODULES += (hidden_table, room, cases, discover_lab, discover_floor, discover_table)
+MODULES += (hidden_table, resumed, room, cases, discover_lab, discover_floor, discover_table)
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking
 
@@ -167,11 +165,6 @@ def _squares(case, place, model, number):
     return (off**2).sum(axis=1)
 
 
-def run_until(deadline, job):
-    """run_case, or None after the deadline, by time.time() [s]."""
-    return run_case(job) if time.time() < deadline else None
-
-
 def jobs_of(options):
     """Jobs that the options ask for. Kinds alternate: an interrupted bench has results of each."""
     counts = {kind: options.count or cases.KINDS[kind][1] for kind in options.kinds}
@@ -189,26 +182,16 @@ def key_of(result):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    wanted = list(jobs_of(options))
-    done = set()
-    if os.path.exists(options.results):
-        done = {key_of(r) for r in hidden.read(options.results)}
-    left = [job for job in wanted if job not in done]
-    print("%d cases, %d of them to do" % (len(wanted), len(left)), flush=True)
-    deadline = time.time() + 3600 * options.hours
-    hidden.end_last_line(options.results)
-    with open(options.results, "a") as file, workers.Workers(
+    with workers.Workers(
         options.scheduler,
         processes=True,
         count=options.jobs,
         modules=[module.__file__ for module in MODULES],
     ) as team:
-        for result in team.map(functools.partial(run_until, deadline), left):
-            if result:
-                file.write(json.dumps(result) + "\n")
-                file.flush()
-    asked = set(wanted)
-    results = [r for r in hidden.read(options.results) if key_of(r) in asked]
+        wanted = list(jobs_of(options))
+        results = resumed.results(
+            team, options.results, wanted, tuple, key_of, run_case, options.hours
+        )
     text = discover_table.summary(results)
     print(text)
     if options.markdown:

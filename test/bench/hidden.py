@@ -20,6 +20,7 @@ import hidden_score
 import hidden_table
 import hidden_visibility
 import hidden_white as white
+import resumed
 from ground import _core, workers
 from ground.analysis import next_experiment, study
 from ground.errors import GroundError
@@ -27,7 +28,7 @@ from ground.errors import GroundError
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
 # Modules that a cluster's workers need, in the order of their imports.
 MODULES = (white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_engine)
-MODULES += (hidden_score, hidden_table)
+MODULES += (hidden_score, hidden_table, resumed)
 
 
 def run_case(job):
@@ -94,11 +95,6 @@ def _add_truth(found, true_value):
         parameter["true"] = true_value(parameter["name"])
 
 
-def run_until(deadline, job):
-    """run_case, or None after the deadline, by time.time() [s]."""
-    return run_case(job) if time.time() < deadline else None
-
-
 def jobs_of(options):
     """Jobs that the options ask for. Kinds alternate: an interrupted bench has results of each."""
     cell = {name: getattr(options, name) for name in ("strength", "noise", "excitation")}
@@ -127,44 +123,22 @@ def key_of(result):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    wanted = list(jobs_of(options))
-    done = {key_of(r) for r in read(options.results)} if os.path.exists(options.results) else set()
-    left = [job for job in wanted if key(*job) not in done]
-    print("%d cases, %d of them to do" % (len(wanted), len(left)), flush=True)
-    deadline = time.time() + 3600 * options.hours
-    end_last_line(options.results)
-    with open(options.results, "a") as file, workers.Workers(
+    with workers.Workers(
         options.scheduler,
         processes=True,
         count=options.jobs,
         modules=[module.__file__ for module in MODULES],
     ) as team:
-        for result in team.map(functools.partial(run_until, deadline), left):
-            if result:
-                file.write(json.dumps(result) + "\n")
-                file.flush()
-    asked = {key(*job) for job in wanted}
-    summary([r for r in read(options.results) if key_of(r) in asked], options)
-
-
-def read(path):
-    """Results of a file of JSON lines; skips lines that were cut when a bench was killed."""
-    results = []
-    with open(path) as file:
-        for line in file:
-            try:
-                results.append(json.loads(line))
-            except ValueError:
-                pass
-    return results
-
-
-def end_last_line(path):
-    """Ends the last line of a file, which may have been cut when a bench was killed."""
-    with open(path, "ab+") as file:
-        file.seek(max(0, file.tell() - 1))
-        if file.read() not in (b"", b"\n"):
-            file.write(b"\n")
+        found = resumed.results(
+            team,
+            options.results,
+            list(jobs_of(options)),
+            lambda job: key(*job),
+            key_of,
+            run_case,
+            options.hours,
+        )
+    summary(found, options)
 
 
 def summary(results, options):

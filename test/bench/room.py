@@ -10,13 +10,13 @@ an interrupted bench continues where it stopped.
 import argparse
 import collections
 import functools
-import json
 import os
 import sys
 import time
 
 import numpy as np
 
+import resumed
 from ground import _core, workers
 from ground.analysis import study
 from ground.errors import GroundError
@@ -221,38 +221,25 @@ def _fit_rows(fits):
         )
 
 
-def read(path):
-    """Results of a file of JSON lines; skips lines that were cut when a bench was killed."""
-    results = []
-    if os.path.exists(path):
-        with open(path) as file:
-            for line in file:
-                try:
-                    results.append(json.loads(line))
-                except ValueError:
-                    pass
-    return results
+def _run(job):
+    seed, duration = job
+    return run_seed(duration, seed)
 
 
 def bench(options):
     """Runs the seeds without a result and prints the table of all seeds."""
     wanted = range(options.seed_base, options.seed_base + options.count)
 
-    def asked(result):
-        return result["duration"] == options.duration and result["seed"] in wanted
-
-    done = {r["seed"] for r in read(options.results) if asked(r)}
-    left = [seed for seed in wanted if seed not in done]
-    print("%d seeds, %d of them to do" % (len(wanted), len(left)), flush=True)
-    os.makedirs(os.path.dirname(os.path.abspath(options.results)), exist_ok=True)
-    with open(options.results, "a") as file, workers.Workers(
-        processes=True, count=options.jobs
-    ) as team:
-        file.write("\n" if file.tell() else "")  # the last line may have been cut
-        for result in team.map(functools.partial(run_seed, options.duration), left):
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-    results = [r for r in read(options.results) if asked(r)]
+    with workers.Workers(processes=True, count=options.jobs) as team:
+        results = resumed.results(
+            team,
+            options.results,
+            [(seed, options.duration) for seed in wanted],
+            tuple,
+            lambda result: (result["seed"], result["duration"]),
+            _run,
+            noun="seeds",
+        )
     table = list(rows_of(results))
     width = max(len(label) for label, _ in table)
     for label, value in table:

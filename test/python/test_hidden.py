@@ -21,6 +21,7 @@ import hidden_score  # noqa: E402
 import hidden_table  # noqa: E402
 import hidden_visibility  # noqa: E402
 import hidden_white  # noqa: E402
+import resumed  # noqa: E402
 
 BODY = {
     name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL
@@ -286,7 +287,7 @@ def test_an_interrupted_bench_resumes(tmp_path):
     assert path.read_text() == ""
     path.write_text('{"kind": "noise_nu')  # a line cut when the bench was killed
     assert "noise_null: a false effect" in bench("--markdown", str(tmp_path / "table.md"))
-    found = hidden.read(str(path))
+    found = resumed.read(str(path))
     assert [(r["kind"], r["seed"]) for r in found] == [("noise_null", 2)]
     assert found[0]["found"]["verdict"] == "complete"
     assert "| noise_null: a false effect | 0.0% | 1 |" in (tmp_path / "table.md").read_text()
