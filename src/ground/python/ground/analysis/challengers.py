@@ -42,11 +42,12 @@ class _Formula:
 
 
 def challengers(found: Diagnosis) -> List[Challenger]:
-    """Formulas whose likelihood does not exclude them in the place of effects that a grown Diagnosis
-    has chosen, best first."""
-    formulas = _formulas(found)
+    """Formulas whose likelihood does not exclude them in the place of effects of the library that a
+    grown Diagnosis has chosen, best first."""
+    of_library = found.names & frozenset(candidates.effects(found.given))
+    formulas = _formulas(found) if of_library else {}
     tried: Dict[str, Challenger] = {}
-    for replaced in _parts(found.names):
+    for replaced in _parts(of_library):
         rest = found.names
         for name in replaced:
             rest = found.search.without(rest, name)
