@@ -139,15 +139,21 @@ def share_explained(design: Array, values: Array) -> Dict[str, float]:
     left, sizes, _ = np.linalg.svd(design - design.mean(axis=0), full_matrices=False)
     left = left[:, sizes > 1e-6 * max(sizes.max(), 1e-300)]
     raw = float(((left.T @ values) ** 2).sum() / total)
-    offsets = np.linspace(0.05, 0.95, SHIFTS) * len(values)
-    shifted = np.column_stack([np.roll(values, int(o)) for o in offsets])
-    chance = ((left.T @ shifted) ** 2).sum(axis=0) / total
+    offsets = (np.linspace(0.05, 0.95, SHIFTS) * len(values)).astype(int)
+    chance = (_shifted_products(left, values)[:, offsets] ** 2).sum(axis=0) / total
     corrected = (raw - chance.mean()) / max(1e-9, 1 - chance.mean())
     return {
         "raw": raw,
         "share": float(np.clip(corrected, 0, 1)),
         "p": float((1 + (chance >= raw).sum()) / (1 + SHIFTS)),
     }
+
+
+def _shifted_products(columns: Array, values: Array) -> Array:
+    """Products (columns, n) of columns (n, columns) with a series, shifted circularly by each number
+    of samples, by Fourier transforms."""
+    spectrum = np.fft.rfft(columns.T) * np.conj(np.fft.rfft(values))
+    return np.asarray(np.fft.irfft(spectrum, len(values)))
 
 
 def regress(design: Array, values: Array, ridge: float = 0.0) -> Tuple[Array, Array, Array]:
@@ -208,10 +214,18 @@ def full_scale(model: _core.Model) -> Array:
     return np.array([force, force, force * model.value("l")])
 
 
-def undisturbed(
-    model: _core.Model, run: _core.RunData
-) -> Tuple[_core.WrenchFilter, _core.RunData, List[Span]]:
-    """Filter and run without disturbances, and the disturbances' spans [(start, end) s].
+@dataclass(frozen=True)
+class Undisturbed:
+    """A run without its disturbances."""
+
+    run: _core.RunData
+    filter: _core.WrenchFilter  # along it
+    noise: _core.WrenchNoise  # likeliest levels of a random walk
+    events: List[Span]  # the disturbances
+
+
+def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
+    """Leaves out the disturbances of a run.
 
     Walls, hands and wrong poses need wrenches far larger than those of a missing effect. A few of
     them would dominate the noise levels and hide everything else.
@@ -232,7 +246,7 @@ def undisturbed(
     for start, end in found:
         keep &= (times < start) | (times > end)
     if not found or keep.mean() < 0.5:
-        return whole, run, []
+        return Undisturbed(run, whole, noise, [])
     rest = _core.RunData(
         run.name,
         times[keep],
@@ -244,7 +258,9 @@ def undisturbed(
         run.drives,
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in found]
-    return _core.WrenchFilter(model, rest, repair.MAX_GAP), rest, events
+    without = _core.WrenchFilter(model, rest, repair.MAX_GAP)
+    noise = without.likeliest_noise(_core.WrenchNature.random_walk)
+    return Undisturbed(rest, without, noise, events)
 
 
 @dataclass
@@ -260,11 +276,7 @@ class Missing:
 
 
 def of_wrench(
-    wrench_filter: _core.WrenchFilter,
-    run: _core.RunData,
-    model: _core.Model,
-    events: Sequence[Span],
-    other: Optional[_core.Model] = None,
+    calm: Undisturbed, model: _core.Model, other: Optional[_core.Model] = None
 ) -> Missing:
     """Infers the missing wrench along an undisturbed run, and what it depends on.
 
@@ -274,7 +286,7 @@ def of_wrench(
     other: a second model, perhaps better; `accounted` then says how much of the wrench it accounts
     for, inferred by the same smoother from the same poses.
     """
-    noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
+    run, noise = calm.run, calm.noise
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     found = variables(run, model)
     totals = np.column_stack(
@@ -286,7 +298,7 @@ def of_wrench(
     columns = [v.indicators() for v in found.values()] + [totals]
     acting = np.hstack(columns)
     channels = np.repeat([0, 1, 2], acting.shape[1])
-    smoothed = wrench_filter.smooth(noise, np.hstack([acting] * 3), channels.tolist())
+    smoothed = calm.filter.smooth(noise, np.hstack([acting] * 3), channels.tolist())
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
     accounted = None
     if other is not None:
@@ -295,13 +307,13 @@ def of_wrench(
     every = slice(None, None, stride_of(times))
     responses = smoothed["responses"][every].reshape(-1, 3, acting.shape[1])
     result: Document = {
-        "disturbances": [{"start": float(a), "end": float(b)} for a, b in events],
+        "disturbances": [{"start": float(a), "end": float(b)} for a, b in calm.events],
         "noise": residuals.noise_levels(noise, "N/sqrt(s)", "N m/sqrt(s)"),
         "channels": {},
         "thrust": thrust_direction(
             wrench[every],
             responses[:, :, -len(COMMAND_LAGS) :],
-            wrench_filter.model_thrust[every],
+            calm.filter.model_thrust[every],
             totals[every],
             nu[every],
         ),

@@ -160,7 +160,8 @@ def _prepare(
 ) -> Tuple[Array, Array, Array, Indices, Dict[str, float]]:
     """Responses to the terms (3 n, terms) and to the model's own parameters (3 n, parameters),
     wrench (3 n,) in parts of full thrust, stretches, binned shares."""
-    wrench_filter, run, _ = failure.undisturbed(model, run)
+    calm = failure.undisturbed(model, run)
+    run, noise = calm.run, calm.noise
     found = failure.variables(run, model)
     bins = [v.indicators() for v in found.values()]
     sampled = values(run, model)
@@ -173,8 +174,7 @@ def _prepare(
     acting = np.column_stack(columns + bins * 3)
     count = sum(b.shape[1] for b in bins)
     channels = channels + np.repeat([0, 1, 2], count).tolist()
-    noise = wrench_filter.likeliest_noise(_core.WrenchNature.random_walk)
-    smoothed = wrench_filter.smooth(noise, acting, channels)
+    smoothed = calm.filter.smooth(noise, acting, channels)
     every = slice(None, None, failure.stride_of(np.array(run.times)))
     wrench = smoothed["wrench"][every]
     sigma = np.median(smoothed["sigma"], axis=0) / scale

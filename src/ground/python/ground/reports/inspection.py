@@ -26,9 +26,9 @@ def inspect(
     try:
         evaluation = comparison.evaluate(run, model)
         where = failure.of_error(evaluation, failure.variables(run, model))
-        wrench_filter, rest, events = failure.undisturbed(model, run)
-        correlation = residuals.analyse(wrench_filter, rest, model)
-        missing = failure.of_wrench(wrench_filter, rest, model, events, wrench_of)
+        calm = failure.undisturbed(model, run)
+        correlation = residuals.analyse(calm.filter, calm.run, model)
+        missing = failure.of_wrench(calm, model, wrench_of)
     except (ValueError, RuntimeError) as error:
         raise GroundError("%s with %s: %s" % (run.name, label, error))
     numbers = comparison.numbers([evaluation])
