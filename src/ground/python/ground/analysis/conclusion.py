@@ -126,6 +126,7 @@ def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
             found.candidates,
             found.search.criteria,
             found.pool.map,
+            known=found.search.fits,
         )
         search.nominal(replace(found.search.nominal(), loudness=()))
         return search.fits[search.run(near=replace(found.fit, loudness=()))]

@@ -78,10 +78,10 @@ class Diagnosis:
         self.work = work or Work()
         self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
         self.kept = kept or Unfinished()
-        threads = threads or os.cpu_count() or 1
-        self.pool = ThreadPoolExecutor(threads)
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.pool = ThreadPoolExecutor(self.threads)
         # A thread of the pool that waited for the pool would block it.
-        self.waiting = ThreadPoolExecutor(WAITING_THREADS if threads > 1 else 1)
+        self.waiting = ThreadPoolExecutor(WAITING_THREADS if self.threads > 1 else 1)
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -95,7 +95,7 @@ class Diagnosis:
         self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.plan.begin()
         with self.work.stage(stages.FITTING):
-            self.varied = Likelihood(runs, model)  # everything that may differ between runs does
+            self.varied = Likelihood(runs, model, threads=self.threads)  # everything that may differ between runs does
             fit = self.varied.fit(model, study.free_parameters(model))
             self._begin(varying.differences(self.varied, fit), fit)
 
@@ -103,7 +103,7 @@ class Diagnosis:
         """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
         levels = [d.kind.level for d in differences]
-        self.likelihood = Likelihood(self.runs, self.given, levels)
+        self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
         self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.pool.map)
         self.search = Search(
             self.likelihood,

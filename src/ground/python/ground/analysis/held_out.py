@@ -51,16 +51,14 @@ class Folds:
         self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
         self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
         self.count = min(FOLDS, len(self.parts))
-        self.fitted, self.tested = [], []
+        self.fitted: List[Likelihood] = []
+        self.tested: List[Likelihood] = []
         for fold in range(self.count):
             inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
             outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
-            self.fitted.append(
-                Likelihood([r for part in outside for r in part], craft, whole.varying)
-            )
-            self.tested.append(
-                Likelihood([r for part in inside for r in part], craft, whole.varying)
-            )
+            for parts, likelihoods in ((outside, self.fitted), (inside, self.tested)):
+                chosen = [run for part in parts for run in part]
+                likelihoods.append(Likelihood(chosen, craft, whole.varying, whole.threads))
         self.fold_of = np.array([self._fold_of(w) for w in cut])
 
     def _fold_of(self, window: _core.Window) -> int:

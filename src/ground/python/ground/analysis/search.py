@@ -7,6 +7,7 @@ number of effects.
 """
 
 import itertools
+from dataclasses import replace
 from typing import (
     Callable,
     Dict,
@@ -39,7 +40,7 @@ class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
     items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results
     of the same call; holds(better, current): whether a grown set does better on held-out data,
-    too."""
+    too; known: fits of sets to nearly the same data, from which their fits start."""
 
     def __init__(
         self,
@@ -52,6 +53,7 @@ class Search:
         plan: Optional[Plan] = None,
         kept: Optional[Unfinished] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
+        known: Optional[Mapping[FrozenSet[str], Fit]] = None,
     ) -> None:
         self.likelihood = likelihood
         self.given = model
@@ -64,6 +66,7 @@ class Search:
         self.plan = plan or Plan()
         self.kept = kept or Unfinished()
         self.holds = holds
+        self.known = known or {}
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
@@ -208,37 +211,52 @@ class Search:
                 self.fits[current | set(proposal)] = fit
 
     def _refit(self, current: FrozenSet[str], added: Tuple[str, ...]) -> Optional[Fit]:
-        """The likeliest fit with added effects, from the steps of the score tests and the effects'
-        own starts."""
+        """The likeliest fit with added effects, from the known fit or else from the steps of the score
+        tests and the effects' own starts."""
+        known = self._from_known(current | set(added))
+        if known is not None:
+            return known
         base, tests = self.fits[current], self.test_beside(current)
         extended = base.model
         for name in added:
             extended = self.candidates[name].neutral(extended)
-        _, step = tests.test(added)
-        best = None
-        for start, near in self._starts(current, extended, added, step):
-            try:
-                found = self.likelihood.fit(start, self.free_of(extended), near)
-            except GroundError:
-                continue
-            if best is None or found.log_posterior > best.log_posterior:
-                best = found
-            several = any(self._has_starts(n) or tests.hidden(n) for n in added)
-            if best.log_posterior > base.log_posterior + 1 and not several:
+        found: List[Fit] = []
+        for start in self._steps(extended, tests, added):
+            found += self._fit_from(start, base)
+            if found and found[-1].log_posterior > base.log_posterior + 1:
                 break
-        return best
+        for start, near in self._unseen_starts(current, extended, added):
+            found += self._fit_from(start, near)
+        return max(found, key=lambda fit: fit.log_posterior, default=None)
 
-    def _starts(
-        self,
-        current: FrozenSet[str],
-        extended: _core.Model,
-        added: Tuple[str, ...],
-        step: Mapping[str, float],
+    def _fit_from(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
+        """The fit from a start, as a list; an empty one where it cannot be simulated."""
+        try:
+            return [self.likelihood.fit(start, self.free_of(start), near)]
+        except GroundError:
+            return []
+
+    def _from_known(self, names: FrozenSet[str]) -> Optional[Fit]:
+        """The fit of a set from its known one; None without one."""
+        known = self.known.get(names)
+        found = [] if known is None else self._fit_from(known.model, replace(known, loudness=()))
+        return found[0] if found else None
+
+    def _steps(
+        self, extended: _core.Model, tests: ScoreTests, added: Sequence[str]
+    ) -> Iterator[_core.Model]:
+        """Models to start from: parts of the score test's step. Where the test sees no more than what
+        the fitted parameters do as well, all parts are the same."""
+        _, step = tests.test(added)
+        all_the_same = not step or any(tests.hidden(name) for name in added)
+        for part in self.criteria.steps[:1] if all_the_same else self.criteria.steps:
+            yield stepped(extended, step, part)
+
+    def _unseen_starts(
+        self, current: FrozenSet[str], extended: _core.Model, added: Sequence[str]
     ) -> Iterator[Tuple[_core.Model, Optional[Fit]]]:
-        """Models to start from, and Fits whose levels are near."""
+        """Models to start from where score tests do not point to, and Fits whose levels are near."""
         base, tests = self.fits[current], self.test_beside(current)
-        for part in self.criteria.steps if step else self.criteria.steps[:1]:
-            yield stepped(extended, step, part), base
         for name in added:
             if tests.hidden(name):
                 for part in self.criteria.sizes:
@@ -281,6 +299,9 @@ class Search:
         start, nominal = self.fits[current], self.fits[frozenset()]
 
         def refit(name: str) -> Fit:
+            known = self._from_known(current - {name})
+            if known is not None:
+                return known
             model = start.model.copy()
             model.remove_effect(name)
             try:
