@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
-from scipy import stats
 
 from ground import _core
 from ground.analysis import held_out, likelihood
+from ground.analysis.distributions import student_limit
 from ground.analysis.likelihood import CAP, call
 from ground.annotations import Array, Document, Each, Flags
 from ground.errors import GroundError
@@ -251,4 +251,4 @@ def _half_width(off: Array, counts: Array) -> Optional[Array]:
     if clusters < 2:
         return None
     error = np.sqrt(clusters / (clusters - 1) * (off**2).sum(axis=0)) / counts.sum()
-    return np.asarray(stats.t.ppf(0.975, clusters - 1) * error)
+    return np.asarray(student_limit(0.025, clusters - 1) * error)

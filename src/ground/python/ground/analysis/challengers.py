@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Dict, FrozenSet, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
-from scipy import stats
 
 from ground.analysis import candidates, failure, unexplained
 from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.score_tests import ScoreTests, in_parts, solve, stepped
 from ground.annotations import Document
 from ground.errors import GroundError
@@ -152,5 +152,5 @@ def _lead(
     except GroundError:
         return None
     ratio = 2 * (fit.log_posterior - base.log_posterior)
-    threshold = float(stats.chi2.isf(search.criteria.level / count, 1))
+    threshold = chi_squared_limit(search.criteria.level / count, 1)
     return search.value(rest) + ratio - threshold - search.value(found.names)

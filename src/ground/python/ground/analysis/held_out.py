@@ -49,7 +49,8 @@ class Folds:
         each: Each = map,
     ) -> None:
         self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
-        self.parts = [[run] for run in runs] if len(runs) > 1 else quarters(runs[0])
+        # the whole's runs are thinned already; a quarter is thinned by itself
+        self.parts = [[run] for run in whole.runs] if len(runs) > 1 else quarters(runs[0])
         self.count = min(FOLDS, len(self.parts))
         self.fitted: List[Likelihood] = []
         self.tested: List[Likelihood] = []

@@ -10,10 +10,9 @@ import re
 from dataclasses import dataclass
 from typing import Callable, Dict, Optional, Sequence, Tuple
 
-from scipy import stats
-
 from ground import _core
 from ground.analysis import candidates, score_tests
+from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Document
@@ -178,7 +177,7 @@ def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     tests = {name: part.test((name,)) for part in parts for name in part.columns}
     gains = {name: gain for name, (gain, _) in tests.items()}
     best = max(gains, key=gains.__getitem__)
-    chance = min(1.0, len(tried) * float(stats.chi2.sf(gains[best], 1)))
+    chance = min(1.0, len(tried) * chi_squared_above(gains[best], 1))
     if chance > LEVEL or gains[best] < MIN_RATIO:
         return None
     kind, values, _ = tried[best]

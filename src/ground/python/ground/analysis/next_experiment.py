@@ -10,6 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.thinning import thinned
 from ground.annotations import Array, Document, Each
 from ground.errors import GroundError
 from ground.progress import Work
@@ -22,7 +23,7 @@ CLOCKS = (2, 5, 10, 20, 40)  # clocks of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
 LIFTS = (1.0, 0.6)
 RATE = 120.0  # rate of the mocap [Hz]
-MAX_REFITTED, BATCH = 12, 4  # experiments that are refitted in all, and in parallel
+MAX_REFITTED, BATCH = 12, 2  # experiments that are refitted in all, and in parallel
 MIN_DISAGREEMENT = 1.0  # standard deviations between rivals that an experiment needs to be proposed
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
 
@@ -113,11 +114,12 @@ def propose(
     if not rivals[0].fit.model.is_pair:
         return None  # the experiments to choose from are those of a left and a right thruster
     place, told = room or _core.RoomPlan(), work or Work()
+    noise, runs = runs[0].noise, [thinned(run) for run in runs]  # once for all experiments
     known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())
 
     def played(experiment: Experiment) -> Optional[float]:
-        found = _disagreement(rivals, experiment.schedule(), runs)
+        found = _disagreement(rivals, experiment.schedule(), noise)
         told.step()
         return found
 
@@ -129,7 +131,7 @@ def propose(
     def flown(experiment: Experiment) -> Optional[float]:
         try:
             schedule = experiment.schedule_in(place, rivals[0].fit.model)
-            return _disagreement(rivals, schedule, runs, known)
+            return _disagreement(rivals, schedule, noise, runs, known)
         except (ValueError, GroundError):
             return None
         finally:
@@ -140,8 +142,9 @@ def propose(
         told.more(min(MAX_REFITTED, len(found)), at_most=True)
         for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
             some = [experiment for _, experiment in found[at : at + BATCH]]
-            if found[at][0] <= best:
-                break  # a refit brings rivals closer to each other
+            # A refit brings rivals closer to each other, and clearer than clear is not needed.
+            if best >= min(found[at][0], CLEAR_DISAGREEMENT):
+                break
             for disagreement, experiment in zip(each(flown, some), some):
                 if disagreement and disagreement > best:
                     best, proposed = disagreement, experiment
@@ -190,21 +193,22 @@ def choices() -> Iterator[Experiment]:
 def _disagreement(
     rivals: Sequence[Rival],
     schedule: experiments.Schedule,
-    runs: List[_core.RunData],
+    noise: Array,
+    runs: Sequence[_core.RunData] = (),
     known: Optional[Mapping[str, float]] = None,
 ) -> Optional[float]:
     """Standard deviations that a new run puts between the two rivals that it distinguishes least.
-    `known`: the rivals' costs of the runs, to refit them to these and the new run. None when a
-    rival's motion is not finite."""
+    noise: of its poses; known: the rivals' costs of the runs, to refit them to these and the new run.
+    None when a rival's motion is not finite."""
     worst = np.inf
     try:
         for true, other in itertools.permutations(rivals, 2):
-            new = [_run(true.fit.model, schedule, runs[0].noise)]
+            new = [_run(true.fit.model, schedule, noise)]
             if known is None:
                 apart = _cost(other, new, False) - _cost(true, new, False)
             else:
-                apart = _cost(other, runs + new, True) - known[other.name]
-                apart -= _cost(true, runs + new, True) - known[true.name]
+                apart = _cost(other, [*runs, *new], True) - known[other.name]
+                apart -= _cost(true, [*runs, *new], True) - known[true.name]
             worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
     except GroundError:
         return None

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
-from scipy import stats
 
 from ground import _core
 from ground.analysis import residuals
+from ground.analysis.distributions import chi_squared_limit, mean_not_above_zero
 from ground.analysis.likelihood import CAP, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Flags
@@ -77,9 +77,7 @@ def _explained(
     for weigh in (_ridge, _sparse):
         gains = _held_out_gains(designs, targets, weigh)
         blocks = np.concatenate([_blocks(g) for g in gains])
-        chance = 1.0
-        if blocks.any():
-            chance = 2 * stats.ttest_1samp(blocks, 0, alternative="greater").pvalue
+        chance = 2 * mean_not_above_zero(blocks)
         found.append(
             Remains(float(min(1.0, chance)), float(blocks.sum()), float(2 * blocks.sum() / power))
         )
@@ -151,7 +149,7 @@ def _sparse(
         gain = slope**2 / np.maximum(np.diag(A), 1e-300)
         gain[chosen] = 0
         best = int(np.argmax(gain))
-        if gain[best] < stats.chi2.isf(LEVEL / len(b), 1):
+        if gain[best] < chi_squared_limit(LEVEL / len(b), 1):
             break
         chosen.append(best)
         weights = np.zeros(len(b))

@@ -22,11 +22,11 @@ from typing import (
 )
 
 import numpy as np
-from scipy import stats
 
 from ground import _core
 from ground.analysis import candidates as effects
 from ground.analysis.criteria import USUAL, Criteria
+from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.stages import Plan
@@ -115,8 +115,8 @@ class Search:
     def _threshold(self, size: int) -> float:
         if size not in self._thresholds:
             chance = self.criteria.level / max(1, len(self.candidates))
-            self._thresholds[size] = float(stats.chi2.isf(chance, size))
-        return float(self._thresholds[size])
+            self._thresholds[size] = chi_squared_limit(chance, size)
+        return self._thresholds[size]
 
     def _size(self, name: str) -> int:
         if name not in self._sizes:

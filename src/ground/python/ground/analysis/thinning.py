@@ -6,12 +6,10 @@ the work. At full thrust its error is at most a fifth of the noise of heading, a
 0.05 ms.
 """
 
-from typing import List
-
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array
+from ground.annotations import Array, Indices
 
 RATE = 50.0  # least rate after thinning [Hz]
 UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
@@ -25,7 +23,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
     count = int(1 / (RATE * step)) if step > 0 else 1
     if count < 2:
         return run
-    groups = np.array(_groups(times, step, count))
+    groups = _groups(times, step, count)
 
     def mean(values: Array) -> Array:
         return np.asarray(np.add.reduceat(np.array(values), groups, axis=0) / sizes[:, None])
@@ -46,10 +44,9 @@ def thinned(run: _core.RunData) -> _core.RunData:
     )
 
 
-def _groups(times: Array, step: float, count: int) -> List[int]:
+def _groups(times: Array, step: float, count: int) -> Indices:
     """First samples of groups of at most `count` that follow each other closely."""
-    firsts = [0]
-    for i in range(1, len(times)):
-        if i - firsts[-1] == count or times[i] - times[i - 1] > UNEVEN * step:
-            firsts.append(i)
-    return firsts
+    samples = np.arange(len(times))
+    begins = np.diff(times, prepend=-np.inf) > UNEVEN * step
+    since = samples - np.maximum.accumulate(np.where(begins, samples, 0))
+    return np.asarray(np.flatnonzero(since % count == 0))

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Iterable, List, Mapping, Optional, Sequence
 
 import numpy as np
-from scipy import stats
 
 from ground import _core
 from ground.analysis import candidates
+from ground.analysis.distributions import chi_squared_above, heads
 from ground.core_types import Estimate
 
 
@@ -83,5 +83,5 @@ def p_value(gain: float, free: int, on_bound: int) -> float:
     for moved in range(on_bound + 1):
         count = free - on_bound + moved
         if count > 0:
-            total += stats.binom.pmf(moved, on_bound, 0.5) * stats.chi2.sf(gain, count)
+            total += heads(moved, on_bound) * chi_squared_above(gain, count)
     return float(total)

@@ -11,8 +11,6 @@ import re
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
-from sklearn.linear_model import OrthogonalMatchingPursuit
-from sklearn.model_selection import GroupKFold
 
 from ground import _core
 from ground.analysis import failure, residuals, study
@@ -272,6 +270,8 @@ def _scores(prediction: Array, wrench: Array, groups: Indices) -> Array:
 
 
 def _folds(wrench: Array, groups: Indices) -> List[Indices]:
+    from sklearn.model_selection import GroupKFold  # slow to load
+
     count = min(FOLDS, len(np.unique(groups)))
     return [test for _, test in GroupKFold(count).split(wrench, groups=groups)]
 
@@ -287,6 +287,8 @@ def _cross_validated(columns: Array, wrench: Array, groups: Indices) -> Array:
 
 def _choose(columns: Array, wrench: Array, groups: Indices) -> List[int]:
     """Columns of the sparsest regression that is within a standard error of the best one."""
+    from sklearn.linear_model import OrthogonalMatchingPursuit  # slow to load
+
     scores = [np.zeros(len(_folds(wrench, groups)))]
     predictions = np.zeros((MAX_TERMS + 1, len(wrench)))
     for fold in _folds(wrench, groups):

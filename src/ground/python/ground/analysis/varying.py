@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Mapping, Tuple
 
 import numpy as np
-from scipy import stats
 
 from ground.analysis import candidates
+from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import ABSENT, Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 
@@ -101,4 +101,4 @@ def _chance_without(
     gain, other = ratio(held)
     if kind.time and other.levels[kind.time] > slowest:
         gain, _ = ratio({**held, kind.time: slowest})
-    return float(0.5 * stats.chi2.sf(gain, 1)) if gain > 0 else 1.0
+    return 0.5 * chi_squared_above(gain, 1) if gain > 0 else 1.0
