@@ -35,7 +35,8 @@ def diagnose(runs, heldout, model, thorough=False):
         return {"failed": str(error)}
     answer = {"seconds": time.perf_counter() - start, **_answer(found, conclusion)}
     if thorough:
-        report = diagnosis_report.of(found, conclusion, model.name, heldout)
+        report = diagnosis_report.begun(found, conclusion, model.name, heldout)
+        report = diagnosis_report.completed(report, found, conclusion)
         answer["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
         answer["next_experiment"] = report["next_experiment"]
         answer["where"] = [w["variable"] for w in report["unexplained"]["where"]]

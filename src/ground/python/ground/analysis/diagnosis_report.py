@@ -29,33 +29,20 @@ MIN_JUDGED = 3  # best effects whose errors are always in the report
 MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 
 
-def of(
+def begun(
     diagnosis: Diagnosis,
     conclusion: Conclusion,
     model_name: str,
     heldout: Sequence[_core.RunData] = (),
-    thorough: bool = False,
-    room: Optional[_core.RoomPlan] = None,
     findings: Sequence[Document] = (),
 ) -> Document:
-    """The report of a Diagnosis and its Conclusion; heldout: the runs that it was judged on.
-
-    thorough: gives the errors of all effects in the table, and plans the next experiment with all
-    runs; otherwise the errors of low-ranked effects are None. room: the _core.RoomPlan in which the
-    next experiment has to stay (4 x 4 m). findings: mistakes that the recordings look like.
-    """
-    nominal, best = diagnosis.nominal, diagnosis.best
+    """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
+    that it was judged on; findings: mistakes that the recordings look like."""
+    nominal = diagnosis.nominal
     names = [run.name for run in diagnosis.runs]
-    work = diagnosis.work
-    with work.stage(stages.REPEATING):
+    with diagnosis.work.stage(stages.REPEATING):
         nested = conclusion.nested
-    with work.stage(stages.ERRORS):
-        alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
-        budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
-        repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
-    proposed = _next_experiment(diagnosis, alike, thorough, room)
-    diagnosis.plan.planned()
-    report = {
+    return {
         "schema": SCHEMA,
         "model": model_name,
         "means": {n: e["summary"] for n, e in candidates.effects(nominal.model).items()},
@@ -70,10 +57,9 @@ def of(
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(best, nested),
+            "error": _errors(diagnosis.best, nested),
         },
         "noise_floor": conclusion.heldout_floor,
-        "candidates": described,
         "steps": [
             {"added": step.added, "error": _errors(step.fit, error), "group": list(step.group)}
             for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
@@ -84,15 +70,40 @@ def of(
         "memory": _memory(conclusion),
         "state": _remains(conclusion.state),
         "disturbance": _disturbance(diagnosis.fit),
+    }
+
+
+def completed(
+    report: Document,
+    diagnosis: Diagnosis,
+    conclusion: Conclusion,
+    thorough: bool = False,
+    room: Optional[_core.RoomPlan] = None,
+) -> Document:
+    """The whole report, from what `begun` returned.
+
+    thorough: gives the errors of all effects in the table, and plans the next experiment with all
+    runs; otherwise the errors of low-ranked effects are None. room: the _core.RoomPlan in which the
+    next experiment has to stay (4 x 4 m).
+    """
+    with diagnosis.work.stage(stages.ERRORS):
+        alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
+        budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
+        repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
+    proposed = _next_experiment(diagnosis, alike, thorough, room)
+    diagnosis.plan.planned()
+    left: Document = {"fraction": 0.0, "where": [], "proposal": None}
+    if conclusion.verdict in ("unexplained", "memory"):
+        left = _unexplained(diagnosis, conclusion)
+    return {
+        **report,
+        "candidates": described,
         "budget": _budget(budget_of_error),
         "repeats": repeated and dataclasses.asdict(repeated),
         "bands": banded,
         "next_experiment": proposed,
-        "unexplained": {"fraction": 0.0, "where": [], "proposal": None},
+        "unexplained": left,
     }
-    if conclusion.verdict in ("unexplained", "memory"):
-        report["unexplained"] = _unexplained(diagnosis, conclusion)
-    return report
 
 
 def _errors(

@@ -165,18 +165,30 @@ def regress(design: Array, values: Array, ridge: float = 0.0) -> Tuple[Array, Ar
     blocks = np.array_split(np.arange(len(values)), BLOCKS)
     normal = np.array([design[b].T @ design[b] for b in blocks])
     right = np.array([design[b].T @ values[b] for b in blocks])
-    weight = ridge * np.trace(normal.sum(axis=0)) / design.shape[1]
-    prior = weight * np.eye(design.shape[1])
-
-    def solve(a: Array, b: Array) -> Array:
-        return np.asarray(np.linalg.lstsq(a + prior, b, rcond=None)[0])
-
-    whole = solve(normal.sum(axis=0), right.sum(axis=0))
+    together, prior = normal.sum(axis=0), _prior(normal.sum(axis=0), ridge)
+    whole = _solved(together + prior, right.sum(axis=0))
     others = np.array(
-        [solve(normal.sum(axis=0) - a, right.sum(axis=0) - b) for a, b in zip(normal, right)]
+        [
+            _solved(together - a + prior, right.sum(axis=0) - b)
+            for a, b in zip(normal, right)
+        ]
     )
     spread = np.sqrt((BLOCKS - 1) / BLOCKS * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
     return whole, spread, others
+
+
+def _means(design: Array, values: Array, ridge: float) -> Array:
+    """The coefficients of `regress` alone."""
+    normal = design.T @ design
+    return _solved(normal + _prior(normal, ridge), design.T @ values)
+
+
+def _prior(normal: Array, ridge: float) -> Array:
+    return np.asarray(ridge * np.trace(normal) / len(normal) * np.eye(len(normal)))
+
+
+def _solved(normal: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0])
 
 
 def stride_of(times: Array) -> int:
@@ -369,7 +381,7 @@ def _accounted(
     total = (values**2).sum()
     rest = ((values - accounted) ** 2).sum()
     means = {
-        name: regress(design, accounted, RIDGE)[0].tolist()
+        name: _means(design, accounted, RIDGE).tolist()
         for name, _, design in _designs(responses, found)
     }
     return {"share": float(1 - rest / total) if total > 0 else 0.0, "mean": means}

@@ -16,6 +16,7 @@ from ground.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
 LAGS = 40  # number of lags of the auto-correlation [samples]
+BARTLETT_LAGS = 100  # lags over which residuals widen the band of that correlation [samples]
 INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [s]
 BAND = 0.99
 
@@ -109,16 +110,12 @@ def _with_input(
     if not now[good].std() > 0:
         return None
     # Bartlett: residuals that are not white make the correlation less certain.
-    widening = 1.0
-    centred, residual = now - now[good].mean(), np.where(good, values, 0.0)
-    for lag in range(1, min(100, len(values) // 4)):
-        widening += (
-            2
-            * np.mean(residual[lag:] * residual[:-lag])
-            / np.mean(residual**2)
-            * np.mean(centred[lag:] * centred[:-lag])
-            / np.mean(centred**2)
-        )
+    lags = min(BARTLETT_LAGS, len(values) // 4)
+    own, told_before = (
+        _products(series, lags) / np.mean(series**2)
+        for series in (np.where(good, values, 0.0), now - now[good].mean())
+    )
+    widening = 1 + 2 * float((own * told_before).sum())
     width = np.sqrt(max(1.0, widening) / good.sum())
     found = []
     for lag in INPUT_LAGS:
@@ -129,6 +126,15 @@ def _with_input(
         )
     judged = _judged(found, [width] * len(found))
     return dict({"lag_seconds": [float(lag) for lag in INPUT_LAGS]}, **judged)
+
+
+def _products(series: Array, lags: int) -> Array:
+    """Mean products of a series (n,) with itself, 1 to `lags` - 1 samples later."""
+    count = len(series)
+    spectrum = np.fft.rfft(series, 2 * count)  # padded, so that the end does not meet the start
+    sums = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count)
+    lag = np.arange(1, max(1, lags))
+    return np.asarray(sums[lag] / (count - lag))
 
 
 def _judged(found: Sequence[float], widths: Sequence[float]) -> Document:

@@ -4,7 +4,7 @@ import math
 import os
 import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -287,8 +287,14 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
             raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
 
 
-def solve(problem: Problem, kept: Unfinished, work: Work) -> Diagnosis:
-    """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done."""
+def solve(
+    problem: Problem,
+    kept: Unfinished,
+    work: Work,
+    told: Callable[[Document], None] = lambda report: None,
+) -> Diagnosis:
+    """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done;
+    told: called with the part of the report that the verdict needs, as soon as it is known."""
     room = problem.room()
     found, misread = _diagnosis(problem, kept, work), problem.misread
     if not misread:
@@ -302,9 +308,9 @@ def solve(problem: Problem, kept: Unfinished, work: Work) -> Diagnosis:
     conclusion = conclude(found, held, misread)
     work.note("verdict: %s" % conclusion.verdict)
     name, walls = problem.model.path or problem.model.name, room.core if room else None
-    report = diagnosis_report.of(
-        found, conclusion, name, held, problem.thorough, walls, problem.findings
-    )
+    report = diagnosis_report.begun(found, conclusion, name, held, problem.findings)
+    told(report)
+    report = diagnosis_report.completed(report, found, conclusion, problem.thorough, walls)
     return _result(problem, found, conclusion, report)
 
 

@@ -313,4 +313,13 @@ def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
 
 def short(values: Any) -> List[Optional[float]]:
     """Numbers with five digits, so that pages stay small; None for NaN."""
-    return [float("%.5g" % v) if np.isfinite(v) else None for v in np.asarray(values, float)]
+    given = np.asarray(values, float)
+    finite = np.isfinite(given)
+    size = np.abs(np.where(finite & (given != 0), given, 1.0))
+    digits = 4 - np.floor(np.log10(size))  # after the point
+    up, down = 10.0 ** np.maximum(digits, 0), 10.0 ** np.maximum(-digits, 0)
+    # Powers of ten are exact, so that the nearest float results, which is written in five digits.
+    found: List[Optional[float]] = (np.rint(given * up / down) / up * down).tolist()
+    for at in np.flatnonzero(~finite):
+        found[at] = None
+    return found

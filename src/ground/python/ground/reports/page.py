@@ -6,6 +6,7 @@ import gzip
 import html
 import json
 import string
+from concurrent.futures import ThreadPoolExecutor
 from typing import Dict, Iterable, List, Sequence
 
 from ground import files
@@ -149,6 +150,7 @@ class Page:
 
     def __init__(self, title: str) -> None:
         self.title = title
+        self._library = _packing().submit(_plotly)  # while the page grows
         self._body: List[str] = []
         self._figures: Dict[str, Document] = {}
 
@@ -232,12 +234,17 @@ class Page:
             faint=appearance.FAINT,
             chosen=appearance.CHOSEN,
             body="\n".join(self._body),
-            plotly=_plotly(),
+            plotly=self._library.result(),
             figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),
         )
         with files.new_file(path, force, again) as temporary:
             with open(temporary, "w", encoding="utf-8") as file:
                 file.write(text)
+
+
+@functools.lru_cache(maxsize=None)
+def _packing() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(1)
 
 
 @functools.lru_cache(maxsize=None)

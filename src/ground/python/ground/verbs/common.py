@@ -150,7 +150,7 @@ def angle(text: str) -> float:
 def say(arguments: argparse.Namespace, text: str = "") -> None:
     """Prints a line, unless the result is printed as JSON."""
     if not arguments.json:
-        print(text)
+        print(text, flush=True)  # at once, also into a pipe
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     # imported here because they are slow to load
     from ground.api import diagnosing
-    from ground.reports import diagnosis_files
+    from ground.reports import diagnosis_files, words
 
     work = arguments.work
     folder = diagnosis_files.Folder(arguments.output, arguments.force)
@@ -79,9 +79,14 @@ def run(arguments: argparse.Namespace) -> Document:
     )
     folder.prepare()
     kept = problem.unfinished(os.path.join(arguments.output, ".unfinished"))
-    found = diagnosing.solve(problem, kept, work)
+
+    def told(report: Document) -> None:
+        for line in words.concluded(report):
+            common.say(arguments, line)
+
+    found = diagnosing.solve(problem, kept, work, told)
     folder.write_numbers(found)
-    for line in found.sentences:
+    for line in words.described(found.report):
         common.say(arguments, line)
     with work.stage(common.PAGE), common.page(folder.page, folder.numbers):
         folder.write_page(found)
