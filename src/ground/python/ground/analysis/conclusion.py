@@ -19,6 +19,9 @@ from ground.recordings import windows
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 REFUSED = "it raises the error on the runs held out"
+# Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
+# multiples of the one from which it is excluded.
+CLOSE = 5.0
 FLOORS = 5  # simulations over which the noise floor is averaged
 
 
@@ -114,9 +117,12 @@ def _with_slight(found: Diagnosis) -> Fit:
 
 def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
     """Error of windows held out from both choice and fit. Each fold repeats the choice, beginning
-    with the effects found; each of them has to reach the threshold there again."""
+    with the effects found; each of them has to reach the threshold there again, and may be replaced by
+    those that all parts together hardly distinguish from it."""
     if heldout or not found.chosen:
         return _held_out(found, heldout)[-1]
+    whole, close = found.search, CLOSE * found.search.criteria.exclusion
+    swapped = {name: whole.rivals(found.names, name, close) for name in found.names}
 
     def choose(likelihood: Likelihood) -> Fit:
         search = Search(
@@ -124,11 +130,12 @@ def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
             found.given,
             study.free_parameters,
             found.candidates,
-            found.search.criteria,
+            whole.criteria,
             found.pool.map,
-            known=found.search.fits,
+            known=whole.fits,
+            swapped=swapped,
         )
-        search.nominal(replace(found.search.nominal(), loudness=()))
+        search.nominal(replace(whole.nominal(), loudness=()))
         return search.fits[search.run(near=replace(found.fit, loudness=()))]
 
     return float(found.folds.nested(choose, found.waiting.map).sum())

@@ -11,6 +11,8 @@ class Criteria:
     level: float = 0.01  # probability of choosing an effect although none is missing
     refitted: int = 4  # effects that are refitted in a step, best by score test first
     pairs: int = 2  # pairs that are refitted in a step
+    # least expected gain of what may be the best addition, relative to the largest expected gain
+    min_best_gain: float = 0.3
     min_gain: float = 3.0  # expected gain per parameter that a refit needs
     steps: Tuple[float, ...] = (
         1.0,

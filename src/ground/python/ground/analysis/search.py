@@ -40,7 +40,8 @@ class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
     items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results
     of the same call; holds(better, current): whether a grown set does better on held-out data,
-    too; known: fits of sets to nearly the same data, from which their fits start."""
+    too; known: fits of sets to nearly the same data, from which their fits start; swapped: the effects
+    that may be replaced, and by which others (None: all by all)."""
 
     def __init__(
         self,
@@ -54,6 +55,7 @@ class Search:
         kept: Optional[Unfinished] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
         known: Optional[Mapping[FrozenSet[str], Fit]] = None,
+        swapped: Optional[Mapping[str, Sequence[str]]] = None,
     ) -> None:
         self.likelihood = likelihood
         self.given = model
@@ -67,6 +69,7 @@ class Search:
         self.kept = kept or Unfinished()
         self.holds = holds
         self.known = known or {}
+        self.swapped = swapped
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
@@ -134,14 +137,28 @@ class Search:
         proposals = self._proposals(current)
         new = sum(current | set(p) not in self.fits for p in proposals)
         self.plan.round(new, self._coming(current), len(current))
-        self._fit_all(current, proposals)
-        fitted = [current | set(p) for p in proposals if current | set(p) in self.fits]
-        better = [s for s in fitted if self.value(s) > self.value(current)]
-        for best in sorted(better, key=self.value, reverse=True):
-            if self.holds(best, current):
-                return best
-            self._refused.setdefault(current, []).append(best)
+        for some in self._promising_first(current, proposals):
+            self._fit_all(current, some)
+            fitted = [current | set(p) for p in some if current | set(p) in self.fits]
+            better = [s for s in fitted if self.value(s) > self.value(current)]
+            for best in sorted(better, key=self.value, reverse=True):
+                if self.holds(best, current):
+                    return best
+                self._refused.setdefault(current, []).append(best)
         return None
+
+    def _promising_first(
+        self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]
+    ) -> List[List[Tuple[str, ...]]]:
+        """Proposals in two parts: those that may be the best by their score tests, and the others. All
+        in one part beside no effect, because a diagnosis shows what single effects do."""
+        if not current:
+            return [list(proposals)]
+        tests = self.test_beside(current)
+        gains = {proposal: tests.test(proposal)[0] for proposal in proposals}
+        least = self.criteria.min_best_gain * max(gains.values(), default=0.0)
+        first = [p for p in proposals if gains[p] >= least]
+        return [first, [p for p in proposals if gains[p] < least]]
 
     def refused(self, current: FrozenSet[str]) -> List[FrozenSet[str]]:
         """Larger sets that are likelier than `current` but refuted by held-out data."""
@@ -334,6 +351,8 @@ class Search:
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with one effect replaced by another; the same set without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
+        if self.swapped is not None:
+            names = [name for name in names if self.swapped.get(name)]
         self.plan.swaps(len(names))
         self._swapped |= set(names)
         self.without_each(current, names)
@@ -347,18 +366,20 @@ class Search:
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
         least = self.criteria.min_rival_gain * gains.pop(name)
+        allowed = gains if self.swapped is None else self.swapped[name]
         names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
+        names = [n for n in names if n in allowed]
         needed = {n: max(least, self.criteria.min_gain * self._size(n)) for n in names}
         proposals = [(n,) for n in names if gains[n] > needed[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
-    def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
-        """Effects that the data cannot distinguish from one of a set."""
-        behind = {}
+    def rivals(self, current: FrozenSet[str], name: str, behind: Optional[float] = None) -> List[str]:
+        """Effects that the data cannot distinguish from one of a set, the best first. behind: the
+        log-likelihood ratio from which a rival is left out (that which excludes it)."""
+        most = self.criteria.exclusion if behind is None else behind
+        by_rival = {}
         for other in self.swaps(current, name):
             (rival,) = other - current
-            behind[rival] = self.value(current) - self.value(other)
-        return [
-            n for n in sorted(behind, key=behind.__getitem__) if behind[n] < self.criteria.exclusion
-        ]
+            by_rival[rival] = self.value(current) - self.value(other)
+        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < most]
