@@ -2,7 +2,9 @@
 
 import argparse
 import copyreg
+import inspect
 import os
+import pickle
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Sequence, Tuple, Type, TypeVar
 
@@ -31,7 +33,8 @@ class Workers:
     scheduler: address of a Dask scheduler, None for this computer; its workers need this package (start
     them where setup.bash was sourced). processes: uses processes of this computer instead of threads,
     for work that holds the interpreter. With processes, and on a cluster, functions must be defined in
-    modules, and items and results must be picklable. Pickles are sent over the cluster's network:
+    modules, and items and results must be picklable. A cluster gets the data of a callable object, or of
+    a functools.partial, once, not with each item. Pickles are sent over the cluster's network:
     whoever can reach the scheduler can run code here. modules: files that a cluster's workers need
     besides this package. Raises GroundError when the scheduler does not answer.
     """
@@ -62,6 +65,11 @@ class Workers:
         if self._pool:
             self._pool.shutdown()
 
+    @property
+    def is_cluster(self) -> bool:
+        """Whether the work is done elsewhere."""
+        return self._client is not None
+
     def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
         """Yields work(item) in the order of the items; an exception of one is raised in its place."""
         if self._pool:
@@ -69,7 +77,14 @@ class Workers:
             return
         from distributed import KilledWorker
 
-        futures = self._client.map(work, list(items), pure=False, retries=RETRIES)
+        every = list(items)
+        if inspect.isfunction(work):
+            futures = self._client.map(work, every, pure=False, retries=RETRIES)
+        else:
+            # A task of its own, which is repeated if the worker that holds its result dies.
+            held = self._client.submit(pickle.loads, pickle.dumps(work), pure=False)
+            given = [held] * len(every)
+            futures = self._client.map(_call, given, every, pure=False, retries=RETRIES)
         try:
             for future in futures:
                 yield future.result()
@@ -79,6 +94,10 @@ class Workers:
             raise GroundError("a module is missing on the workers: %s" % error)
         finally:
             self._client.cancel(futures)
+
+
+def _call(work: Callable[[_T], _R], item: _T) -> _R:
+    return work(item)
 
 
 def _connect(address: str) -> Any:

@@ -11,7 +11,7 @@ their information gives. This widens the bands by 2% on the recordings of 2019, 
 few calm seconds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -31,6 +31,8 @@ UNITS = ("m", "m", "rad", "m/s", "m/s", "rad/s")
 POSE = CHANNELS[:3]  # measured; the velocities are smoothed from these
 SHORT = HORIZONS[0]  # time between starts inside a window, and their horizon [s]
 DRAWS = 59  # motions drawn; 5% of (DRAWS + 1) is whole, so that quantiles are order statistics
+_Task = Tuple[_core.RunData, likelihood.Fit, List[_core.Window], float]  # ..., expected loudness
+
 TOLERANCE = 0.05  # longest time from the last sample to the horizon [s]
 
 
@@ -94,20 +96,17 @@ def of_folds(folds: held_out.Folds, fit: likelihood.Fit) -> List[Bands]:
     end of a long horizon may lie in a quarter that was fitted to.
     """
     models, runs = folds.models(fit), folds.runs
+    tasks: List[_Task] = []
     if len(runs) > 1:
-
-        def one(i: int) -> Bands:
-            fold = i % folds.count
+        for i, run in enumerate(runs):
             cut = [w for w in folds.cut if w.run == i]
-            return _predict(runs[i], models[fold], cut, _loudness(fit, fold, folds.count))
-
-        return list(folds.each(one, range(len(runs))))
-
-    def quarter(i: int) -> Tuple[Prediction, ...]:
+            fold = i % folds.count
+            tasks.append((run, models[fold], cut, _loudness(fit, fold, folds.count)))
+        return _all_of(tasks, folds.each)
+    for i, model in enumerate(models):
         cut = [w for w, fold in zip(folds.cut, folds.fold_of) if fold == i]
-        return _predict(runs[0], models[i], cut, _loudness(fit)).predictions
-
-    found = [p for part in folds.each(quarter, range(folds.count)) for p in part]
+        tasks.append((runs[0], model, cut, _loudness(fit)))
+    found = [p for part in _all_of(tasks, folds.each) for p in part.predictions]
     return [Bands(runs[0], tuple(sorted(found, key=lambda p: float(p.times[0]))))]
 
 
@@ -120,11 +119,18 @@ def of_others(
     each: maps a function over items, in parallel if it can.
     """
     cut = windows.spread(windows.cut(runs), most)
+    return _all_of(
+        [
+            (run, fit, [w for w in cut if w.run == i], _loudness(fit))
+            for i, run in enumerate(runs)
+        ],
+        each,
+    )
 
-    def one(i: int) -> Bands:
-        return _predict(runs[i], fit, [w for w in cut if w.run == i], _loudness(fit))
 
-    return list(each(one, range(len(runs))))
+def _all_of(tasks: Sequence[_Task], each: Each) -> List[Bands]:
+    """Bands of each task's own run, not of a worker's copy."""
+    return [replace(found, run=task[0]) for task, found in zip(tasks, each(_predict, tasks))]
 
 
 def _loudness(fit: likelihood.Fit, fold: Optional[int] = None, count: int = 1) -> float:
@@ -133,10 +139,9 @@ def _loudness(fit: likelihood.Fit, fold: Optional[int] = None, count: int = 1) -
     return float(np.mean(known)) if known else 0.0
 
 
-def _predict(
-    run: _core.RunData, fit: likelihood.Fit, cut: Sequence[_core.Window], loudness: float
-) -> Bands:
+def _predict(task: _Task) -> Bands:
     """Bands of a run from starts in its windows; without predictions if a motion is not finite."""
+    run, fit, cut, loudness = task
     times = np.array(run.times)
     starts, horizons = _starts(times, cut)
     box = call(_core.GreyBox, [run], fit.model)

@@ -1,5 +1,6 @@
 """Effects that may be missing in a model: those of the library, and a user's from YAML files."""
 
+import functools
 import math
 import os
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ class Candidate:
     """An effect that can be added to a model."""
 
     name: str
-    add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect
+    add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect; can be pickled
 
     def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""
@@ -42,15 +43,16 @@ class Candidate:
 def of_library(name: str) -> Candidate:
     """The Candidate of that name; GroundError, which lists the known ones, if there is none."""
 
-    def add(model: _core.Model) -> _core.Model:
-        extended = model.copy()
-        try:
-            extended.add_effect(name)
-        except (ValueError, RuntimeError) as error:
-            raise GroundError(str(error))
-        return extended
+    return Candidate(name, functools.partial(_with_effect, name))
 
-    return Candidate(name, add)
+
+def _with_effect(name: str, model: _core.Model) -> _core.Model:
+    extended = model.copy()
+    try:
+        extended.add_effect(name)
+    except (ValueError, RuntimeError) as error:
+        raise GroundError(str(error))
+    return extended
 
 
 def effects(model: Optional[_core.Model] = None) -> Dict[str, EffectInfo]:
@@ -104,16 +106,18 @@ def from_entry(entry: Document, source: str, model: Optional[_core.Model] = None
 
 
 def _from_text(text: str, source: str, model: Optional[_core.Model]) -> Candidate:
-    def add(model: _core.Model) -> _core.Model:
-        try:
-            return _core.with_effect(model, text, source)
-        except RuntimeError as error:
-            raise GroundError(str(error))
-
+    add = functools.partial(_with_text, text, source)
     bare = _core.Model() if model is None else model.copy()
     for effect in bare.effects:
         bare.remove_effect(effect)
     return Candidate(add(bare).effects[0], add)
+
+
+def _with_text(text: str, source: str, model: _core.Model) -> _core.Model:
+    try:
+        return _core.with_effect(model, text, source)
+    except RuntimeError as error:
+        raise GroundError(str(error))
 
 
 def named(effect: str, model: _core.Model) -> Candidate:

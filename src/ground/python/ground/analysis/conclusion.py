@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, Optional, Sequence
+from typing import List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -10,9 +10,10 @@ from ground import _core
 from ground.analysis import bands, budget, memory, remains, repeats, stages, study, varying
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.refits import Fitting
 from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
-from ground.annotations import Document
+from ground.annotations import Document, Each
 from ground.core_types import FittedParameter
 from ground.recordings import windows
 
@@ -123,22 +124,26 @@ def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
         return _held_out(found, heldout)[-1]
     whole, close = found.search, CLOSE * found.search.criteria.exclusion
     swapped = {name: whole.rivals(found.names, name, close) for name in found.names}
+    fitting = replace(whole.fitting, known=whole.fits)
+    choice = _Choice(fitting, found.fit, whole.nominal(), swapped, found.inside)
+    return float(found.folds.nested(choice, found.each_of_many).sum())
 
-    def choose(likelihood: Likelihood) -> Fit:
-        search = Search(
-            likelihood,
-            found.given,
-            study.free_parameters,
-            found.candidates,
-            whole.criteria,
-            found.pool.map,
-            known=whole.fits,
-            swapped=swapped,
-        )
-        search.nominal(replace(whole.nominal(), loudness=()))
-        return search.fits[search.run(near=replace(found.fit, loudness=()))]
 
-    return float(found.folds.nested(choose, found.waiting.map).sum())
+@dataclass(frozen=True)
+class _Choice:
+    """Chooses effects for a part of the runs, beginning with those that were found for all of them."""
+
+    fitting: Fitting  # to all runs
+    found: Fit
+    nominal: Fit
+    swapped: Mapping[str, Sequence[str]]
+    each: Each
+
+    def __call__(self, likelihood: Likelihood) -> Fit:
+        fitting = replace(self.fitting, likelihood=likelihood)
+        search = Search(fitting, self.each, swapped=self.swapped)
+        search.nominal(replace(self.nominal, loudness=()))
+        return search.fits[search.run(near=replace(self.found, loudness=()))]
 
 
 def _bands(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:

@@ -24,10 +24,12 @@ from ground.analysis import (
 from ground.analysis.candidates import Candidate
 from ground.analysis.criteria import Criteria
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
 from ground.analysis.unfinished import Unfinished
+from ground.annotations import Each
 from ground.core_types import Estimate
 from ground.progress import Work
 
@@ -57,7 +59,8 @@ class Diagnosis:
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
     cores; work: told of what is done; kept: Unfinished results of the same call;
-    most: largest number of windows over which the error is taken.
+    most: largest number of windows over which the error is taken; each: maps pieces of work, which can
+    be pickled, over items (None: in the threads).
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class Diagnosis:
         work: Optional[Work] = None,
         kept: Optional[Unfinished] = None,
         most: float = study.MAX_WINDOWS,
+        each: Optional[Each] = None,
     ) -> None:
         self.runs = runs
         self.given = model
@@ -82,6 +86,12 @@ class Diagnosis:
         self.pool = ThreadPoolExecutor(self.threads)
         # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING_THREADS if self.threads > 1 else 1)
+        self.each: Each = each or self.pool.map
+        # The same for pieces of work that map over others themselves, and for these.
+        self.each_of_many: Each = each or self.waiting.map
+        self.inside: Each = map
+        if each is None:
+            self.inside = self.pool.map
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -95,7 +105,8 @@ class Diagnosis:
         self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.plan.begin()
         with self.work.stage(stages.FITTING):
-            self.varied = Likelihood(runs, model, threads=self.threads)  # everything that may differ between runs does
+            # everything that may differ between runs does
+            self.varied = Likelihood(runs, model, threads=self.threads)
             fit = self.varied.fit(model, study.free_parameters(model))
             self._begin(varying.differences(self.varied, fit), fit)
 
@@ -104,14 +115,17 @@ class Diagnosis:
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.pool.map)
-        self.search = Search(
+        self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.each)
+        fitting = Fitting(
             self.likelihood,
             self.given,
             study.free_parameters,
-            self.candidates,
+            {candidate.name: candidate for candidate in self.candidates},
             Criteria() if self.budget is None else Criteria(refitted=self.budget),
-            self.pool.map,
+        )
+        self.search = Search(
+            fitting,
+            self.each,
             self.plan,
             self.kept,
             lambda better, current: self._refuted(better, current) is None,

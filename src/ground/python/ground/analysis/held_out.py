@@ -1,6 +1,7 @@
 """Simulation error and log-likelihood of models on runs that they were not fitted to."""
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Callable, Dict, List, Sequence, Tuple
 
@@ -71,11 +72,7 @@ class Folds:
 
     def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, starting from a Fit to all runs; its levels are kept."""
-        return list(self.each(lambda i: self._without(fit, i), range(self.count)))
-
-    def _without(self, fit: Fit, fold: int) -> Fit:
-        near = dataclasses.replace(fit, loudness=())
-        return self.fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
+        return list(self.each(functools.partial(_refitted, self.fitted, fit), range(self.count)))
 
     def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs."""
@@ -87,20 +84,8 @@ class Folds:
             study.channel_errors(self.runs, self.cut, fit.model),
             np.average(heldout, axis=0, weights=self._samples()),
             heldout.sum(axis=1),
-            tuple(self.each(lambda i: self._likelihood(i, refitted[i]), range(self.count))),
+            tuple(self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))),
         )
-
-    def _likelihood(self, fold: int, fit: Fit) -> Array:
-        """Log-likelihood of a fold's blocks by a Fit to the others. Noise and disturbance are those of
-        the fold itself: what is judged is the motion, and a model that leaves less to the disturbance
-        would else be too sure of runs that differ from those it was fitted to. -inf for all blocks
-        together where the motion is not finite."""
-        tested = self.tested[fold]
-        try:
-            own = tested.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
-        except GroundError:
-            return np.array([-np.inf])
-        return np.concatenate(tested.blocks(own, own.loudness))
 
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
         """Mean |e|/s (3,) over windows, each by a model that was chosen and fitted without it.
@@ -123,6 +108,25 @@ class Folds:
 
     def _samples(self) -> List[int]:
         return [w.last - w.first + 1 for w in self.cut]
+
+
+def _refitted(fitted: Sequence[Likelihood], fit: Fit, fold: int) -> Fit:
+    """A Fit to all runs, its parameters refitted without a fold."""
+    near = dataclasses.replace(fit, loudness=())
+    return fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
+
+
+def _blocks(tested: Sequence[Likelihood], fits: Sequence[Fit], fold: int) -> Array:
+    """Log-likelihood of a fold's blocks by a Fit to the others. Noise and disturbance are those of
+    the fold itself: what is judged is the motion, and a model that leaves less to the disturbance
+    would else be too sure of runs that differ from those it was fitted to. -inf for all blocks
+    together where the motion is not finite."""
+    likelihood, fit = tested[fold], fits[fold]
+    try:
+        own = likelihood.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+    except GroundError:
+        return np.array([-np.inf])
+    return np.concatenate(likelihood.blocks(own, own.loudness))
 
 
 def gain(better: Judged, worse: Judged) -> Tuple[float, float]:

@@ -82,11 +82,16 @@ class Likelihood:
         threads: int = 1,
     ) -> None:
         self.runs = [thinned(run) for run in runs]
+        self.craft = craft
         self.varying = frozenset(varying)
         self.threads = threads
         self.box = call(_core.GreyBox, self.runs, craft)
         usual = self.box.start(craft).levels
         self.absent = {level: ABSENT * usual[level] for level in VARYING - self.varying}
+
+    def __reduce__(self) -> Tuple[Any, ...]:
+        """Pickled for a worker, which has one thread."""
+        return Likelihood, (self.runs, self.craft, self.varying)
 
     def fit(
         self,

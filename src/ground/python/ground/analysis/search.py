@@ -7,12 +7,10 @@ number of effects.
 """
 
 import itertools
-from dataclasses import replace
 from typing import (
     Callable,
     Dict,
     FrozenSet,
-    Iterator,
     List,
     Mapping,
     Optional,
@@ -21,54 +19,40 @@ from typing import (
     Tuple,
 )
 
-import numpy as np
-
-from ground import _core
 from ground.analysis import candidates as effects
-from ground.analysis.criteria import USUAL, Criteria
 from ground.analysis.distributions import chi_squared_limit
-from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.score_tests import ScoreTests, stepped
+from ground.analysis.likelihood import Fit
+from ground.analysis.refits import Extension, Fitting, Reduction
+from ground.analysis.score_tests import ScoreTests
 from ground.analysis.stages import Plan
 from ground.analysis.unfinished import Unfinished
 from ground.annotations import Each
-from ground.errors import GroundError
-from ground.recordings import windows
 
 
 class Search:
-    """Sets of effects added to a model, on the runs of a Likelihood. each: maps a function over
-    items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results
-    of the same call; holds(better, current): whether a grown set does better on held-out data,
-    too; known: fits of sets to nearly the same data, from which their fits start; swapped: the effects
-    that may be replaced, and by which others (None: all by all)."""
+    """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over
+    items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results of
+    the same call; holds(better, current): whether a grown set does better on held-out data, too;
+    swapped: the effects that may be replaced, and by which others (None: all by all)."""
 
     def __init__(
         self,
-        likelihood: Likelihood,
-        model: _core.Model,
-        free_of: Callable[[_core.Model], Sequence[str]],
-        candidates: Sequence[effects.Candidate],
-        criteria: Criteria = USUAL,
+        fitting: Fitting,
         each: Each = map,
         plan: Optional[Plan] = None,
         kept: Optional[Unfinished] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
-        known: Optional[Mapping[FrozenSet[str], Fit]] = None,
         swapped: Optional[Mapping[str, Sequence[str]]] = None,
     ) -> None:
-        self.likelihood = likelihood
-        self.given = model
-        self.free_of = free_of
-        self.candidates = {c.name: c for c in candidates}
+        self.fitting = fitting
+        self.likelihood, self.given = fitting.likelihood, fitting.given
+        self.candidates, self.criteria = fitting.candidates, fitting.criteria
         self._sizes: Dict[str, int] = {}  # parameters of an effect
         self._thresholds: Dict[int, float] = {}  # by number of parameters
-        self.criteria = criteria
         self.each = each
         self.plan = plan or Plan()
         self.kept = kept or Unfinished()
         self.holds = holds
-        self.known = known or {}
         self.swapped = swapped
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
@@ -79,7 +63,9 @@ class Search:
     def nominal(self, near: Optional[Fit] = None) -> Fit:
         """The Fit of the model as it is."""
         if frozenset() not in self.fits:
-            self.fits[frozenset()] = self.likelihood.fit(self.given, self.free_of(self.given), near)
+            self.fits[frozenset()] = self.likelihood.fit(
+                self.given, self.fitting.free_of(self.given), near
+            )
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
@@ -178,7 +164,7 @@ class Search:
         turned: List[Tuple[str, ...]] = [
             (n,)
             for n in rest
-            if (n,) not in chosen and (self._has_starts(n) or (current and tests.hidden(n)))
+            if (n,) not in chosen and (self.fitting.has_starts(n) or (current and tests.hidden(n)))
         ]
         pairs: Dict[Tuple[str, ...], float] = {}
         for pair in itertools.combinations(rest, 2):
@@ -206,106 +192,16 @@ class Search:
             rest.remove(best)
         return len(chosen)
 
-    def _has_starts(self, name: str) -> bool:
-        """Whether an effect has minima far from its neutral parameters."""
-        return len(list(self.candidates[name].starts(self.given))) > 1
-
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
-        base, varying = self.fits[current].model.format(), sorted(self.likelihood.varying)
-
-        def refit(added: Tuple[str, ...]) -> Optional[Fit]:
-            found = self.kept.result(
-                ("fit", varying, base, added), lambda: self._refit(current, added)
-            )
+        base, varying = self.fits[current].model.format(), sorted(self.fitting.likelihood.varying)
+        extend = Extension(self.fitting, current, self.fits[current], self.test_beside(current))
+        parts = [("fit", varying, base, added) for added in wanted]
+        for added, fit in zip(wanted, self.kept.results(parts, extend, wanted, self.each)):
             self.plan.work.step()
-            return found
-
-        self.test_beside(current)  # computed before threads need it
-        for proposal, fit in zip(wanted, self.each(refit, wanted)):
             if fit is not None:
-                self.fits[current | set(proposal)] = fit
-
-    def _refit(self, current: FrozenSet[str], added: Tuple[str, ...]) -> Optional[Fit]:
-        """The likeliest fit with added effects, from the known fit or else from the steps of the score
-        tests and the effects' own starts."""
-        known = self._from_known(current | set(added))
-        if known is not None:
-            return known
-        base, tests = self.fits[current], self.test_beside(current)
-        extended = base.model
-        for name in added:
-            extended = self.candidates[name].neutral(extended)
-        found: List[Fit] = []
-        for start in self._steps(extended, tests, added):
-            found += self._fit_from(start, base)
-            if found and found[-1].log_posterior > base.log_posterior + 1:
-                break
-        for start, near in self._unseen_starts(current, extended, added):
-            found += self._fit_from(start, near)
-        return max(found, key=lambda fit: fit.log_posterior, default=None)
-
-    def _fit_from(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
-        """The fit from a start, as a list; an empty one where it cannot be simulated."""
-        try:
-            return [self.likelihood.fit(start, self.free_of(start), near)]
-        except GroundError:
-            return []
-
-    def _from_known(self, names: FrozenSet[str]) -> Optional[Fit]:
-        """The fit of a set from its known one; None without one."""
-        known = self.known.get(names)
-        found = [] if known is None else self._fit_from(known.model, replace(known, loudness=()))
-        return found[0] if found else None
-
-    def _steps(
-        self, extended: _core.Model, tests: ScoreTests, added: Sequence[str]
-    ) -> Iterator[_core.Model]:
-        """Models to start from: parts of the score test's step. Where the test sees no more than what
-        the fitted parameters do as well, all parts are the same."""
-        _, step = tests.test(added)
-        all_the_same = not step or any(tests.hidden(name) for name in added)
-        for part in self.criteria.steps[:1] if all_the_same else self.criteria.steps:
-            yield stepped(extended, step, part)
-
-    def _unseen_starts(
-        self, current: FrozenSet[str], extended: _core.Model, added: Sequence[str]
-    ) -> Iterator[Tuple[_core.Model, Optional[Fit]]]:
-        """Models to start from where score tests do not point to, and Fits whose levels are near."""
-        base, tests = self.fits[current], self.test_beside(current)
-        for name in added:
-            if tests.hidden(name):
-                for part in self.criteria.sizes:
-                    yield stepped(extended, tests.in_place(name, part)), base
-        if not current and len(added) == 1:
-            for other in self._far_starts(added[0]):
-                yield other, None
-
-    def _far_starts(self, name: str) -> List[_core.Model]:
-        """Models with an effect far from neutral from which a fit should start. The other
-        parameters may be far from the right ones, too; a quick fit by simulation error finds
-        them."""
-        neutral, *others = self.candidates[name].starts(self.given)
-        if not others:
-            return []
-        runs = self.likelihood.runs
-        problem = windows.problem(runs, windows.spread(windows.cut(runs), self.criteria.windows))
-
-        def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
-            """The error and the fit from a start; infinite where it cannot be simulated."""
-            try:
-                found = problem.fit(model, self.free_of(model), threads=1)
-            except (RuntimeError, ValueError):
-                return np.inf, model
-            return found["objective"], found["model"]
-
-        least = fitted(neutral)[0]
-        return [
-            model
-            for error, model in (fitted(other) for other in others)
-            if error < self.criteria.max_far_error * least
-        ]
+                self.fits[current | set(added)] = fit
 
     def without(self, current: FrozenSet[str], name: str) -> FrozenSet[str]:
         """A set without one of its effects, fitted."""
@@ -313,24 +209,9 @@ class Search:
 
     def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
         """Fitted sets, each without one of the effects."""
-        start, nominal = self.fits[current], self.fits[frozenset()]
-
-        def refit(name: str) -> Fit:
-            known = self._from_known(current - {name})
-            if known is not None:
-                return known
-            model = start.model.copy()
-            model.remove_effect(name)
-            try:
-                return self.likelihood.fit(model, self.free_of(model), start)
-            except GroundError:  # the others are unstable without it
-                neutral = nominal.model
-                for other in sorted(current - {name}):
-                    neutral = self.candidates[other].neutral(neutral)
-                return self.likelihood.fit(neutral, self.free_of(neutral), nominal)
-
+        reduce = Reduction(self.fitting, current, self.fits[current], self.fits[frozenset()])
         wanted = [name for name in names if current - {name} not in self.fits]
-        for name, fit in zip(wanted, self.each(refit, wanted)):
+        for name, fit in zip(wanted, self.each(reduce, wanted)):
             self.fits[current - {name}] = fit
         return [current - {name} for name in names]
 

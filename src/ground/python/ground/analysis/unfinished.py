@@ -14,15 +14,16 @@ import os
 import re
 import threading
 import zipfile
-from typing import Any, Callable, Dict, List, Optional, Sequence, Type, TypeVar, cast
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Type, TypeVar, cast
 
 import numpy as np
 
 from ground import _core, files
-from ground.annotations import Array
+from ground.annotations import Array, Each
 from ground.errors import GroundError
 
 _T = TypeVar("_T")
+_Item = TypeVar("_Item")
 
 NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # names of files written by this and earlier versions
 _classes: Dict[str, type] = {}  # full name -> dataclass
@@ -56,26 +57,56 @@ class Unfinished:
 
     def result(self, part: Any, compute: Callable[[], _T]) -> _T:
         """Result of compute(), or of an earlier call; the repr of `part` identifies it."""
+        (found,) = self.results([part], lambda _: compute(), [None], map)
+        return found
+
+    def results(
+        self,
+        parts: Sequence[Any],
+        work: Callable[[_Item], _T],
+        items: Sequence[_Item],
+        each: Each,
+    ) -> Iterator[_T]:
+        """Results of work(item) for each item, or of an earlier call; the repr of each of `parts`
+        identifies one. each: maps the work over the items that are left."""
+        paths = [self._path(part) for part in parts]
+        earlier = [self._earlier(path) for path in paths]
+        fresh = iter(each(work, [item for item, e in zip(items, earlier) if not e]))
+        for path, known in zip(paths, earlier):
+            if known:
+                yield cast(_T, known[0])
+                continue
+            found = next(fresh)
+            self._keep(path, found)
+            yield found
+
+    def _path(self, part: Any) -> str:
+        """Path of the file for a part; empty where nothing is kept."""
         if not self._folder:
-            return compute()
+            return ""
         name = hashlib.sha256(self._identity + repr(part).encode()).hexdigest()
-        path = os.path.join(self._folder, name + ".npz")
+        return os.path.join(self._folder, name + ".npz")
+
+    def _earlier(self, path: str) -> List[Any]:
+        """The result in a file, as a list; an empty one without it."""
+        if not path:
+            return []
         try:
             with open(path, "rb") as file:
                 kept = _unpacked(file.read())
         except Exception:
-            pass  # absent, damaged or foreign: parsing may raise anything
-        else:
-            with self._lock:
-                self.taken += 1
-            return cast(_T, kept)
-        found = compute()
+            return []  # absent, damaged or foreign: parsing may raise anything
+        with self._lock:
+            self.taken += 1
+        return [kept]
+
+    def _keep(self, path: str, found: Any) -> None:
         # a result that cannot be kept is computed again next time
         with contextlib.suppress(GroundError, OSError):
-            with files.new_file(path, force=True) as temporary:
-                with open(temporary, "wb") as file:
-                    file.write(_packed(found))
-        return found
+            if path:
+                with files.new_file(path, force=True) as temporary:
+                    with open(temporary, "wb") as file:
+                        file.write(_packed(found))
 
     def done(self) -> None:
         """Deletes the kept results; foreign files stay."""

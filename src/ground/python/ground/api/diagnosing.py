@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequ
 
 import numpy as np
 
-from ground import _core, origin
+from ground import _core, origin, workers
 from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
 from ground.analysis.conclusion import MISREAD, Conclusion, conclude
 from ground.analysis.unfinished import Unfinished
@@ -181,6 +181,7 @@ def diagnose(
     everything: bool = False,
     as_recorded: bool = False,
     resume: Optional[Path] = None,
+    scheduler: Optional[str] = None,
     progress: Progress = None,
 ) -> Diagnosis:
     """Which physical effects are missing in a model, with evidence, and the model with them.
@@ -193,7 +194,8 @@ def diagnose(
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
     not usable. as_recorded: diagnoses recordings that look misread (swapped channels, wrong signs, units
     or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps
-    finished parts, so that an interrupted diagnosis can be resumed. progress: called with a
+    finished parts, so that an interrupted diagnosis can be resumed. scheduler: of a Dask cluster that
+    does the fits, as for `compare`. progress: called with a
     ground.progress.Report at each step. GroundError when a file cannot be read, there is no such
     effect or the recordings are too short.
 
@@ -220,7 +222,8 @@ def diagnose(
         as_recorded=as_recorded,
     )
     kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
-    found = solve(problem, kept, work)
+    with workers.Workers(scheduler) as team:
+        found = solve(problem, kept, work, team)
     kept.done()
     return found
 
@@ -291,17 +294,19 @@ def solve(
     problem: Problem,
     kept: Unfinished,
     work: Work,
+    team: workers.Workers,
     told: Callable[[Document], None] = lambda report: None,
 ) -> Diagnosis:
     """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done;
-    told: called with the part of the report that the verdict needs, as soon as it is known."""
+    team: does the fits; told: called with the part of the report that the verdict needs, as soon as it
+    is known."""
     room = problem.room()
-    found, misread = _diagnosis(problem, kept, work), problem.misread
+    found, misread = _diagnosis(problem, kept, work, team), problem.misread
     if not misread:
         found.grow()
         if problem.is_turned and "heading_offset" not in found.model.effects:
             # The search has not found what the commands show: what it found instead is not physics.
-            found, misread = _diagnosis(problem, kept, work), True
+            found, misread = _diagnosis(problem, kept, work, team), True
     if kept.taken:
         work.note("%d results of an interrupted diagnosis taken over" % kept.taken)
     held = problem.held.data
@@ -314,7 +319,9 @@ def solve(
     return _result(problem, found, conclusion, report)
 
 
-def _diagnosis(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diagnosis:
+def _diagnosis(
+    problem: Problem, kept: Unfinished, work: Work, team: workers.Workers
+) -> diagnosis.Diagnosis:
     """The model as it is, refitted."""
     return diagnosis.Diagnosis(
         problem.runs,
@@ -324,6 +331,7 @@ def _diagnosis(problem: Problem, kept: Unfinished, work: Work) -> diagnosis.Diag
         work=work,
         kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
+        each=team.map if team.is_cluster else None,
     )
 
 

@@ -3,6 +3,7 @@
 import argparse
 import os
 
+from ground import workers
 from ground.analysis import candidates, criteria
 from ground.annotations import Document
 from ground.api.recordings import Part
@@ -53,6 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="room of the next experiment (that of the first run that has one, else 4 x 4 m)",
     )
     common.add_misread_argument(parser)
+    workers.add_scheduler_argument(parser)
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -84,7 +86,8 @@ def run(arguments: argparse.Namespace) -> Document:
         for line in words.concluded(report):
             common.say(arguments, line)
 
-    found = diagnosing.solve(problem, kept, work, told)
+    with workers.Workers(arguments.scheduler) as team:
+        found = diagnosing.solve(problem, kept, work, team, told)
     folder.write_numbers(found)
     for line in words.described(found.report):
         common.say(arguments, line)

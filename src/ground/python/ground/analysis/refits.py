@@ -1,0 +1,148 @@
+"""Fits of a set of effects that is extended by others: pieces of work that any worker can do."""
+
+from dataclasses import dataclass, field, replace
+from typing import Callable, FrozenSet, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis.candidates import Candidate
+from ground.analysis.criteria import Criteria
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.score_tests import ScoreTests, stepped
+from ground.errors import GroundError
+from ground.recordings import windows
+
+FreeOf = Callable[[_core.Model], Sequence[str]]  # names of a model's free parameters
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """What all fits of sets of effects need: a model, and the effects by name."""
+
+    likelihood: Likelihood
+    given: _core.Model
+    free_of: FreeOf
+    candidates: Mapping[str, Candidate]
+    criteria: Criteria
+    known: Mapping[FrozenSet[str], Fit] = field(default_factory=dict)
+    # fits of sets to nearly the same data, from which their fits start
+
+    def has_starts(self, name: str) -> bool:
+        """Whether an effect has minima far from its neutral parameters."""
+        return len(list(self.candidates[name].starts(self.given))) > 1
+
+    def from_start(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
+        """The fit from a start, as a list; an empty one where it cannot be simulated."""
+        try:
+            return [self.likelihood.fit(start, self.free_of(start), near)]
+        except GroundError:
+            return []
+
+    def from_known(self, names: FrozenSet[str]) -> Optional[Fit]:
+        """The fit of a set from its known one; None without one."""
+        known = self.known.get(names)
+        found = [] if known is None else self.from_start(known.model, replace(known, loudness=()))
+        return found[0] if found else None
+
+
+@dataclass(frozen=True)
+class Extension:
+    """Fits a fitted set of effects with others added."""
+
+    fitting: Fitting
+    current: FrozenSet[str]
+    base: Fit  # of the set
+    tests: ScoreTests  # of all other effects beside it
+
+    def __call__(self, added: Tuple[str, ...]) -> Optional[Fit]:
+        """The likeliest fit with added effects, from the known fit or else from the steps of the score
+        tests and the effects' own starts."""
+        known = self.fitting.from_known(self.current | set(added))
+        if known is not None:
+            return known
+        extended = self.base.model
+        for name in added:
+            extended = self.fitting.candidates[name].neutral(extended)
+        found: List[Fit] = []
+        for start in self._steps(extended, added):
+            found += self.fitting.from_start(start, self.base)
+            if found and found[-1].log_posterior > self.base.log_posterior + 1:
+                break
+        for start, near in self._unseen_starts(extended, added):
+            found += self.fitting.from_start(start, near)
+        return max(found, key=lambda fit: fit.log_posterior) if found else None
+
+    def _steps(self, extended: _core.Model, added: Sequence[str]) -> Iterator[_core.Model]:
+        """Models to start from: parts of the score test's step. Where the test sees no more than what
+        the fitted parameters do as well, all parts are the same."""
+        _, step = self.tests.test(added)
+        all_the_same = not step or any(self.tests.hidden(name) for name in added)
+        steps = self.fitting.criteria.steps
+        for part in steps[:1] if all_the_same else steps:
+            yield stepped(extended, step, part)
+
+    def _unseen_starts(
+        self, extended: _core.Model, added: Sequence[str]
+    ) -> Iterator[Tuple[_core.Model, Optional[Fit]]]:
+        """Models to start from where score tests do not point to, and Fits whose levels are near."""
+        for name in added:
+            if self.tests.hidden(name):
+                for part in self.fitting.criteria.sizes:
+                    yield stepped(extended, self.tests.in_place(name, part)), self.base
+        if not self.current and len(added) == 1:
+            for other in self._far_starts(added[0]):
+                yield other, None
+
+    def _far_starts(self, name: str) -> List[_core.Model]:
+        """Models with an effect far from neutral from which a fit should start. The other
+        parameters may be far from the right ones, too; a quick fit by simulation error finds
+        them."""
+        fitting = self.fitting
+        neutral, *others = fitting.candidates[name].starts(fitting.given)
+        if not others:
+            return []
+        runs = fitting.likelihood.runs
+        chosen = windows.spread(windows.cut(runs), fitting.criteria.windows)
+        problem = windows.problem(runs, chosen)
+
+        def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
+            """The error and the fit from a start; infinite where it cannot be simulated."""
+            try:
+                found = problem.fit(model, fitting.free_of(model), threads=1)
+            except (RuntimeError, ValueError):
+                return np.inf, model
+            return found["objective"], found["model"]
+
+        least = fitted(neutral)[0]
+        return [
+            model
+            for error, model in (fitted(other) for other in others)
+            if error < fitting.criteria.max_far_error * least
+        ]
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Fits a fitted set of effects without one of them."""
+
+    fitting: Fitting
+    current: FrozenSet[str]
+    base: Fit  # of the set
+    nominal: Fit  # of the model without any of the effects
+
+    def __call__(self, name: str) -> Fit:
+        """The fit without the named effect."""
+        known = self.fitting.from_known(self.current - {name})
+        if known is not None:
+            return known
+        model = self.base.model.copy()
+        model.remove_effect(name)
+        found = self.fitting.from_start(model, self.base)
+        if found:
+            return found[0]
+        neutral = self.nominal.model  # the others are unstable without it
+        for other in sorted(self.current - {name}):
+            neutral = self.fitting.candidates[other].neutral(neutral)
+        return self.fitting.likelihood.fit(neutral, self.fitting.free_of(neutral), self.nominal)
+
