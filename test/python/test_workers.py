@@ -117,6 +117,25 @@ def test_many_bags_on_a_cluster_compare_the_same(two_workers, tmp_path):
     assert found[0] == found[1]
 
 
+def test_a_diagnosis_on_a_cluster_is_the_same(two_workers, tmp_path):
+    address, _ = two_workers
+    truth = tmp_path / "truth.yaml"
+    truth.write_text(MODEL.read_text().replace("effects: []", "effects: [{name: motor_lag, tau: 0.05}]"))
+    bags = [
+        write_bag(tmp_path / ("%d.bag" % s), model=truth, seed=s, duration=4) for s in (1, 2)
+    ]
+    own = tmp_path / "own.yaml"  # an effect of the user travels, too
+    own.write_text("name: pull\nexpression: {Y: a*u}\nparameters: {a: {value: 0, unit: N s/m}}\n")
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "--effects", own]
+    found = []
+    for name, more in (("here", []), ("there", ["--scheduler", address])):
+        out = tmp_path / name
+        result = process("identify", "diagnose", *bags, *options, "-o", out, *more)
+        assert result.returncode == 0, result.stderr
+        found.append((out / "diagnosis.json").read_text())
+    assert found[0] == found[1] and json.loads(found[0])["improved"]["effects"] == ["motor_lag"]
+
+
 def test_the_work_of_a_dead_worker_is_repeated(tmp_path):
     import test_workers
 

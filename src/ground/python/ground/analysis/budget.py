@@ -5,15 +5,16 @@ simulation error (study.channel_errors) of such artificial recordings is what ea
 leave. Independent parts add in squares.
 """
 
+import itertools
 from dataclasses import dataclass
-from typing import Dict, Mapping, Sequence
+from typing import Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import likelihood, study
 from ground.analysis.unfinished import can_be_kept
-from ground.annotations import Array, Random
+from ground.annotations import Array, Each, Random
 
 SEEDS = (1, 2, 3)  # one artificial recording each; errors are their means
 
@@ -36,13 +37,20 @@ class Budget:
 
 
 def budget(
-    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], fit: likelihood.Fit
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    fit: likelihood.Fit,
+    each: Each = map,
 ) -> Budget:
-    """The Budget of a likelihood.Fit on runs (_core.RunData) over windows of them."""
-    noise, disturbance, trim = (
-        float(np.mean([_error_of(runs, cut, fit, parts, seed) for seed in SEEDS]))
-        for parts in ((), ("disturbance",), ("disturbance", "trim"))
-    )
+    """The Budget of a likelihood.Fit on runs (_core.RunData) over windows of them; each: maps a function
+    over artificial recordings, in parallel if it can."""
+    together: Tuple[Tuple[str, ...], ...] = ((), ("disturbance",), ("disturbance", "trim"))
+
+    def error(what: Tuple[Tuple[str, ...], int]) -> float:
+        return _error_of(runs, cut, fit, *what)
+
+    found = list(each(error, itertools.product(together, SEEDS)))
+    noise, disturbance, trim = map(float, np.reshape(found, (len(together), -1)).mean(axis=1))
     measured = float(study.channel_errors(runs, cut, fit.model).sum())
     return Budget(noise, disturbance, trim, measured)
 
@@ -78,8 +86,11 @@ def wrench_of(run: _core.RunData, levels: Mapping[str, float], random: Random) -
         sigma, time = levels["sigma_" + channel], levels["time_" + channel]
         slow = sigma * random.normal()
         drawn, white = random.normal(size=(2, len(steps)))
-        for k, step in enumerate(steps):
-            wrench[k, i] = slow + levels["white_" + channel] / np.sqrt(step) * white[k]
-            left = np.exp(-step / time)
-            slow = left * slow + sigma * np.sqrt(1 - left**2) * drawn[k]
+        left = np.exp(-steps / time)
+        pushes = sigma * np.sqrt(1 - left**2) * drawn
+        values = []
+        for share, push in zip(left.tolist(), pushes.tolist()):
+            values.append(slow)
+            slow = share * slow + push
+        wrench[:, i] = values + levels["white_" + channel] / np.sqrt(steps) * white
     return wrench

@@ -1,8 +1,9 @@
 """Conclusion of a diagnosis: the verdict, the improved model, and how well it predicts."""
 
+import functools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, Mapping, Optional, Sequence
+from typing import Callable, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -53,7 +54,8 @@ class Conclusion:
     @cached_property
     def budget(self) -> budget.Budget:
         """budget.Budget of the grown model's error."""
-        return budget.budget(self.diagnosis.runs, self.diagnosis.cut, self.diagnosis.fit)
+        found = self.diagnosis
+        return budget.budget(found.runs, found.cut, found.fit, found.pool.map)
 
     @cached_property
     def repeats(self) -> Optional[repeats.Repeats]:
@@ -84,12 +86,16 @@ def _conclude(
     found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool
 ) -> Conclusion:
     fullest = _with_slight(found)
-    history = remains.of_history(found.likelihood, fullest)
-    state = remains.of_state(found.likelihood, fullest)
+    history, state = found.pool.map(
+        functools.partial(_left_by, found.likelihood, fullest), (remains.of_history, remains.of_state)
+    )
     if heldout:
         _drop_refuted(found, heldout)
-    floors = [study.noise_floor(found.runs, found.best.model, seed) for seed in range(FLOORS)]
-    floor = float(np.mean([f.sum() for f in floors]))
+
+    def floor_of(seed: int) -> float:
+        return float(study.noise_floor(found.runs, found.best.model, seed).sum())
+
+    floor = float(np.mean(list(found.pool.map(floor_of, range(FLOORS)))))
     reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
@@ -107,6 +113,12 @@ def _conclude(
         found,
         heldout,
     )
+
+
+def _left_by(
+    likelihood: Likelihood, fit: Fit, what: Callable[[Likelihood, Fit], remains.Remains]
+) -> remains.Remains:
+    return what(likelihood, fit)
 
 
 def _with_slight(found: Diagnosis) -> Fit:

@@ -1,7 +1,8 @@
 """report.html of compare and diagnose: the verdict first, then the evidence."""
 
+import itertools
 import os
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from ground import _core, origin
 from ground.analysis import bands as bands_of
@@ -72,15 +73,16 @@ def _inspected(
     """Studies of each run: the refitted nominal model and, where effects were added, the improved
     one."""
     winner = conclusion.improved if found.chosen else None
+    models = [(found.nominal.model, NOMINAL, winner)]
+    if winner is not None:
+        models.append((winner, IMPROVED, None))
 
-    def both(task: Tuple[_core.RunData, str]) -> List[Document]:
-        run, role = task
-        studies = [inspection.inspect(run, found.nominal.model, NOMINAL, role, winner)]
-        if winner is not None:
-            studies.append(inspection.inspect(run, winner, IMPROVED, role))
-        return studies
+    def inspected(task: Tuple[Tuple[_core.RunData, str], Any]) -> Document:
+        (run, role), (model, label, other) = task
+        return inspection.inspect(run, model, label, role, other)
 
-    return list(found.pool.map(both, runs))
+    studies = iter(found.pool.map(inspected, itertools.product(runs, models)))
+    return [[next(studies) for _ in models] for _ in runs]
 
 
 def _verdict(sheet: page.Page, report: Document) -> None:
