@@ -16,7 +16,8 @@ SEED ?= 1
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans docs install clean
+  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
+  bench-commands docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -47,6 +48,11 @@ fuzz: build
 bench: bench-table
 	@$(in_workspace) test/bench/bench.py --json build/bench.json \
 	  --peers "$$(test/bench/peer_python build/peers)" $(OPTIONS)
+
+# Every verb on 30 s to 1 h of data and on 1 to 1000 bags: time, memory, first line; resumes after an
+# interruption. OPTIONS="--only fit info --sizes 1h 100bags"
+bench-commands: build
+	@$(in_workspace) test/bench/commands.py $(OPTIONS)
 
 # The thesis's table 3.1 over 200 draws of noise.
 bench-table: build

@@ -202,6 +202,24 @@ def growth(table):
                   "%.0f MB more memory" % case["MB"])  # fmt: skip
 
 
+def commands(table):
+    """What a person waits for: short recordings, and the sizes that have goals."""
+    import tempfile
+
+    import commands as verbs
+
+    with tempfile.TemporaryDirectory() as folder:
+        for size, names in (("30s", ("info", "fit", "compare", "diagnose")), ("1h", ("fit",))):
+            for name in names:
+                verbs.make(size, folder)
+                arguments, goal = verbs.commands(size, folder)[name], verbs.GOALS.get((name, size))
+                for how in ("cold", "warm"):
+                    found = verbs.measure(arguments, 300)
+                    table.add("identify %s on %s, %s cache" % (name, size, how), found["seconds"] or 300,
+                              "s", goal and goal[0], "%.0f MB" % found["MB"])  # fmt: skip
+                verbs.forget(size, folder)
+
+
 def machine():
     with open("/proc/cpuinfo") as info:
         names = [line.split(":")[1].strip() for line in info if line.startswith("model name")]
@@ -239,6 +257,7 @@ def main():
 PARTS = {
     "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "simulation": simulation,
     "controllers": controllers, "latency": latency, "live": live, "growth": growth,
+    "commands": commands,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -5,7 +5,9 @@ import copyreg
 import inspect
 import os
 import pickle
+import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Sequence, Tuple, Type, TypeVar
 
 from ground import _core
@@ -53,8 +55,12 @@ class Workers:
             for path in modules:
                 self._client.upload_file(path)
         else:
-            kind = ProcessPoolExecutor if processes else ThreadPoolExecutor
-            self._pool = kind(count or len(os.sched_getaffinity(0)))
+            count = count or len(os.sched_getaffinity(0))
+            self._pool = (
+                ProcessPoolExecutor(count, initializer=_end_quietly)
+                if processes
+                else ThreadPoolExecutor(count)
+            )
 
     def __enter__(self) -> "Workers":
         return self
@@ -73,7 +79,10 @@ class Workers:
     def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
         """Yields work(item) in the order of the items; an exception of one is raised in its place."""
         if self._pool:
-            yield from self._pool.map(work, items)
+            try:
+                yield from self._pool.map(work, items)
+            except BrokenProcessPool:
+                raise GroundError("a process was ended from outside, perhaps for lack of memory")
             return
         from distributed import KilledWorker
 
@@ -98,6 +107,11 @@ class Workers:
 
 def _call(work: Callable[[_T], _R], item: _T) -> _R:
     return work(item)
+
+
+def _end_quietly() -> None:
+    """Lets Ctrl-C end this process without a word; its parent says what there is to say."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _connect(address: str) -> Any:

@@ -3,6 +3,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <limits>
+#include <stdexcept>
+
 #include "bindings.h"
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/smoother.h"
@@ -10,6 +13,23 @@
 namespace py = pybind11;
 
 namespace ground {
+namespace {
+
+Eigen::MatrixX3d planarRows(const AxisMapping& mapping, const Eigen::MatrixX3d& positions,
+                            const Eigen::MatrixX4d& xyzw) {
+  if (positions.rows() != xyzw.rows())
+    throw std::invalid_argument("positions and quaternions differ in number");
+  Eigen::MatrixX3d found(positions.rows(), 3);
+  for (Eigen::Index i = 0; i < found.rows(); ++i) {
+    const Eigen::Quaterniond q(xyzw(i, 3), xyzw(i, 0), xyzw(i, 1), xyzw(i, 2));
+    const auto planar = mapping.toPlanar(positions.row(i).transpose(), q);
+    found.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
+    if (planar) found.row(i) = planar->transpose();
+  }
+  return found;
+}
+
+}  // namespace
 
 void bindEstimation(py::module_& module) {
   py::class_<AxisMapping>(module, "AxisMapping", "Converts between mocap frame and world_ned.")
@@ -30,7 +50,10 @@ void bindEstimation(py::module_& module) {
           [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
             return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
           },
-          py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.");
+          py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.")
+      .def(
+          "to_planar_rows", &planarRows, py::arg("positions"), py::arg("xyzw"),
+          "The same of each row (n, 3), (n, 4); NaN in place of None.");
 
   py::class_<EstimatorParams>(module, "EstimatorParams")
       .def(py::init<>())

@@ -1,6 +1,7 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
 import os
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
@@ -11,9 +12,8 @@ from ground.annotations import Path
 from ground.api.models import Model
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
-from ground.recordings import findings, quality, readers, settings, suspicions
+from ground.recordings import cache, findings, many, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
-from ground.recordings.messages import Tell
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
@@ -28,14 +28,16 @@ def read(
     pose_topic: Optional[str] = None,
     command_topic: Optional[str] = None,
     body: Optional[str] = None,
+    cached: bool = True,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
     mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
     was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
-    body (child frame, or part of the topic's name) replace its own. GroundError when a bag cannot be
-    read or is given twice; anything odd in a bag gives a GroundWarning.
+    body (child frame, or part of the topic's name) replace its own. cached: whether what is read and
+    repaired is kept in the folder .ground_cache beside a bag, to be read from there next time.
+    GroundError when a bag cannot be read or is given twice; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -49,7 +51,7 @@ def read(
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
     given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
-    return tuple(reading([os.fspath(path) for path in paths], given))
+    return tuple(reading([os.fspath(path) for path in paths], given, cached=cached))
 
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
@@ -60,25 +62,37 @@ REPAIR, REPAIR_POSE, REPAIR_KILOBYTE = 0.3, 3e-5, 6e-5
 
 
 def reading(
-    paths: Sequence[str], mapping: FieldMapping = DEFAULT, work: Optional[Work] = None
+    paths: Sequence[str],
+    mapping: FieldMapping = DEFAULT,
+    work: Optional[Work] = None,
+    cached: bool = True,
 ) -> Iterator[Recording]:
     """The recordings in bags and folders, all read before the first one is returned; work: told of
-    each that is read."""
+    each that is read; cached: whether their cache is used."""
     found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
     ends = np.cumsum([readers.size(path) // 1000 for path in bags]).tolist()
     size = ends[-1] if ends else 0
     work.expect(READING, size, READ)
     work.expect(REPAIRING, len(bags), REPAIR + REPAIR_KILOBYTE * size / max(1, len(bags)))
+    begins = [0, *ends]
+    told = work
+
+    def tell(number: int, share: float) -> None:
+        told.reach(begins[number] + int(share * (ends[number] - begins[number])))
+
     with work.stage(READING):
-        for path, begin, end in zip(bags, [0, *ends], ends):
-            found.append(readers.read(path, mapping, _teller(work, begin, end)))
+        for path, end, recording in zip(bags, ends, many.read(bags, mapping, cached, tell)):
+            found.append(recording)
             work.reach(end)
-            for warning in found[-1].warnings:
+            for warning in recording.warnings:
                 warn("%s: %s" % (path, warning), RecordingWarning)
+    for folder in {recording.cache for recording in found if recording.cache}:
+        cache.tidy(folder)
     names = [r.name for r in found]
+    counts = Counter(names)
     for i, path in enumerate(bags):
-        if names.count(names[i]) > 1:
+        if counts[names[i]] > 1:
             name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
             found[i] = replace(found[i], name=name)
     if len({r.name for r in found}) < len(found):
@@ -109,16 +123,12 @@ def taken(given: Recordings) -> List[Recording]:
     return found
 
 
-def _teller(work: Work, begin: int, end: int) -> Tell:
-    return lambda share: work.reach(begin + int(share * (end - begin)))
-
-
 def repaired(found: Sequence[Recording], work: Work) -> List[quality.Run]:
     """The recordings with their motion repaired, which takes time; work: told of each."""
     poses = float(np.mean([len(recording.eta) for recording in found] or [0]))
     work.expect(REPAIRING, len(found), REPAIR + REPAIR_POSE * poses)
     with work.stage(REPAIRING, len(found)):
-        return [recording.repaired for recording in work.each(found)]
+        return list(work.each(many.repair(found)))
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:

@@ -32,7 +32,7 @@ import numpy as np
 
 from ground.annotations import Indices, Message, Time
 from ground.errors import GroundError
-from ground.recordings import codecs
+from ground.recordings import batches, codecs
 
 MAGIC = b"#ROSBAG V2.0\n"
 ANY_MAGIC = MAGIC[:7]  # common to all formats
@@ -61,7 +61,7 @@ DEFINITION = re.compile(
 TYPE = re.compile(r"\w+/\w+", re.ASCII)
 MAX_HEADER = 1 << 16  # size of a record's header [bytes]
 MAX_BEFORE_OP = 120  # distance from the start of a record to its field op [bytes]
-MAX_OPEN = 16  # chunks whose contents are kept in memory
+MAX_OPEN = 192 << 20  # size of the chunks' contents that are kept in memory [bytes]
 MAX_BLOCK = 4 << 20  # size of an LZ4 block [bytes]
 MAX_CHUNK_HEADER = 200  # size of a chunk's header [bytes]
 BZ2_MAGIC, LZ4_MAGIC = b"BZh9", b"\x04\x22\x4d\x18"
@@ -132,8 +132,11 @@ class BagReader:
         self._chunks: List[Record] = []
         # number of a chunk -> contents, of the last chunks read
         self._open: "OrderedDict[int, bytes]" = OrderedDict()
-        # number of a connection -> arrays of (time [ns], chunk, offset, size)
-        self._found: Dict[int, List[Indices]] = {}
+        self._open_size = 0  # [bytes]
+        # number of a connection -> rows of (time [ns], chunk, offset, size)
+        self._found: Dict[int, Indices] = {}
+        # rows of (connection, time [ns], chunk, offset, size) as they are found
+        self._rows: List[Indices] = []
         with open(path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 file.seek(0)
@@ -164,7 +167,7 @@ class BagReader:
         kinds: Dict[str, Set[str]] = {}
         counts: "CounterType[str]" = Counter()
         for number, connection in self._connections.items():
-            count = sum(map(len, self._found.get(number, ())))
+            count = len(self._found.get(number, ()))
             counts[connection.topic] += count
             if count or connection.topic not in kinds:
                 kinds.setdefault(connection.topic, set()).add(connection.msg_type)
@@ -176,7 +179,7 @@ class BagReader:
         chosen = [n for n, c in self._connections.items() if c.topic in topics and n in self._found]
         if not chosen:
             return
-        tables = [np.concatenate(self._found[n]) for n in chosen]
+        tables = [self._found[n] for n in chosen]
         numbers = np.repeat(chosen, [len(t) for t in tables])
         rows = np.column_stack([np.concatenate(tables), numbers])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
@@ -194,6 +197,20 @@ class BagReader:
                 "the bag is damaged: messages that do not fit their type were left out (%d)"
                 % unreadable
             )
+
+    def batch(self, topic: str) -> Optional[batches.Batch]:
+        """See messages.MessageSource."""
+        numbers = [n for n, c in self._connections.items() if c.topic == topic and n in self._found]
+        types = {(self._connections[n].msg_type, self._connections[n].md5sum) for n in numbers}
+        if len(types) != 1:
+            return None
+        (kind, md5sum), rows = types.pop(), np.concatenate([self._found[n] for n in numbers])
+        known = codecs.installed().known(kind)
+        if known is None or known.md5sum != md5sum:
+            return None
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        data = [self._contents(chunk)[at : at + size] for chunk, at, size in rows[:, 1:].tolist()]
+        return batches.gathered(kind, known.decode, rows[:, 0], data)
 
     def _scan(self) -> None:
         """Finds all chunks and their messages."""
@@ -222,6 +239,7 @@ class BagReader:
         doubtful = []
         for number in range(len(self._chunks)):
             contents, state = self._unpacked(number)
+            self._keep(number, contents)
             if state is not State.DOUBTFUL:
                 # A compressed chunk has a checksum and needs no index. In a bag that is cut, the
                 # index of the last chunk may be cut, too.
@@ -230,13 +248,15 @@ class BagReader:
                 self._read_chunk(number, contents, indices.get(number, []) if needed else [])
             else:
                 doubtful.append(number)
-        self._doubtful = bool(doubtful) and not self._found
+        self._doubtful = bool(doubtful) and not self._rows
         for number in doubtful:
             if self._doubtful:
                 self._read_chunk(number, self._contents(number), [])
             else:
                 chunk = self._chunks[number]
                 self._lost.append((chunk.end - chunk.data, chunk.start))
+        self._found = _by_connection(self._rows)
+        self._rows.clear()
 
     def _whole_record(self, position: int) -> Record:
         """The record at a place of the file. An invalid one is taken for a chunk whose header is lost;
@@ -261,12 +281,18 @@ class BagReader:
         return position == self._size or _record(self._data, position, self._size) is not None
 
     def _contents(self, number: int) -> bytes:
-        if number not in self._open:
-            self._open[number] = self._unpacked(number)[0]
-            if len(self._open) > MAX_OPEN:
-                self._open.popitem(last=False)
-        self._open.move_to_end(number)
-        return self._open[number]
+        found = self._open.get(number)
+        if found is None:
+            found = self._unpacked(number)[0]
+            self._keep(number, found)
+        return found
+
+    def _keep(self, number: int, contents: bytes) -> None:
+        """Keeps the contents of a chunk in memory, in place of those that were read first."""
+        self._open[number] = contents
+        self._open_size += len(contents)
+        while self._open_size > MAX_OPEN and len(self._open) > 1:
+            self._open_size -= len(self._open.popitem(last=False)[1])
 
     def _unpacked(self, number: int) -> Tuple[bytes, State]:
         """The contents of a chunk, as far as they can be read, and their State."""
@@ -282,7 +308,7 @@ class BagReader:
 
     def _read_chunk(self, number: int, contents: bytes, indices: List[Record]) -> None:
         """Takes the messages of a chunk, after reconciling them with the records of its index."""
-        offsets, connections, times, starts, sizes = [], [], [], [], []
+        rows, connections, times = [], [], []  # rows of (offset, start, size)
         position, last, size = 0, 0, len(contents)
         missing = _number(self._chunks[number].fields.get(b"size", b"")) - size
         if missing > 0:
@@ -295,11 +321,9 @@ class BagReader:
                 start = message.end()
                 end = start + number_of(length, "little")
                 if end <= size and connection and time:
-                    offsets.append(position)
+                    rows.append((position, start, end - start))
                     connections.append(connection)
                     times.append(time)
-                    starts.append(start)
-                    sizes.append(end - start)
                     last, position = start, end
                     continue
             record = None if message else _record(contents, position, size)
@@ -310,16 +334,15 @@ class BagReader:
             position = last = self._skip(number, contents, position, last, size)
         seconds = np.frombuffer(b"".join(times), "<u4").astype(np.int64).reshape(-1, 2)
         # offset, connection, time [ns], start, size
-        found: Indices = np.empty((len(offsets), 5), np.int64)
-        found[:, 0], found[:, 3], found[:, 4] = offsets, starts, sizes
+        found: Indices = np.empty((len(rows), 5), np.int64)
+        found[:, [0, 3, 4]] = np.array(rows, np.int64).reshape(-1, 3)
         found[:, 1] = np.frombuffer(b"".join(connections), "<u4")
         found[:, 2] = seconds @ [10**9, 1]
         if indices:
             found = self._settled(contents, found, indices)
-        for connection in np.unique(found[:, 1]):
-            rows = found[found[:, 1] == connection]
-            entry = np.column_stack([rows[:, 2], np.full(len(rows), number), rows[:, 3:]])
-            self._found.setdefault(int(connection), []).append(entry)
+        if len(found):
+            found[:, 0] = number
+            self._rows.append(found[:, [1, 2, 0, 3, 4]])
 
     def _skip(self, number: int, contents: bytes, position: int, last: int, size: int) -> int:
         """The place to continue at after an invalid record; the message before it may have been
@@ -422,6 +445,16 @@ class BagReader:
             )
         if any(len(set(c)) > 2 for c in self._claims.values()):
             self.warnings.append("the bag is damaged: its descriptions of a topic contradict each other")
+
+
+def _by_connection(rows: List[Indices]) -> Dict[int, Indices]:
+    """Rows that begin with the number of a connection, without it, by that number."""
+    if not rows:
+        return {}
+    every = np.concatenate(rows)
+    every = every[np.argsort(every[:, 0], kind="stable")]
+    numbers, firsts = np.unique(every[:, 0], return_index=True)
+    return dict(zip(numbers.tolist(), np.split(every[:, 1:], firsts[1:])))
 
 
 def decoder(connection: Connection) -> codecs.Decode:

@@ -1,9 +1,10 @@
 """Stamps of messages and rows: from the header, the time of receipt, or fields."""
 
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
-from ground.annotations import Message, Time
+from ground.annotations import Array, Indices, Message, Time
 from ground.errors import GroundError
+from ground.recordings.batches import Batch
 from ground.recordings.codecs.with_rosbags import Time as PlainTime
 from ground.recordings.fields import getter
 from ground.recordings.mapping import HEADER, RECEIPT, TIMES, Clock
@@ -30,6 +31,16 @@ def stamps(clock: Clock, where: str) -> Stamp:
         return received
 
     return stamp
+
+
+def batch_stamps(clock: Clock, batch: Batch) -> Optional[Tuple[Array, Indices]]:
+    """The stamps of a Batch in seconds and in nanoseconds; None where they have to be taken one by one."""
+    if clock.field:
+        return None
+    headers = None if clock.source == RECEIPT else batch.stamps()
+    if headers is None and clock.source != HEADER:
+        return batch.received, batch.received_ns
+    return headers
 
 
 def _of_field(clock: Clock, where: str) -> Stamp:

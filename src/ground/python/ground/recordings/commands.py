@@ -1,15 +1,16 @@
 """Commands of messages of any type that has numbers, and of tables, by named channels."""
 
 from dataclasses import dataclass, field
-from typing import Mapping, Optional, Sequence, Tuple
+from typing import Mapping, Optional, Tuple
 
 import numpy as np
 
-from ground.annotations import Message, Time
+from ground.annotations import Array, Message, Time
 from ground.errors import GroundError
 from ground.recordings import fields
 from ground.recordings.bag_reader import Topic
-from ground.recordings.clocks import stamps
+from ground.recordings.batches import Batch
+from ground.recordings.clocks import batch_stamps, stamps
 from ground.recordings.mapping import Channel, Commands
 
 OWN = "ground_msgs/Controls"
@@ -115,11 +116,19 @@ class CommandReader:
             raise fields.missing(self.where, "a message", self._paths, message)
         return self._stamp(message, received), values
 
-    def normalised(self, rows: Sequence[Tuple[float, ...]]) -> Sequence[Tuple[float, ...]]:
+    def of_batch(self, batch: Batch) -> Optional[Array]:
+        """Rows of stamp and values of all messages; None where they have to be read one by one."""
+        stamps = batch_stamps(self.commands.time, batch)
+        if self._own:
+            for group in batch.groups:
+                self._name(group.sample)
+        values = batch.values(self._paths)
+        return None if stamps is None or values is None else np.column_stack([stamps[0], values])
+
+    def normalised(self, rows: Array) -> Array:
         """Rows of stamp and values, as commands in place of values."""
-        if not rows or not self.commands.channels:
-            return rows
-        table = np.array(rows, float)
-        for number, channel in enumerate(self.channels, 1):
-            table[:, number] = channel.commands(table[:, number])
-        return [tuple(row) for row in table.tolist()]
+        table = rows.copy()
+        if self.commands.channels:
+            for number, channel in enumerate(self.channels, 1):
+                table[:, number] = channel.commands(table[:, number])
+        return table

@@ -1,10 +1,10 @@
 """What gives messages: a bag of ROS 1 or 2, an MCAP file, tables; and its messages of one type."""
 
-from typing import Callable, Iterable, Iterator, List, Protocol, Tuple
+from typing import Callable, Iterable, Iterator, List, Optional, Protocol, Tuple
 
 from ground.annotations import Message, Time
 from ground.recordings.bag_reader import Topics
-
+from ground.recordings.batches import Batch
 
 Tell = Callable[[float], None]
 TOLD = 1000  # messages between calls of a Tell
@@ -21,6 +21,9 @@ class MessageSource(Protocol):
 
     def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
         """Yields topic, message and time of receipt (None where it is unknown), in their order."""
+
+    def batch(self, topic: str) -> Optional[Batch]:
+        """The messages of a topic at once; None where they have to be read one by one."""
 
 
 def topics_of(bag: MessageSource, kind: str) -> List[str]:
@@ -60,3 +63,7 @@ class Told:
             if count % TOLD == 0 and total > MANY:
                 self._tell(min(1.0, count / total))
             yield row
+
+    def batch(self, topic: str) -> Optional[Batch]:
+        """See MessageSource."""
+        return self._source.batch(topic)

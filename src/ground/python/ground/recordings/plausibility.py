@@ -55,13 +55,13 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
 
 
 def lone_commands(
-    times: Sequence[float], controls: Sequence[Sequence[float]], channels: Sequence[str]
+    times: Array, controls: Array, channels: Sequence[str]
 ) -> Iterator[str]:
     """Sentences about commands with a unique value if all others switch between a few levels. times:
     (m,) [s]; controls: (m, c) by `channels`."""
     if len(controls) < MIN_COMMANDS:
         return
-    for channel, values in zip(channels, np.asarray(controls).T):
+    for channel, values in zip(channels, controls.T):
         levels, counts = np.unique(values, return_counts=True)
         often = counts > 2
         inside = np.isin(levels, values[1:-1])  # a run may begin or end with a command of its own

@@ -4,11 +4,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
-from ground.annotations import Message, Time
+import numpy as np
+
+from ground.annotations import Array, Flags, Indices, Message, Time
 from ground.errors import GroundError
 from ground.recordings import fields
 from ground.recordings.bag_reader import Topic
-from ground.recordings.clocks import Stamp, stamps
+from ground.recordings.batches import Batch
+from ground.recordings.clocks import Stamp, batch_stamps, stamps
 from ground.recordings.mapping import ANGLES, LENGTHS, Poses
 from ground.recordings.settings import Settings
 
@@ -169,6 +172,42 @@ class PoseReader:
                 yield stamp, None
                 continue
             yield stamp, self._planar(stamp, values)
+
+    def of_batch(self, batch: Batch) -> Optional[Tuple[Array, Flags]]:
+        """Rows of stamp and pose of all messages, and which poses are valid; None where they have to be
+        read one by one."""
+        stamps = batch_stamps(self.poses.time, batch)
+        values = batch.values([path.lstrip("-") for path in self._position + self._rotation])
+        if self.kind == STATE or self._kind.each or stamps is None or values is None:
+            return None
+        if self._kind.body:
+            bodies = [getattr(group.sample, self._kind.body, "") for group in batch.groups]
+            if not all([self._is_body(str(body)) for body in bodies]):
+                return None
+        values = values * self._signs
+        count = len(self._position)
+        position = np.zeros((len(values), 3))
+        position[:, :count] = self._scale * values[:, :count]
+        poses = self._planar_rows(stamps[1], position, values[:, count:])
+        if poses is None:
+            return None
+        return np.column_stack([stamps[0], poses[0]]), poses[1]
+
+    def _planar_rows(
+        self, stamps: Indices, position: Array, rotation: Array
+    ) -> Optional[Tuple[Array, Flags]]:
+        """Poses x, y, psi at stamps [ns], and which are valid; None where they have to be converted one by
+        one."""
+        if rotation.shape[1] == 1:
+            if "axes" in self.settings.taken or any(self.settings.values("heading_offset") or ()):
+                return None
+            poses = np.column_stack([position[:, :2], self._turn * rotation])
+            return poses, np.ones(len(poses), bool)
+        self.raw += [tuple(row) for row in np.hstack([position, rotation])[:MOST_RAW].tolist()]
+        poses = np.empty_like(position)
+        for mapping, rows in self.settings.parts(stamps):
+            poses[rows] = mapping.to_planar_rows(position[rows], rotation[rows])
+        return poses, ~np.isnan(poses).any(axis=1)
 
     def _is_body(self, name: str) -> bool:
         self.bodies.add(name)

@@ -2,12 +2,12 @@
 
 import itertools
 from dataclasses import asdict
-from typing import TYPE_CHECKING, List, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
+from ground.annotations import Array, Document, Indices
 from ground.errors import GroundError
 from ground.recordings import frame_clock, reply, suspicions
 from ground.recordings.repair import Motion, repair, wrap
@@ -46,8 +46,8 @@ class Run:
         self.motion = repair(recording)
         times, motion = self.motion.times, self.motion
         controls = recording.control_times
-        self.zero = max(times[0], controls[0])
-        last = min(times[-1], controls[-1])
+        self.zero = float(max(times[0], controls[0]))
+        last = float(min(times[-1], controls[-1]))
         if not last > self.zero:
             raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
@@ -55,10 +55,17 @@ class Run:
         found = reply.find(recording, motion)
         contacts = _contacts(recording, motion, found)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        self.contacts = [(a - self.zero, b - self.zero) for a, b in contacts]
+        self.contacts = [(float(a - self.zero), float(b - self.zero)) for a, b in contacts]
         self.active = self._active()
         self.spans = self._spans()
         self.suspicions = suspicions.of(self)
+
+    @classmethod
+    def restored(cls, recording: "Recording", motion: Motion, **found: Any) -> "Run":
+        """The run whose motion and other attributes were found before."""
+        run = cls.__new__(cls)
+        vars(run).update(found, recording=recording, motion=motion)
+        return run
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
@@ -88,7 +95,7 @@ class Run:
             start = max(start, times[lifted[0]])
             if lifted[-1] + 1 < len(times):
                 end = min(end, times[lifted[-1] + 1])
-        return start - self.zero, end - self.zero
+        return float(start - self.zero), float(end - self.zero)
 
     def _without_idle_end(self, end: float) -> float:
         """The end [s, clock of the stamps], without a long rest of the craft without thrust there."""
@@ -285,8 +292,7 @@ def same_inputs(runs: List[Run]) -> List[Tuple[str, str]]:
     held = [_held(run.recording) for run in runs]
     return [
         (runs[i].recording.name, runs[j].recording.name)
-        for i in range(len(runs))
-        for j in range(i + 1, len(runs))
+        for i, j in _similar(held)
         if _agree(held[i], held[j])
     ]
 
@@ -300,19 +306,58 @@ def _held(recording: "Recording") -> Array:
     return np.column_stack([commands[starts], held])
 
 
-def _agree(a: Array, b: Array, shift: int = 5, fewest: int = 10) -> bool:
+SAME_COMMAND, SAME_TIME = 1e-6, 0.03  # largest differences of a command, and of how long it is held [s]
+SAME_SHARE = 0.9  # least share of commands that are the same
+FEWEST_SAME = 10  # least number of commands to compare
+SHIFTS = [(s, 0) for s in range(5)] + [(0, s) for s in range(1, 5)]  # commands that only one run has
+
+
+def _agree(a: Array, b: Array) -> bool:
     """Whether two sequences of held commands agree, except for some at the start."""
     if a.shape[1] != b.shape[1]:
         return False
-    near = np.append(np.full(a.shape[1] - 1, 1e-6), 0.03)
-    for i, j in [(s, 0) for s in range(shift)] + [(0, s) for s in range(1, shift)]:
+    near = np.append(np.full(a.shape[1] - 1, SAME_COMMAND), SAME_TIME)
+    for i, j in SHIFTS:
         count = min(len(a) - i, len(b) - j)
-        if count < fewest:
+        if count < FEWEST_SAME:
             continue
         apart = np.abs(a[i : i + count] - b[j : j + count])
-        if (apart < near).all(axis=1).mean() > 0.9:
+        if (apart < near).all(axis=1).mean() > SAME_SHARE:
             return True
     return False
+
+
+def _similar(held: Sequence[Array]) -> Iterator[Tuple[int, int]]:
+    """The pairs of sequences that may agree, by their commands alone: all pairs at once, since a thousand
+    runs have half a million of them."""
+    lengths = np.array([len(rows) for rows in held])
+    codes = _numbered(held)
+    longest = int(lengths.max(initial=0))
+    table = np.full((len(held), longest), -1)
+    for row, numbers in zip(table, codes):
+        row[: len(numbers)] = numbers
+    for first, numbers in enumerate(codes[:-1]):
+        others = slice(first + 1, None)
+        alike = np.zeros(len(held) - first - 1, bool)
+        for i, j in SHIFTS:
+            mine, theirs = numbers[i:], table[others, j:]
+            overlap = min(len(mine), theirs.shape[1])
+            same = (theirs[:, :overlap] == mine[:overlap]).sum(axis=1)
+            counts = np.minimum(len(mine), lengths[others] - j)
+            alike |= (counts >= FEWEST_SAME) & (same > SAME_SHARE * counts - 1e-6)
+        yield from ((first, int(other)) for other in first + 1 + np.flatnonzero(alike))
+
+
+def _numbered(held: Sequence[Array]) -> List[Indices]:
+    """A number for each row of commands; those of commands that are the same are equal."""
+    weights = 1 + np.sqrt(np.arange(2, 2 + max((rows.shape[1] for rows in held), default=0)))
+    sums = [rows[:, :-1] @ weights[: rows.shape[1] - 1] for rows in held]
+    every = np.concatenate(sums or [np.empty(0)])
+    order = np.argsort(every, kind="stable")
+    numbers = np.empty(len(every), int)
+    apart = np.diff(every[order], prepend=-np.inf) > SAME_COMMAND * weights.sum()
+    numbers[order] = np.cumsum(apart)
+    return np.split(numbers, np.cumsum([len(rows) for rows in held])[:-1])
 
 
 def _contacts(

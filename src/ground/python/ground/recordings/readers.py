@@ -9,7 +9,7 @@ import re
 from typing import ContextManager, Dict, Iterable, List, Optional, Protocol, Tuple
 
 from ground.errors import GroundError
-from ground.recordings import bag_reader, drafts
+from ground.recordings import bag_reader, drafts, run_parameters
 from ground.recordings.bag_reader import BagReader
 from ground.recordings.mapping import DEFAULT, FieldMapping
 from ground.recordings.messages import MessageSource, Tell, Told
@@ -45,6 +45,12 @@ class OfMessages:
     def everything(self, path: str) -> ContextManager[MessageSource]:
         """All that is in a file, of which a mapping may choose. Raises GroundError."""
         return self.open(path, DEFAULT)
+
+    def files(self, path: str, mapping: FieldMapping) -> List[str]:
+        """The files that a recording is read from."""
+        if not os.path.isdir(path):
+            return [path]
+        return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
 
     def read(self, path: str, mapping: FieldMapping, tell: Optional[Tell] = None) -> Recording:
         """See Reader; tell: called with the share that has been read."""
@@ -84,6 +90,11 @@ class Ros2Bag(OfMessages):
         """See OfMessages."""
         return Ros2Reader(path)
 
+    def files(self, path: str, mapping: FieldMapping) -> List[str]:
+        """See OfMessages; SQLite may have what was written last in a file of its own."""
+        log = path + "-wal"
+        return super().files(path, mapping) + ([log] if os.path.isfile(log) else [])
+
 
 class Table(OfMessages):
     """CSV and Parquet files; a folder where poses and commands are files of their own."""
@@ -96,7 +107,11 @@ class Table(OfMessages):
 
     def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
         """See OfMessages."""
-        return TableReader(list(dict.fromkeys(_pair(path, mapping))))
+        return TableReader(self.files(path, mapping))
+
+    def files(self, path: str, mapping: FieldMapping) -> List[str]:
+        """See OfMessages."""
+        return list(dict.fromkeys(_pair(path, mapping)))
 
     def everything(self, path: str) -> ContextManager[MessageSource]:
         """See OfMessages."""
@@ -139,6 +154,15 @@ def read(path: str, mapping: FieldMapping = DEFAULT, tell: Optional[Tell] = None
     if isinstance(reader, OfMessages):
         return reader.read(path, mapping, tell)
     return reader.read(path, mapping)
+
+
+def files(path: str, mapping: FieldMapping = DEFAULT) -> List[str]:
+    """The files that a recording is read from, with those beside it; empty where that is not known. Raises
+    GroundError."""
+    reader = reader_of(path)
+    if not isinstance(reader, OfMessages):
+        return []
+    return [*reader.files(path, mapping), *run_parameters.paths_beside(path)]
 
 
 def size(path: str) -> int:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike, Time
+from ground.annotations import Array, ArrayLike, Flags, Time
 from ground.errors import GroundError
-from ground.recordings import commands, flown, live_changes, plausibility, poses, units
+from ground.recordings import commands, flown, live_changes, messages, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 from ground.recordings.commands import CHANNELS
@@ -51,6 +51,7 @@ class Recording:
     path: str = ""  #: path of the bag that it was read from
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
+    cache: str = ""  #: folder of the cache for what is found from it; empty: none
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":
@@ -164,13 +165,13 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     if rows.lost:
         warnings.append(_lost(path, rows, reader))
     rows.mend_stamps(warnings)
-    controls = list(command_reader.normalised(rows.rows["controls"]))
+    controls = command_reader.normalised(rows.rows["controls"])
     channels = command_reader.channels
-    disorder = int((np.diff([r[0] for r in controls]) < 0).sum())
+    disorder = int((np.diff(controls[:, 0]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     names = [channel.name for channel in channels]
-    warnings += plausibility.lone_commands([r[0] for r in controls], [r[1:] for r in controls], names)
+    warnings += plausibility.lone_commands(controls[:, 0], controls[:, 1:], names)
     found = checked(
         path,
         _shifted(rows.rows["poses"], mapping),
@@ -197,30 +198,28 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     )
 
 
-def _shifted(rows: List[Tuple[float, ...]], mapping: FieldMapping) -> List[Tuple[float, ...]]:
+def _shifted(rows: Array, mapping: FieldMapping) -> Array:
     """Rows that begin with a stamp, on the clock that a mapping says."""
-    first = rows[0][0] if rows else 0.0
-    offset, drift = mapping.clock_offset, mapping.clock_drift
-    return [(row[0] + offset + drift * (row[0] - first),) + row[1:] for row in rows]
+    shifted, stamps = rows.copy(), rows[:, 0]
+    shifted[:, 0] = stamps + mapping.clock_offset + mapping.clock_drift * (stamps - stamps[:1])
+    return shifted
 
 
 @dataclass
 class _Rows:
     """Poses and controls in a bag."""
 
-    rows: Dict[str, List[Tuple[float, ...]]]  # stamp and values
-    receipts: Dict[str, List[float]]  # when each row was received [s]
+    rows: Dict[str, Array]  # stamps and values
+    receipts: Dict[str, Array]  # when each row was received [s]
     drives: Dict[float, float]  # when each drive began -> stamp of the last message about it [s]
-    lost: int = 0  # poses that are invalid
+    lost: int  # poses that are invalid
 
     def mend_stamps(self, warnings: List[str]) -> None:
         """Replaces single stamps that contradict the recorder's clock."""
         for what, rows in self.rows.items():
-            stamps, count, error = plausibility.mend_stamps(
-                [r[0] for r in rows], self.receipts[what]
-            )
+            stamps, count, error = plausibility.mend_stamps(rows[:, 0], self.receipts[what])
             if count:
-                rows[:] = [(stamp,) + row[1:] for stamp, row in zip(stamps, rows)]
+                rows[:, 0] = stamps
                 warnings.append(
                     "the bag may be damaged: single stamps of the %s contradict the recorder's "
                     "clock and were replaced (%d, by up to %.3f s)" % (what, count, error)
@@ -228,7 +227,7 @@ class _Rows:
 
     def delay(self, what: str) -> float:
         """Median time from stamp to receipt [s]."""
-        return float(np.median(np.subtract(self.receipts[what], [r[0] for r in self.rows[what]])))
+        return float(np.median(self.receipts[what] - self.rows[what][:, 0]))
 
 
 def _rows(
@@ -238,27 +237,68 @@ def _rows(
     poses_of: poses.PoseReader,
     commands_of: commands.CommandReader,
 ) -> _Rows:
-    found = _Rows({what: [] for what in topics}, {what: [] for what in topics}, {})
-    drives = [t for t, e in info.items() if e.msg_type == "ground_msgs/Drive"]
+    drives: Dict[float, float] = {}
+    for message in messages.of_type(source, "ground_msgs/Drive"):
+        drives[message.began.to_sec()] = message.header.stamp.to_sec()
+    found = _at_once(source, topics, poses_of, commands_of)
+    if found is None:
+        found = _one_by_one(source, topics, poses_of, commands_of)
+    rows, receipts, valid = found
+    kept = valid & ~(np.abs(rows["poses"][:, 1:3]) > FARTHEST).any(axis=1)
+    rows["poses"], receipts["poses"] = rows["poses"][kept], receipts["poses"][kept]
+    return _Rows(rows, receipts, drives, int((~kept).sum()))
+
+
+# Rows of stamp and values of poses and controls, times of receipt [s], and which poses are valid
+_Found = Tuple[Dict[str, Array], Dict[str, Array], Flags]
+
+
+def _at_once(
+    source: MessageSource,
+    topics: Mapping[str, str],
+    poses_of: poses.PoseReader,
+    commands_of: commands.CommandReader,
+) -> Optional[_Found]:
+    """Poses and controls of messages that can be decoded together; None where they cannot."""
+    batches = {what: source.batch(topic) for what, topic in topics.items()}
+    sent, measured_in = batches["controls"], batches["poses"]
+    if sent is None or measured_in is None:
+        return None
+    controls, found = commands_of.of_batch(sent), poses_of.of_batch(measured_in)
+    if controls is None or found is None:
+        return None
+    receipts = {"poses": measured_in.received, "controls": sent.received}
+    return {"poses": found[0], "controls": controls}, receipts, found[1]
+
+
+def _one_by_one(
+    source: MessageSource,
+    topics: Mapping[str, str],
+    poses_of: poses.PoseReader,
+    commands_of: commands.CommandReader,
+) -> _Found:
+    """Poses and controls of any messages."""
+    rows: Dict[str, List[Tuple[float, ...]]] = {what: [] for what in topics}
+    receipts: Dict[str, List[float]] = {what: [] for what in topics}
+    valid: List[bool] = []
 
     def take(what: str, stamp: Time, received: Optional[Time], values: Tuple[float, ...]) -> None:
         seconds = stamp.to_sec()
-        found.rows[what].append((seconds,) + values)
-        found.receipts[what].append(seconds if received is None else received.to_sec())
+        rows[what].append((seconds,) + values)
+        receipts[what].append(seconds if received is None else received.to_sec())
 
-    for topic, message, received in source.read_messages([*topics.values(), *drives]):
-        if topic in drives:
-            found.drives[message.began.to_sec()] = message.header.stamp.to_sec()
+    for topic, message, received in source.read_messages(topics.values()):
         if topic == topics["controls"]:
             stamp, values = commands_of(message, received)
             take("controls", stamp, received, values)
         if topic == topics["poses"]:
             for stamp, pose in poses_of(message, received):
-                if pose is None or max(abs(p) for p in pose[:2]) > FARTHEST:
-                    found.lost += 1
-                else:
-                    take("poses", stamp, received, pose)
-    return found
+                take("poses", stamp, received, (np.nan,) * 3 if pose is None else pose)
+                valid.append(pose is not None)
+    widths = {"poses": 4, "controls": 1 + len(commands_of.channels)}
+    found = {what: np.array(rows[what], float).reshape(-1, widths[what]) for what in topics}
+    received_at = {what: np.array(receipts[what], float) for what in topics}
+    return found, received_at, np.array(valid, bool)
 
 
 def _lost(path: str, rows: _Rows, reader: poses.PoseReader) -> str:

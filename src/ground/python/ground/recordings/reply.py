@@ -213,6 +213,8 @@ def drift(recording: "Recording", motion: Motion) -> Drift:
     lags = coarse[0] + DRIFT_AROUND
     losses = np.array([(following.left(straight - lag) ** 2).sum(axis=1) for lag in lags])
     parts = [i for i in np.unique(part) if (part == i).sum() > MIN_FOLLOWING // 4]
+    if len(parts) < 2:  # too few samples in each, in a run of several minutes
+        return Drift(0.0, np.inf, 0.0)
     best = np.array([lags[int(np.argmin(losses[:, part == i].sum(axis=1)))] for i in parts])
     at = np.array([times[part == i].mean() for i in parts]) - following.middle
     slopes = [(best[j] - best[i]) / (at[j] - at[i]) for j in range(len(at)) for i in range(j)]

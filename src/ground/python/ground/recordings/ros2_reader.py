@@ -7,6 +7,7 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 from ground.annotations import Message, Time
 from ground.errors import GroundError
 from ground.recordings.bag_reader import Topic, Topics
+from ground.recordings.batches import Batch
 from ground.recordings.codecs.with_rosbags import TIME
 from ground.recordings.codecs.with_rosbags import Time as PlainTime
 
@@ -56,6 +57,10 @@ class Ros2Reader:
                 kinds[connection.topic].append(kind)
             counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
         return Topics({t: Topic(" and ".join(sorted(k)), counts[t]) for t, k in kinds.items()})
+
+    def batch(self, topic: str) -> Optional[Batch]:
+        """See MessageSource."""
+        return None
 
     def read_messages(
         self, topics: Iterable[str]

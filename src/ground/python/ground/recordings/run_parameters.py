@@ -69,18 +69,22 @@ def in_bag(bag: MessageSource) -> Iterator[Any]:
             yield yaml.load(message.yaml, LOADER)
 
 
+def paths_beside(path: str) -> List[str]:
+    """Paths of the parameter files beside a bag."""
+    names = PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml"
+    return [name for name in dict.fromkeys(names) if os.path.isfile(name)]
+
+
 def beside(path: str, warnings: List[str]) -> Iterator[Tuple[str, Any]]:
     """Name and content of the readable parameter files beside a bag."""
-    for name in dict.fromkeys((PART.sub("", path) + ".yaml", os.path.splitext(path)[0] + ".yaml")):
-        if not os.path.isfile(name):
-            continue
+    for name in paths_beside(path):
         try:
             with open(name) as file:
                 yield name, yaml.load(file, LOADER)
         except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
             warnings.append(
                 "%s: cannot be read, so that axes and heading_offset are the defaults (%s)"
-                % (name, str(error).splitlines()[0])
+                % (os.path.basename(name), str(error).splitlines()[0])
             )
 
 

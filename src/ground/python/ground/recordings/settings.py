@@ -8,10 +8,12 @@ import bisect
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
+
+import numpy as np
 
 from ground import _core
-from ground.annotations import Document, Time
+from ground.annotations import Document, Indices, Time
 from ground.errors import GroundError
 from ground.recordings import flown, messages, run_parameters
 from ground.recordings.mapping import FieldMapping
@@ -67,6 +69,12 @@ class Settings:
     def mapping(self, stamp: Time) -> _core.AxisMapping:
         """The _core.AxisMapping of a pose stamped `stamp` (genpy.Time)."""
         return self._mappings[self._index(stamp)]
+
+    def parts(self, stamps: Indices) -> Iterator[Tuple[_core.AxisMapping, Indices]]:
+        """Each _core.AxisMapping with the places of the poses that it is for; stamps (n,) [ns]."""
+        which = np.maximum(np.searchsorted(self._sinces, stamps, side="left") - 1, 0)
+        for number in np.unique(which):
+            yield self._mappings[number], np.flatnonzero(which == number)
 
     def vertical(self, stamp: Time) -> int:
         """Which of the mocap's axes, 0 to 2, is vertical for a pose stamped `stamp`."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional,
 from ground.annotations import Message, Time
 from ground.errors import GroundError, reason
 from ground.recordings.bag_reader import Topic, Topics
+from ground.recordings.batches import Batch
 from ground.recordings.fields import Row
 from ground.recordings.poses import TABLE
 
@@ -40,6 +41,10 @@ class TableReader:
     def get_type_and_topic_info(self) -> Topics:
         """The files by name, with the number of their rows."""
         return Topics({name: Topic(TABLE, len(rows)) for name, rows in self._tables.items()})
+
+    def batch(self, topic: str) -> Optional[Batch]:
+        """See MessageSource."""
+        return None
 
     def read_messages(
         self, topics: Iterable[str]

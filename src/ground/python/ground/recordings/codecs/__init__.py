@@ -8,7 +8,7 @@ import functools
 import importlib
 import importlib.util
 from dataclasses import dataclass
-from typing import Any, Callable, ContextManager, Iterable, Optional, Protocol, Tuple, cast
+from typing import Any, Callable, ContextManager, Iterable, Optional, Protocol, Sequence, Tuple, cast
 
 from ground.annotations import Message, Time
 from ground.errors import GroundError
@@ -39,6 +39,10 @@ class Codec(Protocol):
 
     def defined(self, kind: str, definition: str) -> Kind:
         """The Kind of a type by the definition in a bag; may raise anything when that is wrong."""
+
+    def fields(self, kind: str) -> Optional[Sequence[Tuple[str, str]]]:
+        """Names and types of the fields of a message type that is installed, as definitions have them:
+        "float64", "uint8[]", "std_msgs/Header"; None without it."""
 
     def new(self, kind: str, **fields: Any) -> Message:
         """A message, its other fields empty or 0."""

@@ -1,6 +1,6 @@
 """The codec of ROS: genpy, rosbag and the installed message packages."""
 
-from typing import Any, Optional
+from typing import Any, Optional, Sequence, Tuple
 
 from ground.annotations import Message
 from ground.annotations import Time as TimeOfRos
@@ -46,6 +46,12 @@ def defined(kind: str, definition: str) -> codecs.Kind:
     import genpy.dynamic
 
     return _kind(genpy.dynamic.generate_dynamic(kind, definition)[kind])
+
+
+def fields(kind: str) -> Optional[Sequence[Tuple[str, str]]]:
+    """See codecs.Codec."""
+    found = _class(kind)
+    return None if found is None else list(zip(found.__slots__, found._slot_types))
 
 
 def new(kind: str, **fields: Any) -> Message:

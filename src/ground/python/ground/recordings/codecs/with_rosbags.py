@@ -5,7 +5,7 @@ import functools
 import glob
 import os
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, Mapping, Optional
+from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -90,6 +90,28 @@ def defined(kind: str, definition: str) -> codecs.Kind:
     from rosbags.typesys import get_types_from_msg
 
     return _kind(_store(get_types_from_msg(definition, _name(kind))), kind)
+
+
+def fields(kind: str) -> Optional[Sequence[Tuple[str, str]]]:
+    """See codecs.Codec."""
+    store = _installed()
+    if _name(kind) not in store.types:
+        return None
+    definition = store.get_msgdef(_name(kind))
+    return [(name, _type(*of)) for name, of in definition.fields]
+
+
+def _type(node: Any, of: Any) -> str:
+    """Name of the type of a field; node, of: rosbags' description of it."""
+    from rosbags.interfaces import Nodetype
+
+    if node == Nodetype.NAME:
+        known = {TIME: "time", DURATION: "duration"}
+        return known.get(of) or str(of).replace("/msg/", "/")
+    if node == Nodetype.BASE:
+        return str(of[0])
+    inner, count = of
+    return "%s[%s]" % (_type(*inner), count if node == Nodetype.ARRAY else "")
 
 
 def new(kind: str, **fields: Any) -> Message:
