@@ -99,10 +99,6 @@ class Sender : public nodelet::Nodelet {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     real_time_ = wantsRealTime(nh);
     if (real_time_) callbacks_.prioritise(RealTimePriority::kSend);
-    const int port = optionalParameter<int>(nh, "port", 3333);
-    if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
-    const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
-    const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
     const auto model_file = optionalParameter<std::string>(nh, "model", "");
     if (!model_file.empty()) {
@@ -120,18 +116,7 @@ class Sender : public nodelet::Nodelet {
     if (bench_) prepareForBench(room);
     remark_ = armingRemark();
     if (!room.empty()) fence_ = Fence(loadRoomPlan(room), 0);
-    const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
-    if (!peer_text.empty() && !peer.known())
-      throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
-
-    socket_ =
-        std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
-    link_ = std::make_unique<GroundLink>(
-        GroundLinkParams(), peer,
-        [this](const std::string& data, const UdpAddress& to) {
-          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
-        },
-        layout_);
+    openLink(nh);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
@@ -156,6 +141,25 @@ class Sender : public nodelet::Nodelet {
     silence_service_ =
         arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
+  }
+
+  /// Opens the socket and makes the link to the craft.
+  void openLink(const ros::NodeHandle& nh) {
+    const int port = optionalParameter<int>(nh, "port", 3333);
+    if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
+    const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
+    const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
+    const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
+    if (!peer_text.empty() && !peer.known())
+      throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
+    socket_ =
+        std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
+    link_ = std::make_unique<GroundLink>(
+        GroundLinkParams(), peer,
+        [this](const std::string& data, const UdpAddress& to) {
+          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
+        },
+        layout_);
   }
 
   /// Throws std::runtime_error if other parameters need a state or arm automatically.
