@@ -5,6 +5,7 @@ Each row is a median with its smallest and largest value; "goal" is the largest 
 the same work in the same run, in their own Python environment.
 """
 import argparse
+import contextlib
 import datetime
 import json
 import os
@@ -27,6 +28,7 @@ LATENCY = re.compile(
     r"pose to packet at ([0-9.]+) Hz, \d+ poses: median ([0-9.]+) ms, 99% ([0-9.]+) ms, 99.9% "
     r"([0-9.]+) ms, most ([0-9.]+) ms"
 )
+GRANTED = re.compile(r"real time: ([^\x1b\n]+)")
 SHARE = re.compile(r"live comparison (\w+).*takes ([0-9.]+)% of a core")
 
 
@@ -172,15 +174,38 @@ def controllers(table):
 
 
 def latency(table):
-    for rate in (100, 240, 1000):
-        out = run("roslaunch", "ground", "latency.launch", "rate:=%d" % rate, check=False)
-        found = LATENCY.search(out)
-        if not found:
-            sys.exit("bench: no latency at %d Hz:\n%s" % (rate, out[-2000:]))
-        _, median, most99, most999, most = (float(x) for x in found.groups())
-        table.add("pose to packet at %d Hz, median" % rate, median, "ms")
-        table.add("pose to packet at %d Hz, 99%%" % rate, most99, "ms", 1 if rate == 240 else None,
-                  "99.9%%: %g ms, most %g ms" % (most999, most))  # fmt: skip
+    """From pose to packet: idle, with a busy process a core, and with stopped subscribers, too."""
+    for name, goal, hogs, options in (
+        ("idle", 1, 0, []),
+        ("both cores busy", 5, os.cpu_count(), []),
+        ("and stopped subscribers", 5, os.cpu_count(), ["stopped:=true"]),
+        ("and ordinary priority", None, os.cpu_count(), ["real_time:=false"]),
+    ):
+        for rate in (100, 240, 1000) if not options else (240,):
+            count = max(5000, 20 * rate)  # five poses or more are slower than 99.9%
+            with busy(hogs):
+                out = run("roslaunch", "ground", "latency.launch", "rate:=%d" % rate,
+                          "count:=%d" % count, *options, check=False)  # fmt: skip
+            found, granted = LATENCY.search(out), GRANTED.search(out)
+            if not found:
+                sys.exit("bench: no latency at %d Hz:\n%s" % (rate, out[-2000:]))
+            _, median, most99, most999, most = (float(x) for x in found.groups())
+            table.add("pose to packet at %d Hz, %s, 99.9%%" % (rate, name), most999, "ms",
+                      goal if rate == 240 else None,
+                      "median %g, 99%% %g, most %g ms; %s" % (median, most99, most,
+                      granted.group(1) if granted else "nothing is known of priorities"))  # fmt: skip
+
+
+@contextlib.contextmanager
+def busy(count):
+    """Keeps that many processors busy."""
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
 
 
 def live(table):

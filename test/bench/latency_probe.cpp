@@ -14,6 +14,7 @@
 #include "ground/estimation/axis_mapping.h"
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
+#include "ground/nodelets/real_time_threads.h"
 
 namespace {
 
@@ -30,7 +31,7 @@ class Probe {
     status_ = nh_.subscribe("controller/status", 1, &Probe::onStatus, this);
   }
 
-  /// Collects `count` latencies [s].
+  /// Collects `count` latencies [s], or fewer if the craft is not driven any more.
   std::vector<double> measure(std::size_t count) {
     std::vector<double> latencies;
     std::string datagram;
@@ -39,7 +40,7 @@ class Probe {
     const auto period =
         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
     const ros::Time start = ros::Time::now();
-    while (ros::ok() && latencies.size() < count) {
+    while (ros::ok() && latencies.size() < count && !stopped_) {
       socket_.send(ground::encodeTelemetry({}), sender_);
       while (socket_.receive(0, datagram, from)) {
       }
@@ -59,6 +60,9 @@ class Probe {
  private:
   void onStatus(const ground_msgs::ControllerStatus::ConstPtr& status) {
     running_ = status->state == ground_msgs::ControllerStatus::RUNNING;
+    if (status->state != ground_msgs::ControllerStatus::STOPPED) return;
+    std::printf("the controller has stopped: %s\n", status->reason.c_str());
+    stopped_ = true;
   }
 
   void publishPose(double t) {
@@ -80,7 +84,7 @@ class Probe {
   ros::NodeHandle nh_;
   ros::Publisher publisher_;
   ros::Subscriber status_;
-  std::atomic<bool> running_{false};
+  std::atomic<bool> running_{false}, stopped_{false};
   ground::AxisMapping mapping_;
   ground::UdpSocket socket_;
   ground::UdpAddress sender_;
@@ -95,11 +99,13 @@ int main(int argc, char** argv) {
   const int port = private_nh.param("port", 33999);
   const double rate = private_nh.param("rate", 100.0);
   const int count = private_nh.param("count", 2000);
+  // Otherwise it would also measure how late this program sends and receives.
+  if (ground::wantsRealTime(private_nh)) ground::prioritise(ground::RealTimePriority::kSend);
   ros::AsyncSpinner spinner(1);
   spinner.start();
   Probe probe(port, rate);
   std::vector<double> latencies = probe.measure(static_cast<std::size_t>(count));
-  if (latencies.empty()) return 1;
+  if (latencies.size() < static_cast<std::size_t>(count)) return 1;
   std::sort(latencies.begin(), latencies.end());
   const auto at = [&](double q) {
     return 1e3 * latencies[static_cast<std::size_t>(q * static_cast<double>(latencies.size() - 1))];

@@ -6,6 +6,7 @@
 
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/real_time_threads.h"
 
 namespace ground {
 namespace {
@@ -40,19 +41,21 @@ void Controller::shutdown() {
   controls_subscriber_.shutdown();
   start_service_.shutdown();
   stop_service_.shutdown();
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   if (controls_) life_.sendZero(now());
 }
 
 void Controller::onInit() {
   name_ = getName();
   try {
-    const std::lock_guard<std::recursive_mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle services = service_callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = this->topics();
     epoch_ = ros::Time::now();
     auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
+    real_time_ = wantsRealTime(nh);
+    if (real_time_) callbacks_.prioritise(RealTimePriority::kControl);
     LifecycleParams params;
     params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
     params.require_state = require_state_ = optionalParameter<bool>(nh, "require_state", true);
@@ -82,7 +85,7 @@ void Controller::onInit() {
 }
 
 void Controller::setParams(LifecycleParams params) {
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   params.require_armed = life_.params().require_armed;
   params.require_state = require_state_;
   life_.setParams(params);
@@ -90,7 +93,7 @@ void Controller::setParams(LifecycleParams params) {
 
 void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   const std::string& driver = message->header.frame_id;
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   if (driver.empty() || driver == name_) return;
   const bool fits = misfit(*message, pilot_.layout()).empty();
   if (fits && !readInputs(*message).finite()) return;
@@ -99,12 +102,12 @@ void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
 }
 
 void Controller::onSender(const ground_msgs::SenderStatus::ConstPtr& message) {
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   life_.sender(now(), message->state == ground_msgs::SenderStatus::ARMED, message->reason);
 }
 
 void Controller::onState(const ground_msgs::State::ConstPtr& message) {
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   measured_at_ = message->header.stamp;
   const std::string jump = time_watch_.look();
   if (!jump.empty()) life_.timeJumped(now(), jump);
@@ -112,7 +115,7 @@ void Controller::onState(const ground_msgs::State::ConstPtr& message) {
 }
 
 bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   response.message = life_.start(now());
   response.success = response.message.empty();
   if (response.success) response.message = pilot_.caution();
@@ -120,7 +123,7 @@ bool Controller::onStart(std_srvs::Trigger::Request&, std_srvs::Trigger::Respons
 }
 
 bool Controller::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
-  const std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const std::lock_guard lock(mutex_);
   auto_start_ = false;
   life_.stop(now(), "stopped by hand");
   response.success = true;
@@ -134,7 +137,7 @@ double Controller::watch() {
   if (auto_start_) {
     auto_start_ = false;
     const std::string refusal = life_.start(now());
-    if (!refusal.empty()) ROS_WARN("%s: not started: %s", name_.c_str(), refusal.c_str());
+    if (!refusal.empty()) log_.warn(name_ + ": not started: " + refusal);
   }
   life_.tick(now());
   const Instant at = now();
@@ -146,7 +149,8 @@ double Controller::watch() {
 }
 
 void Controller::run() {
-  std::unique_lock<std::recursive_mutex> lock(mutex_);
+  if (real_time_) prioritise(RealTimePriority::kControl);
+  std::unique_lock lock(mutex_);
   while (alive_) {
     const double wait = watch();
     wake_.wait_for(lock, std::chrono::duration<double>(wait));
@@ -162,17 +166,17 @@ void Controller::publish(const Inputs& inputs) {
   writeInputs(inputs, pilot_.layout(), *message);
   controls_.publish(message);
   pilot_.commanded(seconds(stamp), inputs);
+  sent();
 }
 
 void Controller::changed() {
   publishStatus();
-  const char* state = nameOf(life_.current());
+  const std::string line = name_ + ": " + nameOf(life_.current()) + ": " + life_.reason();
   if (life_.current() == ControllerLifecycle::State::kStopped ||
-      life_.current() == ControllerLifecycle::State::kRecovering) {
-    ROS_WARN("%s: %s: %s", name_.c_str(), state, life_.reason().c_str());
-  } else {
-    ROS_INFO("%s: %s: %s", name_.c_str(), state, life_.reason().c_str());
-  }
+      life_.current() == ControllerLifecycle::State::kRecovering)
+    log_.warn(line);
+  else
+    log_.info(line);
 }
 
 void Controller::publishStatus() {

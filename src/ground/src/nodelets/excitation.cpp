@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <pluginlib/class_list_macros.hpp>
 #include <sstream>
 
@@ -44,7 +46,7 @@ class Excitation : public Controller {
         : ExcitationPilot([&excitation] { return excitation.seconds(ros::Time::now()); },
                           [&excitation](const Mark& mark) { excitation.marked(mark); },
                           [&excitation](const ReferencePilot::Decision& decision) {
-                            excitation.decision_publisher_.publish(
+                            excitation.decision_publisher_.note(
                                 decision, excitation.pilot_.layout(), excitation.measuredAt(),
                                 excitation.getName(), excitation.config_.lift);
                           }),
@@ -68,18 +70,20 @@ class Excitation : public Controller {
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     model_service_ =
         ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
-          const std::lock_guard<std::recursive_mutex> lock(mutex());
+          const std::lock_guard one(changing_);
           const std::string other = otherThrusters(*thrusters(), *model.thrusters);
           if (!other.empty()) throw std::runtime_error(other);
+          const std::string caution = judge(&model, config_, signal_);
+          const std::lock_guard lock(mutex());
           model_ = model;
-          pilot_.setCaution(judge(config_, signal_));
-          return pilot_.caution();
+          pilot_.setCaution(caution);
+          return caution;
         });
     drive_subscriber_ = topics.subscribe("drive", 4, &Excitation::onDrive, this);
   }
 
   void onDrive(const ground_msgs::Drive::ConstPtr& message) {
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    const std::lock_guard lock(mutex());
     pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
   }
 
@@ -105,7 +109,7 @@ class Excitation : public Controller {
   InputSignal signal(const Config& c) {
     DesignParams design;
     {
-      const std::lock_guard<std::recursive_mutex> lock(mutex());
+      const std::lock_guard lock(mutex());
       design.thrusters = thrusters();
     }
     design.kind = c.design;
@@ -128,7 +132,7 @@ class Excitation : public Controller {
   }
 
   bool hasModel() {
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    const std::lock_guard lock(mutex());
     return model_.has_value();
   }
 
@@ -148,38 +152,39 @@ class Excitation : public Controller {
   }
 
   void apply(const Config& c) {
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
-    config_ = c;
-    signal_ = std::move(built_);
+    const std::lock_guard one(changing_);
+    const std::string caution = judge(model_ ? &*model_ : nullptr, c, built_);
     LifecycleParams common;
     common.lift = c.lift;
-    common.lift_time = signal_.has_lift ? 0 : c.lift_time;
+    common.lift_time = built_.has_lift ? 0 : c.lift_time;
     common.state_timeout = c.state_timeout;
     common.recovery_time = c.recovery_time;
     common.rate = c.rate;
+    if (!built_.description.empty())
+      NODELET_INFO("%s: %s", c.file.c_str(), built_.description.c_str());
+    if (!caution.empty()) NODELET_INFO("%s: %s", getName().c_str(), caution.c_str());
+    const std::lock_guard lock(mutex());
+    config_ = c;
+    std::swap(signal_, built_);
     setParams(common);
-    pilot_.setCaution(judge(c, signal_));
-    if (!signal_.description.empty())
-      NODELET_INFO("%s: %s", c.file.c_str(), signal_.description.c_str());
-    if (!pilot_.caution().empty())
-      NODELET_INFO("%s: %s", getName().c_str(), pilot_.caution().c_str());
+    pilot_.setCaution(caution);
   }
 
-  /// Warning for the user who starts it about where the craft will go.
-  std::string judge(const Config& c, const InputSignal& signal) const {
+  /// Warning for the user who starts it about where the craft will go; model: null if unknown.
+  std::string judge(const Model* model, const Config& c, const InputSignal& signal) const {
     if (!requiresState()) return "open loop, without the state: the craft must be fastened";
     if (!room()) return "open loop, without a room that would keep it inside";
     if (c.returns) return "bursts of " + c.design + " between returns home";
-    if (!model_) return "open loop; the room stops it";
-    InputSequence inputs(model_->thrusters->size());
-    const double most = model_->body.input_max;
+    if (!model) return "open loop; the room stops it";
+    InputSequence inputs(model->thrusters->size());
+    const double most = model->body.input_max;
     for (std::size_t i = 0; i < signal.times.size(); ++i) {
       const Inputs& row = signal.inputs[i];
       inputs.add(signal.times[i], most * asVector(row.thrusters),
                  signal.has_lift ? row.lift : c.lift);
     }
     const std::string leaves =
-        leavesRoom(*model_, inputs, std::min<double>(c.duration, signal.end), *room());
+        leavesRoom(*model, inputs, std::min<double>(c.duration, signal.end), *room());
     return leaves.empty() ? "open loop; by the model it stays inside"
                           : "open loop: " + leaves + ", where it is stopped";
   }
@@ -200,12 +205,17 @@ class Excitation : public Controller {
     message->reason = mark.reason;
     burst_publisher_.publish(message);
     if (config_.returns)
-      NODELET_INFO("%s: %s %d: %s", getName().c_str(), mark.burst ? "burst" : "return after burst",
-                   mark.number, mark.reason.c_str());
+      log().info(getName() + (mark.burst ? ": burst " : ": return after burst ") +
+                 std::to_string(mark.number) + ": " + mark.reason);
   }
 
-  std::optional<Model> model_;  ///< guarded by mutex(), like all members below except built_
-  InputSignal built_;           ///< built by wrong() for apply()
+  void sent() override { decision_publisher_.publish(); }
+
+  InputSignal built_;  ///< built by wrong() for apply()
+  /// Held while something is judged and swapped in. Its holder may read model_, config_ and signal_
+  /// without mutex(). Changes need both.
+  std::mutex changing_;
+  std::optional<Model> model_;  ///< guarded by mutex(), like all members below
   InputSignal signal_;
   Config config_;
   Player pilot_{*this};

@@ -24,15 +24,18 @@
 
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
+#include "ground/nodelets/background_log.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
 
 /// Estimates the state of the craft from motion capture poses.
 ///
-/// Parameters: axes ("x, z, -y": world_ned in the mocap's axes), those of MocapState.cfg, which can
+/// Parameters: real_time (false: ordinary priority; see wantsRealTime), axes ("x, z, -y": world_ned in the mocap's axes), those of MocapState.cfg, which can
 /// be changed at run time, and recorded (optional): the settings of a replayed run, a list of from
 /// [s], axes and heading_offset [rad]. Each applies to poses stamped after `from`, the first also
 /// to earlier ones. Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry,
@@ -47,7 +50,7 @@ class MocapState : public nodelet::Nodelet {
   ~MocapState() override {
     subscriber_.shutdown();
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const std::lock_guard lock(mutex_);
       alive_ = false;
     }
     wake_.notify_all();
@@ -70,6 +73,8 @@ class MocapState : public nodelet::Nodelet {
   void start() {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
+    real_time_ = wantsRealTime(nh);
+    if (real_time_) callbacks_.prioritise(RealTimePriority::kEstimate);
     axes_ = optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack);
     loadRecorded(nh);
     mapping_ = AxisMapping(axes_);
@@ -134,7 +139,7 @@ class MocapState : public nodelet::Nodelet {
   }
 
   void apply(const Config& c) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     for (const auto& estimator : estimators_) estimator->setParams(params(c));
     if (c.heading_offset != wanted_offset_) measureBy(axes_, c.heading_offset);
     wanted_offset_ = c.heading_offset;
@@ -169,18 +174,17 @@ class MocapState : public nodelet::Nodelet {
   }
 
   void onPose(const geometry_msgs::PoseStamped::ConstPtr& pose) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     const std::string jump = time_watch_.look();
     if (!jump.empty()) {
-      NODELET_WARN("mocap_state: %s: the estimate restarts", jump.c_str());
+      log_.warn("mocap_state: " + jump + ": the estimate restarts");
       for (const auto& estimator : estimators_) estimator->reset();
     }
     if (!recorded_.empty()) follow(pose->header.stamp.toSec());
     if (repeats(pose->pose)) return;
     const StateEstimate& estimate = take(*pose);
     if (!estimate.used && (estimate.ignored || estimate.valid)) {
-      if (!estimate.ignored)
-        NODELET_WARN_THROTTLE(1, "mocap_state: a pose is rejected: %s", estimate.status);
+      if (!estimate.ignored) reportRejection(estimate.status);
       return;
     }
     if (!pose->header.stamp.isZero()) stamp_ = pose->header.stamp;
@@ -190,6 +194,14 @@ class MocapState : public nodelet::Nodelet {
     const std::string doubt = estimate.valid ? doubts() : estimate.status;
     publish(estimate, estimate.valid && doubt.empty(), doubt);
     if (estimate.used) publishOdometry(estimate);
+  }
+
+  /// Logs once a second at most.
+  void reportRejection(const char* why) {
+    const auto now = SteadyClock::now();
+    if (now - rejection_logged_ < std::chrono::seconds(1)) return;
+    rejection_logged_ = now;
+    log_.warn(std::string("mocap_state: a pose is rejected: ") + why);
   }
 
   /// Whether a pose repeats the last one. Measured poses have noise and never repeat exactly, but a
@@ -261,9 +273,9 @@ class MocapState : public nodelet::Nodelet {
     state_publisher_.publish(state);
     if (valid != was_valid_) {
       if (valid) {
-        NODELET_INFO("mocap_state: the state is valid");
+        log_.info("mocap_state: the state is valid");
       } else {
-        NODELET_WARN("mocap_state: the state is invalid: %s", status.c_str());
+        log_.warn("mocap_state: the state is invalid: " + status);
       }
     }
     was_valid_ = valid;
@@ -302,7 +314,8 @@ class MocapState : public nodelet::Nodelet {
 
   /// Publishes invalid states while there are no poses: at once and then at 10 Hz, steady clock.
   void watch() {
-    std::unique_lock<std::mutex> lock(mutex_);
+    if (real_time_) prioritise(RealTimePriority::kEstimate);
+    std::unique_lock lock(mutex_);
     while (alive_) {
       const auto deadline = last_pose_ + timeout_;
       if (SteadyClock::now() < deadline) {
@@ -320,8 +333,9 @@ class MocapState : public nodelet::Nodelet {
   static constexpr std::chrono::milliseconds kLook{20};  // longest interval of reading the clock
   static constexpr int kMinDistinct = 100;  // distinct poses after which a repeated one is frozen
 
+  BackgroundLog log_;
   CallbackThread callbacks_;
-  std::mutex mutex_;  ///< guards all data below
+  InheritingMutex mutex_;  ///< guards all data below
   /// Settings of a recorded run.
   struct Recorded {
     double from;  ///< applies to poses stamped later [s]
@@ -343,13 +357,14 @@ class MocapState : public nodelet::Nodelet {
   std::array<double, 7> last_{};  ///< last pose
   int distinct_ = 0;              ///< number of poses that differed from the one before
   bool frozen_ = false;
-  SteadyClock::time_point last_pose_;
+  SteadyClock::time_point last_pose_, rejection_logged_;
   SteadyClock::duration upright_time_{};
   SteadyClock::time_point leaned_;  ///< last time at which the craft leaned for several poses
   ros::Time stamp_;  ///< stamp of the newest pose
   bool alive_ = true;
+  bool real_time_ = false;  ///< constant after start()
   bool was_valid_ = false;
-  std::condition_variable wake_;
+  std::condition_variable_any wake_;
   std::thread thread_;
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> static_broadcaster_;
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;

@@ -42,7 +42,7 @@ class OpenLoopPRBS : private Pilot, public Controller {
     reconfigure_ = std::make_unique<LiveParameters<OpenLoopPRBSConfig>>(
         nh, [](const OpenLoopPRBSConfig& c) { return params(c).validate(); },
         [this](const OpenLoopPRBSConfig& c) {
-          const std::lock_guard<std::recursive_mutex> lock(mutex());
+          const std::lock_guard lock(mutex());
           params_ = params(c);
           LifecycleParams common;
           common.lift = c.lift;
@@ -61,7 +61,7 @@ class OpenLoopPRBS : private Pilot, public Controller {
   void activate(double) override {
     signal_ = std::make_unique<PrbsSignal>(sequence_.rows, params_, sequence_.rows_per_bit);
     if (!csv_.empty())
-      NODELET_INFO("%s: %s", csv_.c_str(), sequence_.describe(params_.clock).c_str());
+      log().info(csv_ + ": " + sequence_.describe(params_.clock));
   }
   Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
     const Vector2<double> inputs = signal_->at(elapsed);

@@ -29,8 +29,10 @@
 #include "ground/model/drive_clock.h"
 #include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/controls.h"
+#include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/real_time_threads.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -47,6 +49,7 @@ namespace ground {
 /// to
 ///   stop by itself; empty: no remark
 /// - room: file of a room; a craft that is about to leave it is a fault; empty: no bounds
+/// - real_time (false): its threads ask for real-time priority (see wantsRealTime)
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
@@ -63,7 +66,7 @@ class Sender : public nodelet::Nodelet {
     running_ = false;
     if (link_thread_.joinable()) link_thread_.join();
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const std::lock_guard lock(mutex_);
       reporting_ = false;
     }
     wake_.notify_all();
@@ -94,10 +97,8 @@ class Sender : public nodelet::Nodelet {
 
   void start() {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-    const int port = optionalParameter<int>(nh, "port", 3333);
-    if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
-    const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
-    const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
+    real_time_ = wantsRealTime(nh);
+    if (real_time_) callbacks_.prioritise(RealTimePriority::kSend);
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
     const auto model_file = optionalParameter<std::string>(nh, "model", "");
     if (!model_file.empty()) {
@@ -115,18 +116,7 @@ class Sender : public nodelet::Nodelet {
     if (bench_) prepareForBench(room);
     remark_ = armingRemark();
     if (!room.empty()) fence_ = Fence(loadRoomPlan(room), 0);
-    const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
-    if (!peer_text.empty() && !peer.known())
-      throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
-
-    socket_ =
-        std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
-    link_ = std::make_unique<GroundLink>(
-        GroundLinkParams(), peer,
-        [this](const std::string& data, const UdpAddress& to) {
-          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
-        },
-        layout_);
+    openLink(nh);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
@@ -135,7 +125,7 @@ class Sender : public nodelet::Nodelet {
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [this](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {
-          const std::lock_guard<std::mutex> lock(mutex_);
+          const std::lock_guard lock(mutex_);
           link_->setParams(params(c));
           obedience_timeout_ = c.obedience_timeout;
         });
@@ -151,6 +141,25 @@ class Sender : public nodelet::Nodelet {
     silence_service_ =
         arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
+  }
+
+  /// Opens the socket and makes the link to the craft.
+  void openLink(const ros::NodeHandle& nh) {
+    const int port = optionalParameter<int>(nh, "port", 3333);
+    if (port < 0 || port > 65535) throw std::runtime_error("port must be between 0 and 65535");
+    const auto address = optionalParameter<std::string>(nh, "bind_address", "0.0.0.0");
+    const auto peer_text = optionalParameter<std::string>(nh, "peer", "");
+    const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
+    if (!peer_text.empty() && !peer.known())
+      throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
+    socket_ =
+        std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
+    link_ = std::make_unique<GroundLink>(
+        GroundLinkParams(), peer,
+        [this](const std::string& data, const UdpAddress& to) {
+          return socket_->send(data, to) ? std::string() : std::string(std::strerror(errno));
+        },
+        layout_);
   }
 
   /// Throws std::runtime_error if other parameters need a state or arm automatically.
@@ -195,7 +204,7 @@ class Sender : public nodelet::Nodelet {
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     const std::string other = misfit(controls, *layout_);
     if (other.empty())
       link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
@@ -207,7 +216,7 @@ class Sender : public nodelet::Nodelet {
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     link_->state(steadyNow(), age(state->header), state->valid, state->status);
     RigidState<double> measured;
     std::copy(state->eta.begin(), state->eta.end(), measured.eta.data());
@@ -257,7 +266,7 @@ class Sender : public nodelet::Nodelet {
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
     const std::size_t publishers = controls_subscriber_.getNumPublishers();
     const std::string remark = armingRemark();
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     remark_ = remark;
     auto_arm_ = false;
     link_->setPublishers(publishers);
@@ -277,7 +286,7 @@ class Sender : public nodelet::Nodelet {
 
   bool onSilence(ground_msgs::Silence::Request& request,
                  ground_msgs::Silence::Response& response) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     response.message = link_->silence(steadyNow(), request.duration);
     response.success = response.message.empty();
     if (response.success) response.last_packet = ros::Time::now();
@@ -287,13 +296,14 @@ class Sender : public nodelet::Nodelet {
 
   /// Receives datagrams, checks timeouts and repeats packets, by the steady clock.
   void run() {
+    if (real_time_) prioritise(RealTimePriority::kSend);
     std::string data;
     UdpAddress from;
     double wait = 0;
     // ros::ok() holds until the end of roscpp's shutdown, which may wait for the master.
     while (running_ && !ros::isShuttingDown() && ros::ok()) {
       const bool came = socket_->receive(wait, data, from);
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const std::lock_guard lock(mutex_);
       const double now = steadyNow();
       const std::string jump = time_watch_.look();
       if (!jump.empty()) link_->timeJumped(now, jump);
@@ -307,7 +317,7 @@ class Sender : public nodelet::Nodelet {
     }
     for (int i = 0; i < kFinalZeros; ++i) {
       {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const std::lock_guard lock(mutex_);
         auto_arm_ = false;
         if (i == 0) link_->stop(steadyNow(), "the sender ends");
         link_->sendZero(steadyNow());
@@ -381,7 +391,8 @@ class Sender : public nodelet::Nodelet {
   /// Publishes and logs queued messages, and the status at 2 Hz.
   void report() {
     double next_status = steadyNow() + kStatusPeriod, next_count = 0;
-    std::unique_lock<std::mutex> lock(mutex_);
+    if (real_time_) prioritise(RealTimePriority::kReport);
+    std::unique_lock lock(mutex_);
     while (true) {
       wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod),
                      [this] {
@@ -445,12 +456,12 @@ class Sender : public nodelet::Nodelet {
       NODELET_WARN("sender: %zu nodes publish %s: stop all but one", count,
                    controls_subscriber_.getTopic().c_str());
     publishers_ = count;
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard lock(mutex_);
     link_->setPublishers(count);
   }
 
   CallbackThread callbacks_, arm_callbacks_;
-  std::mutex mutex_;  ///< guards all members down to wake_
+  InheritingMutex mutex_;  ///< guards all members down to wake_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
   std::optional<Fence> fence_;  ///< no value without a room
@@ -458,6 +469,7 @@ class Sender : public nodelet::Nodelet {
   double obedience_timeout_ = 0, input_max_ = 1;
   ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
   bool bench_ = false;  ///< no state is needed; constant after start()
+  bool real_time_ = false;  ///< constant after start()
   std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed
   ros::Time armed_at_;
@@ -466,7 +478,7 @@ class Sender : public nodelet::Nodelet {
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
   std::deque<Status::Ptr> statuses_;
   std::deque<Telemetry::Ptr> telemetry_;
-  std::condition_variable wake_;
+  std::condition_variable_any wake_;
   DriveClock drive_;        ///< on a clock that begins at epoch_; guarded by mutex_
   ros::Time epoch_;         ///< time of the first command; guarded by mutex_
   bool drive_due_ = false;  ///< the start of the drive has to be published; guarded by mutex_

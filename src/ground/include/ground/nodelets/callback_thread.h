@@ -6,6 +6,8 @@
 #include <atomic>
 #include <thread>
 
+#include "ground/link/real_time.h"
+
 namespace ground {
 
 /// A queue of ROS callbacks with its own thread: its callbacks wait for each other, but not for the
@@ -27,6 +29,9 @@ class CallbackThread {
     return nh;
   }
 
+  /// Gives the thread a real-time priority, from its next callback on; see prepareRealTime().
+  void prioritise(RealTimePriority priority) { priority_ = static_cast<int>(priority); }
+
   /// No callback runs after it returns. Do not call it from a callback.
   void stop() {
     alive_ = false;
@@ -37,11 +42,18 @@ class CallbackThread {
  private:
   void run() {
     // disable() ends the wait; afterwards the queue neither waits nor calls.
-    while (alive_) queue_.callAvailable(ros::WallDuration(1));
+    while (alive_) {
+      if (const int priority = priority_.exchange(0))
+        ground::prioritise(static_cast<RealTimePriority>(priority));
+      queue_.callAvailable(ros::WallDuration(kLook));
+    }
   }
+
+  static constexpr double kLook = 0.2;  // longest wait for a change of the priority [s]
 
   ros::CallbackQueue queue_;
   std::atomic<bool> alive_{true};
+  std::atomic<int> priority_{0};  ///< a change that the thread has not seen yet, or 0
   std::thread thread_;
 };
 

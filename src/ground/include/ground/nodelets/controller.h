@@ -16,7 +16,9 @@
 #include <thread>
 
 #include "ground/control/controller_lifecycle.h"
+#include "ground/nodelets/background_log.h"
 #include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -28,7 +30,7 @@ namespace ground {
 /// commands carry its name in frame_id. The controller that drove before stops and sends nothing,
 /// and the lift stays on.
 ///
-/// Parameters: auto_start (false), require_armed (true: wait for the sender), require_state (true;
+/// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false), require_armed (true: wait for the sender), require_state (true;
 /// false only on a bench, where the craft is fastened), room (file of the room in which the craft
 /// is kept; empty: no bounds). They cannot be changed at run time. Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
@@ -54,7 +56,11 @@ class Controller : public nodelet::Nodelet {
   /// Whether it waits for a state and stops without one; constant after loading.
   bool requiresState() const { return require_state_; }
   /// Guards the data shared by child and base.
-  std::recursive_mutex& mutex() { return mutex_; }
+  InheritingMutex& mutex() { return mutex_; }
+  /// For what is logged with mutex() held.
+  BackgroundLog& log() { return log_; }
+  /// Called after each command with mutex() held, for what need not come before it.
+  virtual void sent() {}
   /// ROS time on the clock of the pilot's stamps: since the nodelet was loaded [s].
   double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }
   /// Stamp of the newest state.
@@ -77,14 +83,16 @@ class Controller : public nodelet::Nodelet {
   void publishStatus();
 
   Pilot& pilot_;  ///< guarded by mutex_
+  BackgroundLog log_;
   CallbackThread callbacks_, service_callbacks_;
-  std::recursive_mutex mutex_;  ///< guards everything below
+  InheritingMutex mutex_;  ///< guards everything below
   std::string name_;
   ros::Time epoch_, measured_at_;
   ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); },
                             [this] { changed(); }};
   std::optional<RoomPlan> room_;
   bool auto_start_ = false;
+  bool real_time_ = false;  ///< constant after onInit()
   bool require_state_ = true;
   RosTimeWatch time_watch_;
   double next_status_ = 0;  ///< steady clock [s]

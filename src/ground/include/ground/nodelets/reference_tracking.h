@@ -7,6 +7,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -75,7 +76,7 @@ class ReferenceTracking : public Controller {
   }
 
   void onDrive(const ground_msgs::Drive::ConstPtr& message) {
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    const std::lock_guard lock(mutex());
     pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
   }
 
@@ -138,7 +139,7 @@ class ReferenceTracking : public Controller {
     const nav_msgs::PathConstPtr path = drawn(*reference);
     const double max_error = c.max_error > 0 ? c.max_error : defaultMaxError(*reference);
     {
-      const std::lock_guard<std::recursive_mutex> lock(mutex());
+      const std::lock_guard lock(mutex());
       config_ = c;
       LifecycleParams params;
       params.lift = c.lift;
@@ -155,11 +156,9 @@ class ReferenceTracking : public Controller {
       pilot_.setMaxError(max_error);
       pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
       pilot_.setCaution(std::move(caution));
-      if (changed) {
-        pilot_.swapReference(reference);
-        path_publisher_.publish(path);
-      }
+      if (changed) pilot_.swapReference(reference);
     }
+    if (changed) path_publisher_.publish(path);
   }
 
   /// Replaces the model, also while it drives; returns a warning for the user.
@@ -169,7 +168,7 @@ class ReferenceTracking : public Controller {
     if (!other.empty()) throw std::runtime_error(other);
     std::unique_ptr<TrackingController> controller = made(model, config_);
     const std::string caution = judge(model, *pilot_.reference(), config_.reference);
-    const std::lock_guard<std::recursive_mutex> lock(mutex());
+    const std::lock_guard lock(mutex());
     pilot_.swapController(controller, model);
     model_ = model;
     pilot_.setCaution(caution);
@@ -194,8 +193,14 @@ class ReferenceTracking : public Controller {
   }
 
   void decided(const ReferencePilot::Decision& decision) {
-    if (measuredAt() != published_) publishReference(decision.reference);
-    decision_publisher_.publish(decision, pilot_.layout(), measuredAt(), getName(), config_.lift);
+    point_ = decision.reference;
+    decision_publisher_.note(decision, pilot_.layout(), measuredAt(), getName(), config_.lift);
+  }
+
+  void sent() override {
+    if (point_ && measuredAt() != published_) publishReference(*point_);
+    point_.reset();
+    decision_publisher_.publish();
   }
 
   void publishReference(const ReferencePoint& point) {
@@ -239,6 +244,7 @@ class ReferenceTracking : public Controller {
   Config config_;
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }};
+  std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
   ros::Time published_;  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;
   DecisionPublisher decision_publisher_;
