@@ -173,6 +173,15 @@ def controllers(table):
               "%.0f times ground's" % ratio)  # fmt: skip
 
 
+def plans(table, peers):
+    """The optimiser of ModelPredictive and others on the same problems."""
+    if not peers:
+        return
+    folder = os.path.join(os.path.dirname(os.path.dirname(peers)), "plans")
+    for line in run(peers, os.path.join(HERE, "peer_plans.py"), "--folder", folder).splitlines():
+        table.add(**json.loads(line))
+
+
 def latency(table):
     """From pose to packet: idle, with a busy process a core, and with stopped subscribers, too."""
     for name, goal, hogs, options in (
@@ -270,7 +279,7 @@ def main():
     for name, part in PARTS.items():
         if arguments.only and name not in arguments.only:
             continue
-        part(table, arguments.peers) if name in ("fit", "diagnoses") else part(table)
+        part(table, arguments.peers) if name in ("fit", "diagnoses", "plans") else part(table)
     with open(arguments.json, "w") as file:
         json.dump({"machine": on, "rows": table.rows}, file, indent=1)
     missed = [r["name"] for r in table.rows if r["goal"] and r["median"] > r["goal"]]
@@ -281,7 +290,7 @@ def main():
 
 PARTS = {
     "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "simulation": simulation,
-    "controllers": controllers, "latency": latency, "live": live, "growth": growth,
+    "controllers": controllers, "plans": plans, "latency": latency, "live": live, "growth": growth,
     "commands": commands,
 }  # fmt: skip
 

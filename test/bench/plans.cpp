@@ -1,99 +1,93 @@
 // How good and how fast the plans of ModelPredictive are.
 //
 // plans warm [SECONDS] [EFFECT=VALUE...]: closed loops with noise. Processor time of the decisions,
-// their improvements, the excess of their costs over those of a twin with 50 iterations, and the
-// tracking error.
+// their improvements, their costs above those of the plans improved further, the tracking error.
 // plans cold [COUNT]: first decisions far from the reference. How many plans are as good as the
 // best that any start reached, after one decision and after more decisions on the same problem.
-// plans deadline [MILLISECONDS] [COUNT]: decisions far from the reference that end in time.
+// plans deadline [MILLISECONDS] [COUNT] [HOGS]: decisions far from the reference that end in time,
+// beside HOGS busy processes for each core, at real-time priority where the system grants it.
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
-#include <ctime>
+#include <cstring>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
-#include "ground/control/predictive_control.h"
-#include "ground/control/reference_trajectory.h"
 #include "ground/model/effect_registry.h"
-#include "ground/model/model_file.h"
-#include "ground/model/simulation.h"
+#include "peer_plans/plan_cases.h"
 
 namespace ground {
 namespace {
 
-constexpr double kPeriod = 0.02;  // [s]
-
-double processorTime() {
-  timespec time;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
-
-Model craft() {
-  return loadModel(std::string(GROUND_WORKSPACE) + "/cfg/hovercraft/tiny_whoover_4_1.yaml");
-}
+using namespace plan_cases;
 
 double quantile(std::vector<double> values, double share) {
   std::sort(values.begin(), values.end());
   return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
 }
 
-/// The references of `make bench-tracking`.
-std::vector<std::pair<std::string, ReferencePtr>> references() {
-  return {{"circle", makeCircle({0, 0}, 2, 0.63)},
-          {"rhodonea", makeRhodonea({0, 0}, 2, 1.5, 0.3)},
-          {"sinusoid", makeSinusoid({0, 0}, 0.5, 1, 0.6)},
-          {"line", makeLine({0, 0}, {2.5, 2.5}, 0.5, false)}};
-}
-
 struct Decisions {
   std::vector<double> times;           ///< [s]
-  double costs = 0, least_costs = 0;   ///< sums: of the plans, and of those of the twin
+  std::vector<double> excesses;        ///< of costs, relative to the plan improved further
   double squares = 0;                  ///< sum of squares of the tracking error [m^2]
   long improvements = 0;
 };
 
+/// Sets the problem of a controller's plan.
+void setProblem(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan,
+                const ReferenceTrajectory& reference, double since) {
+  std::vector<ReferencePoint> points;
+  for (int k = 1; k <= plan.steps(); ++k)
+    points.push_back(reference.at(std::max(0.0, since + plan.step() * k)));
+  optimizer.setProblem(since, plan.states().front(), 1, plan.missing(), points);
+}
+
+/// The cost of a plan that is improved until it gets no better.
+double leastCost(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan) {
+  optimizer.newInputs() = plan.inputs();
+  optimizer.rollOut();
+  int idle = 0;
+  for (int i = 0; i < 200 && idle < 5; ++i) {
+    const double before = optimizer.cost();
+    idle = optimizer.improve() && before - optimizer.cost() > 1e-12 * before ? 0 : idle + 1;
+  }
+  return optimizer.cost();
+}
+
 void fly(const Model& model, const ReferencePtr& reference, double seconds, Decisions& seen) {
   PredictiveControl control(model, {});
-  PredictiveParams thorough;
-  thorough.iterations = 50;
-  PredictiveControl twin(model, thorough);
-  std::mt19937 random(1);
-  std::normal_distribution<double> normal;
-  const Dynamics<double> dynamics(model);
-  InputSequence inputs;
-  RigidState<double> start;
-  start.eta.head<2>() = reference->at(0).p;
-  start.eta.z() = std::atan2(reference->at(0).p_dot.y(), reference->at(0).p_dot.x());
-  Simulation<double> simulation(dynamics, inputs, start, 0);
+  const PredictiveParams params;
+  const auto best = TrajectoryOptimizer::make(model, params.steps, params.horizon / params.steps);
+  Flight flight(model, reference);
   for (int i = 0; i < seconds / kPeriod; ++i) {
     const double t = i * kPeriod;
-    simulation.advance(t);
-    RigidState<double> measured = simulation.state();
-    for (int j = 0; j < 3; ++j) {
-      measured.eta(j) += (j == 2 ? 1e-3 : 3e-4) * normal(random);
-      measured.nu(j) += (j == 2 ? 2e-2 : 5e-3) * normal(random);
-    }
-    const Observation observation{t, t, measured, reference.get(), 0, 1.0, 0};
+    const Observation observation = flight.observe(t);
     const double before = processorTime();
     const Thrusters<double> chosen = control.decide(observation);
     const double took = processorTime() - before;
-    twin.decide(observation);
     if (t > 1) {
+      setProblem(*best, control.plan(), *reference, t);
       seen.times.push_back(took);
-      seen.costs += control.plan().cost();
-      seen.least_costs += twin.plan().cost();
-      seen.squares += (simulation.state().eta.head<2>() - reference->at(t).p).squaredNorm();
+      const double least = leastCost(*best, control.plan());
+      seen.excesses.push_back(control.plan().cost() / least - 1);
+      seen.squares += std::pow(flight.error(t), 2);
       seen.improvements += control.improvements();
     }
     control.commanded(t, chosen, 1);
-    twin.commanded(t, chosen, 1);
-    inputs.add(t, chosen, 1);
+    flight.command(t, chosen);
   }
 }
 
@@ -110,35 +104,12 @@ void warm(double seconds, const std::vector<std::string>& effects) {
     fly(model, reference, seconds, seen);
     const double count = static_cast<double>(seen.times.size());
     std::printf(
-        "%-8s %.4f ms median, %.3f ms 99.9%%; %.2f improvements; costs %.3g above the least; "
-        "error %.4f mm\n",
+        "%-8s %.4f ms median, %.3f ms 99.9%%; %.2f improvements; cost above the least %.1g median, "
+        "%.1g 99%%; error %.4f mm\n",
         name.c_str(), 1e3 * quantile(seen.times, 0.5), 1e3 * quantile(seen.times, 0.999),
-        static_cast<double>(seen.improvements) / count, seen.costs / seen.least_costs - 1,
-        1e3 * std::sqrt(seen.squares / count));
+        static_cast<double>(seen.improvements) / count, quantile(seen.excesses, 0.5),
+        quantile(seen.excesses, 0.99), 1e3 * std::sqrt(seen.squares / count));
   }
-}
-
-/// Least cost of the plans from `starts` random inputs.
-double bestOfMany(TrajectoryOptimizer& plan, int starts, std::mt19937& random) {
-  std::uniform_real_distribution<double> uniform(0, 1);
-  double best = INFINITY;
-  for (int start = 0; start < starts; ++start) {
-    Thrusters<double> held = Thrusters<double>::zero(2);
-    const int pieces = 1 + start % 8;
-    for (int k = 0; k < plan.steps(); ++k) {
-      if (k % ((plan.steps() + pieces - 1) / pieces) == 0)
-        for (int side = 0; side < 2; ++side) held(side) = uniform(random);
-      plan.newInputs()[static_cast<std::size_t>(k)] = held;
-    }
-    plan.rollOut();
-    int idle = 0;
-    for (int i = 0; i < 200 && idle < 12; ++i) {
-      const double before = plan.cost();
-      idle = plan.improve() && before - plan.cost() > 1e-9 * before ? 0 : idle + 1;
-    }
-    best = std::min(best, plan.cost());
-  }
-  return best;
 }
 
 void cold(int count) {
@@ -147,9 +118,6 @@ void cold(int count) {
   const double step = params.horizon / params.steps;
   const std::unique_ptr<TrajectoryOptimizer> many =
       TrajectoryOptimizer::make(model, params.steps, step);
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> uniform(-1, 1);
-  const auto all = references();
   constexpr std::array<int, 4> kDecisions = {1, 5, 20, 50};
   struct {
     std::array<int, kDecisions.size()> exact{}, good{};
@@ -157,19 +125,10 @@ void cold(int count) {
   } found[2];
   std::vector<double> times;
   for (int i = 0; i < count; ++i) {
-    const bool mild = i % 2 == 0;
-    auto& set = found[mild ? 0 : 1];
-    const ReferencePtr& reference = all[static_cast<std::size_t>(i / 2) % all.size()].second;
-    const double since = 10 * (1 + uniform(random));
-    const ReferencePoint at = reference->at(since);
-    RigidState<double> start;
-    const double far = mild ? 0.5 : 3, turned = mild ? 1 : M_PI, fast = mild ? 0.3 : 1;
-    start.eta << at.p.x() + far * uniform(random), at.p.y() + far * uniform(random),
-        std::atan2(at.p_dot.y(), at.p_dot.x()) + turned * uniform(random);
-    start.nu << fast * (0.5 + 0.5 * uniform(random)), 0.3 * fast * uniform(random),
-        2 * fast * uniform(random);
+    const ColdStart start = coldStart(static_cast<unsigned>(i));
+    auto& set = found[start.is_near ? 0 : 1];
     PredictiveControl control(model, params);
-    const Observation seen{since, since, start, reference.get(), 0, 1.0, 0};
+    const Observation seen = start.observation();
     std::array<double, kDecisions.size()> costs{};
     int decisions = 0;
     for (std::size_t j = 0; j < kDecisions.size(); ++j) {
@@ -180,13 +139,9 @@ void cold(int count) {
       }
       costs[j] = control.plan().cost();
     }
-    TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
-    state.head<3>() = start.eta;
-    state.segment<3>(3) = start.nu;
-    std::vector<ReferencePoint> points;
-    for (int k = 1; k <= params.steps; ++k) points.push_back(reference->at(since + step * k));
-    many->setProblem(since, state, 1, Vector3<double>::Zero(), points);
-    const double best = std::min(bestOfMany(*many, 60, random), costs.back());
+    setProblem(*many, control.plan(), *start.reference, start.since);
+    const double best =
+        std::min(bestOfMany(*many, 60, static_cast<unsigned>(i)), costs.back());
     ++set.problems;
     for (std::size_t j = 0; j < kDecisions.size(); ++j) {
       set.exact[j] += costs[j] < (1 + 1e-4) * best;
@@ -202,7 +157,41 @@ void cold(int count) {
               1e3 * quantile(times, 0.99));
 }
 
-void keepDeadline(double milliseconds, int count) {
+/// Asks for real-time priority and locked memory; returns why they are not granted, or "".
+std::string askForRealTime() {
+  sched_param wanted{};
+  wanted.sched_priority = 40;
+  if (sched_setscheduler(0, SCHED_FIFO, &wanted) != 0 || mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+    return std::strerror(errno);
+  return "";
+}
+
+/// Busy processes that end with this object.
+class Hogs {
+ public:
+  explicit Hogs(int count) {
+    for (int i = 0; i < count; ++i) {
+      const pid_t hog = fork();
+      if (hog == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL);
+        for (volatile unsigned turns = 0;; turns = turns + 1) {
+        }
+      }
+      if (hog > 0) all_.push_back(hog);
+    }
+  }
+  ~Hogs() {
+    for (const pid_t hog : all_) {
+      kill(hog, SIGKILL);
+      waitpid(hog, nullptr, 0);
+    }
+  }
+
+ private:
+  std::vector<pid_t> all_;
+};
+
+void keepDeadline(double milliseconds, int count, int hogs_per_core) {
   using Clock = std::chrono::steady_clock;
   const auto now = [] {
     return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -217,7 +206,11 @@ void keepDeadline(double milliseconds, int count) {
   RigidState<double> state;
   std::vector<double> times;
   int in_time = 0;
+  const Hogs hogs(hogs_per_core * static_cast<int>(std::thread::hardware_concurrency()));
+  const std::string refused = askForRealTime();
   for (int i = 0; i < count; ++i) {
+    // A controller waits for the next pose; the system stops real-time processes that never do.
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
     if (i % 10 == 0) {
       control.reset();
       state.eta << 3 * uniform(random), 3 * uniform(random), M_PI * uniform(random);
@@ -227,6 +220,7 @@ void keepDeadline(double milliseconds, int count) {
     times.push_back(now() - began);
     in_time += times.back() <= params.deadline;
   }
+  std::printf("%s: ", refused.empty() ? "real-time priority" : refused.c_str());
   std::printf("%d of %d decisions in %g ms; %.3f ms median, %.3f ms 99.9%%, %.3f ms at most\n",
               in_time, count, milliseconds, 1e3 * quantile(times, 0.5),
               1e3 * quantile(times, 0.999), 1e3 * quantile(times, 1));
@@ -244,11 +238,12 @@ int main(int argc, char** argv) {
     ground::warm(words.size() > 1 ? std::stod(words[1]) : 60, effects);
   } else if (!words.empty() && words[0] == "deadline") {
     ground::keepDeadline(words.size() > 1 ? std::stod(words[1]) : 2,
-                         words.size() > 2 ? std::stoi(words[2]) : 100000);
+                         words.size() > 2 ? std::stoi(words[2]) : 100000,
+                         words.size() > 3 ? std::stoi(words[3]) : 2);
   } else {
     std::puts(
         "plans warm [SECONDS] [EFFECT=VALUE...] | plans cold [COUNT] | "
-        "plans deadline [MILLISECONDS] [COUNT]");
+        "plans deadline [MILLISECONDS] [COUNT] [HOGS]");
     return 1;
   }
   return 0;

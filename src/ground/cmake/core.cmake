@@ -105,6 +105,7 @@ target_link_libraries(ground_estimation PUBLIC ground_model)
 
 ground_library(control)
 target_link_libraries(ground_control PUBLIC ground_model ground_estimation PRIVATE yaml-cpp)
+ground_wide_library(control)
 
 ground_library(simulation)
 target_link_libraries(ground_simulation PUBLIC ground_model ground_control ground_estimation)
