@@ -169,7 +169,8 @@ class Tree:
             return {"outcome": "survived", "tests": 0}
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
         limit = LEAST + SLACK * sum(self._seconds[test] for test in tests)
-        done = commands.run(command + [_node(test) for test in tests], limit, ROOT, _environment(self._folder))
+        command += [_node(test) for test in tests]
+        done = commands.run(command, limit, ROOT, _environment(self._folder))
         if done.timed_out or done.status:
             failed = re.search(r"^(FAILED|ERROR) test/python/(\S+)", done.output, re.MULTILINE)
             by = failed.group(2) if failed else "the end of pytest"

@@ -55,7 +55,8 @@ Model craftWith(const std::vector<std::string>& effects) {
 }
 
 /// A parameter of the model, or what it is without the effect.
-double valueOr(const Model& model, const std::string& effect, const std::string& name, double none) {
+double valueOr(const Model& model, const std::string& effect, const std::string& name,
+               double none) {
   return model.hasEffect(effect) ? model.value(effect + "." + name) : none;
 }
 

@@ -145,8 +145,8 @@ void compare(const std::vector<FittedParameter>& here, const std::vector<FittedP
     const bool turned = mirrored && isOdd(a.name);
     const double side = turned ? -1 : 1, near = tolerance * a.deviation;
     EXPECT_NEAR(b.value, side * a.value, near) << a.name;
-    EXPECT_NEAR(b.lower, side * (turned ? a.upper : a.lower), 10 * near) << a.name;
-    EXPECT_NEAR(b.upper, side * (turned ? a.lower : a.upper), 10 * near) << a.name;
+    EXPECT_NEAR(b.lower, side * (turned ? a.upper : a.lower), 2 * near) << a.name;
+    EXPECT_NEAR(b.upper, side * (turned ? a.lower : a.upper), 2 * near) << a.name;
     EXPECT_EQ(b.identified, a.identified) << a.name;
   }
 }
@@ -155,7 +155,11 @@ TEST(Symmetry, FitsOfAMirroredRunGiveMirroredParameters) {
   Model guess = lopsided();
   for (const char* name : {"thrust_asymmetry.a", "yaw_bias.n0", "body_force_bias.y0"})
     guess.setValue(name, 0);
-  const RunData run = record(lopsided(), 6, 0.05, 1);
+  RunData run = record(lopsided(), 6, 0.05, 1);
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
+    for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
   const std::vector<std::string> free = {
       "I_z", "N_r", "k", "thrust_asymmetry.a", "yaw_bias.n0", "body_force_bias.y0"};
   for (Target target : {Target::kVelocities, Target::kPoses}) {
@@ -164,10 +168,12 @@ TEST(Symmetry, FitsOfAMirroredRunGiveMirroredParameters) {
       how.free = free;
       return SimulationError({data}, cutWindows(data, 0, 0, 1e9, 2), target).fit(guess, how);
     };
+    // Robust losses of poses are flat about their minimum: searches end a part of a deviation apart.
+    const double near = target == Target::kPoses ? 0.2 : 0.01;
     const FitResult here = fitted(run);
     EXPECT_NEAR(here.model.value("thrust_asymmetry.a"), 0.08, 0.02);
     for (const World& world : worlds())
-      compare(here.parameters, fitted(seenIn(world, run)).parameters, world.mirrored, 1e-2);
+      compare(here.parameters, fitted(seenIn(world, run)).parameters, world.mirrored, near);
   }
 }
 
