@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling \
+.PHONY: build demo test lint sanitize fuzz mutants coverage bench bench-hidden bench-discover bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
   bench-commands docs install clean
 
@@ -42,6 +42,15 @@ sanitize: $(installed)
 # Fuzzes every reader of external input, FUZZ_SECONDS for each.
 fuzz: build
 	@$(in_ros) FUZZ_SECONDS=$(FUZZ_SECONDS) .ci/fuzz
+
+# Coverage of the C++ core by its unit tests: build/coverage/index.html.
+coverage: $(installed)
+	@$(in_ros) .ci/coverage
+
+# Whether the tests notice random mutants of the C++ core, or of the Python package.
+# OPTIONS="--of python --count 150 --seed 3", OPTIONS="--help"
+mutants: build
+	@$(in_ros) .ci/mutants $(OPTIONS)
 
 # The thesis's table 3.1, then run times compared with peers, as a table and as build/bench.json.
 # OPTIONS="--only steps fit"

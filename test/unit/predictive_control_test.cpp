@@ -291,6 +291,18 @@ TEST(TrajectoryOptimizer, FailsSeldomAndBrieflyFromColdStarts) {
   EXPECT_LE(longest, 5) << failures << " of " << iterations;
 }
 
+TEST(TrajectoryOptimizer, ErrorIsTheRootMeanSquareOverThePlan) {
+  std::mt19937 random(7);
+  const auto plan = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+  const std::vector<ReferencePoint> points = ahead(0);
+  plan->setProblem(0, near(0.5, random), 1, {0, 0, 0}, points);
+  plan->rollOut();
+  double sum = 0;
+  for (std::size_t k = 0; k < points.size(); ++k)
+    sum += (plan->states()[k + 1].head<2>() - points[k].p).squaredNorm();
+  EXPECT_DOUBLE_EQ(plan->error(), std::sqrt(sum / kSteps));
+}
+
 TEST(TrajectoryOptimizer, RefusesBadHorizons) {
   EXPECT_THROW(TrajectoryOptimizer::make(craft(), 0, 0.05), std::invalid_argument);
   EXPECT_THROW(TrajectoryOptimizer::make(craft(), 10, 0), std::invalid_argument);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <iomanip>
 #include <random>
@@ -404,6 +405,65 @@ TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
   EXPECT_EQ(infeasibility(*makeSpline(times, points), model), "");
 }
 
+/// Largest forward and backward thrust that a line takes, by its own formula [N].
+std::pair<double, double> thrustsAlong(const ReferenceTrajectory& line, const Body<double>& body) {
+  std::pair<double, double> most = {0, 0};
+  for (double t = 0; t < line.extent(); t += line.extent() / 20000) {
+    const ReferencePoint at = line.at(t);
+    const Vector2<double> ahead(0.6, 0.8);
+    const double force = body.m * at.p_ddot.dot(ahead) + body.Y_v * at.p_dot.dot(ahead);
+    most.first = std::max(most.first, force);
+    most.second = std::max(most.second, -force);
+  }
+  return most;
+}
+
+TEST(Feasibility, OfALineDependsOnTheThrustForwardsAndBackwards) {
+  Model pair = tinyWhoover();
+  pair.setValue("X_u", pair.body.Y_v);
+  int forwards = 0, backwards = 0, feasible = 0;
+  for (double back : {0.0, 0.3, 0.6}) {
+    Model model = pair;
+    std::vector<Thruster> thrusters;
+    for (int side : {-1, 1}) {
+      Thruster one;
+      one.name = one.channel = side < 0 ? "left" : "right";
+      one.position = {0, side * pair.body.l};
+      one.least = -back;
+      thrusters.push_back(one);
+    }
+    model.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+    const double full = 2 * model.body.k * model.body.input_max, reverse = back * full;
+    for (double speed = 0.1; speed < 4; speed *= 1.04) {
+      const ReferencePtr line = makeLine({0, 0}, {1.2, 1.6}, speed, true);
+      const auto [push, brake] = thrustsAlong(*line, model.body);
+      const double over = std::max(push - full, brake - reverse) / full;
+      if (over > 0 && over < 0.03) continue;  // it tolerates 1%
+      const std::string said = infeasibility(*line, model);
+      EXPECT_EQ(said.empty(), over <= 0) << back << ' ' << speed << ' ' << said;
+      feasible += said.empty();
+      double needed = 0, largest = 0;
+      const auto numbers = [&](const char* words, const char* pattern) {
+        const std::size_t at = said.find(words);
+        return at != std::string::npos &&
+               std::sscanf(said.c_str() + at, pattern, &needed, &largest) == 2;
+      };
+      if (numbers("takes a thrust", "takes a thrust of %lf N, but full thrust is %lf N")) {
+        ++forwards;
+        EXPECT_NEAR(needed, push, 0.01 * push) << said;
+        EXPECT_NEAR(largest, full, 0.01 * full) << said;
+      } else if (numbers("backward", "backward thrust of %lf N, but the largest is %lf N")) {
+        ++backwards;
+        EXPECT_NEAR(needed, brake, 0.01 * brake) << said;
+        EXPECT_NEAR(largest, reverse, 0.01 * reverse) << said;
+      }
+    }
+  }
+  EXPECT_GT(feasible, 40);
+  EXPECT_GT(forwards, 5);
+  EXPECT_GT(backwards, 5);
+}
+
 TEST(References, RefusesBadArguments) {
   EXPECT_THROW(makeCircle({0, 0}, 0, 1), std::invalid_argument);
   EXPECT_THROW(makeCircle({0, 0}, 1, 0), std::invalid_argument);
@@ -457,6 +517,89 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
     EXPECT_LT((finite - out.alpha_dot).norm(), 1e-9 * std::max(1.0, out.alpha_dot.norm())) << trial;
   }
   EXPECT_GT(checked, 50);
+}
+
+/// A Lyapunov function of the law with its derivative: thesis 4.2 chooses force and torque for it.
+struct Lyapunov {
+  double value = 0, slope = 0;
+  RigidState<double> moving;  ///< derivative of the state
+};
+
+Lyapunov lyapunov(const TrackingLaw& law, const Body<double>& body, const RigidState<double>& state,
+                  const ReferencePoint& at, const TrackingGains& gains) {
+  const auto out = law.run(state, at, gains);
+  const double psi = state.eta.z(), r = state.nu.z(), d = body.Y_v;
+  const Vector2<double> v = state.nu.head<2>(), delta(gains.delta_1, gains.delta_2);
+  const Vector2<double> e = worldToBody<double>(psi, Vector2<double>(state.eta.head<2>() - at.p));
+  const Vector2<double> phi =
+      v - worldToBody<double>(psi, at.p_dot) + gains.k_e / body.m * e - delta;
+  const double z = r - out.alpha.y();
+  Lyapunov found;
+  found.value = (e.squaredNorm() + body.m * body.m * phi.squaredNorm() + body.I_z * z * z) / 2;
+  found.slope = -gains.k_e / body.m * e.squaredNorm() + e.dot(delta) -
+                gains.k_phi_1 * phi.x() * phi.x() - gains.k_phi_2 * phi.y() * phi.y() -
+                body.m * d * phi.squaredNorm() - (gains.k_z + body.N_r) * z * z;
+  found.moving.eta << bodyToWorld<double>(psi, v), r;
+  found.moving.nu << out.force / body.m + r * v.y() - d / body.m * v.x(),
+      -r * v.x() - d / body.m * v.y(), (out.torque - body.N_r * r) / body.I_z;
+  return found;
+}
+
+TEST(TrackingLaw, TheErrorsDecayAtTheRateThatTheGainsSet) {
+  Model model = mvwt();
+  model.setValue("X_u", model.body.Y_v);
+  const TrackingLaw law(model);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const ReferencePtr reference = makeSinusoid({0.1, 0}, 0.3, 1.0, 0.3);
+  int checked = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    TrackingGains gains = mvwtGains();
+    gains.k_phi_2 = 0.7;
+    gains.delta_2 = 0.004 * (trial % 3);
+    const double t = 1.0 + 0.1 * trial;
+    const ReferencePoint at = reference->at(t);
+    RigidState<double> state;
+    state.eta << at.p.x() + 0.02 * uniform(random), at.p.y() + 0.02 * uniform(random),
+        M_PI * uniform(random);
+    state.nu.head<2>() = worldToBody<double>(state.eta.z(), at.p_dot) +
+                         0.1 * Vector2<double>(uniform(random), uniform(random));
+    state.nu.z() = 0.5 * uniform(random);
+    const auto out = law.run(state, at, gains);
+    if (out.force <= 0 || out.force >= 9) continue;  // the law knows its own acceleration only then
+    ++checked;
+    const Lyapunov here = lyapunov(law, model.body, state, at, gains);
+    const auto after = [&](double dt) {
+      RigidState<double> moved = state;
+      moved.eta += dt * here.moving.eta;
+      moved.nu += dt * here.moving.nu;
+      return lyapunov(law, model.body, moved, reference->at(t + dt), gains).value;
+    };
+    const auto central = [&](double h) { return (after(h) - after(-h)) / (2 * h); };
+    const double h = 2e-4, slope = (4 * central(h / 2) - central(h)) / 3;
+    EXPECT_NEAR(slope, here.slope, 1e-7 * (1 + std::abs(here.slope))) << trial;
+  }
+  EXPECT_GT(checked, 40);
+}
+
+TEST(TrackingLaw, SaysWhichWayACraftCannotBeDriven) {
+  const auto problem = [](const char* thrusters) {
+    return TrackingLaw::steeringProblem(
+        parseModel(std::string("schema: ground/model/1\nname: c\nbody: {m: 0.2, I_z: 4.0e-4, X_u: "
+                               "0.05, Y_v: 0.06, N_r: 1.0e-4, k: 0.06, thrusters: [") +
+                       thrusters + "]}\neffects: []\n",
+                   "craft.yaml"));
+  };
+  const char* left = "{name: left, position: [0, -0.05], direction: 0}";
+  const char* right = "{name: right, position: [0, 0.05], direction: 0}";
+  const std::string both = std::string(left) + ", " + right;
+  EXPECT_EQ(problem(both.c_str()), "");
+  EXPECT_NE(problem(left).find("turn it to port"), std::string::npos) << problem(left);
+  EXPECT_NE(problem(right).find("turn it to starboard"), std::string::npos) << problem(right);
+  const char* turning =
+      "{name: left, position: [0, -0.05], direction: 180}, "
+      "{name: right, position: [0, 0.05], direction: 180}";
+  EXPECT_NE(problem(turning).find("push it forward"), std::string::npos) << problem(turning);
 }
 
 struct Tracked {

@@ -24,7 +24,7 @@ endfunction()
 # The core for processors with wider registers. ON: an additional library for each level, in folders
 # where the loader of glibc looks first on such a machine (2.33 and later; others load the plain
 # library). NATIVE: one library for the processor that builds it, which does not run on older ones;
-# tests compare it with the plain one in lib/plain. Eigen would align and allocate differently there
+# tests compare it with the plain one in lib/plain, which also checks bounds. Eigen would align and allocate differently there
 # and is set to a common alignment: the compiler and Lanes use the wide registers.
 set(GROUND_WIDE ON CACHE STRING
   "build the core for AVX2 and AVX-512 as well, chosen when it is loaded: ON, OFF, or NATIVE for this processor only")
@@ -69,10 +69,17 @@ function(ground_for_level target level)
   target_compile_definitions(${target} PRIVATE EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16
     EIGEN_MAX_STATIC_ALIGN_BYTES=16)
 endfunction()
+# The library of a folder for any processor, in lib/plain, for tests: containers and Eigen's arrays
+# end the program at an index or a size that is wrong.
+function(ground_plain_library folder)
+  ground_core_again(${folder} plain plain)
+  set_target_properties(ground_${folder}_plain PROPERTIES EXCLUDE_FROM_ALL ON)
+  target_compile_options(ground_${folder}_plain PRIVATE -UNDEBUG -D_GLIBCXX_ASSERTIONS)
+  set_property(GLOBAL APPEND PROPERTY ground_plain_libraries ground_${folder}_plain)
+endfunction()
 function(ground_wide_library folder)
   if(GROUND_WIDE STREQUAL "NATIVE" AND ground_levels)
-    ground_core_again(${folder} plain plain)
-    set_target_properties(ground_${folder}_plain PROPERTIES EXCLUDE_FROM_ALL ON)
+    ground_plain_library(${folder})
     ground_for_level(ground_${folder} ${ground_levels})
     return()
   endif()
@@ -114,3 +121,9 @@ ground_library(identification)
 target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
   PRIVATE ${CERES_LIBRARIES})
 ground_wide_library(identification)
+
+if(TARGET ground_model_plain)
+  foreach(folder estimation control simulation)
+    ground_plain_library(${folder})
+  endforeach()
+endif()

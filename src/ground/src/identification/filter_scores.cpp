@@ -1,4 +1,5 @@
 // Derivatives of the disturbance filter's log-likelihood, by parameters and by levels.
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 

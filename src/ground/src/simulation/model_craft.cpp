@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "ground/model/inputs.h"
+
 namespace ground {
 
 ModelCraft::ModelCraft(const Model& model, const Params& params)

@@ -1,0 +1,207 @@
+"""Mutants of ground.recordings and ground.analysis: which tests in Python execute what, and a copy of the
+package that holds mutants."""
+import ast
+import collections
+import concurrent.futures
+import importlib.util
+import json
+import os
+import pathlib
+import re
+import shutil
+import sys
+import xml.etree.ElementTree
+
+import coverage
+
+import commands
+from sampling import PACKAGE, ROOT
+
+FOLDER = ROOT / "build" / "mutation" / "python"
+TESTS = FOLDER / "tests.json"
+# Tests of nodes and of packages take minutes and are for others than these modules.
+OTHERS = ("launch", "downstream", "faults", "starved", "wheel", "docs", "packages", "live_plot", "progress")
+SLACK = 3  # tests of a mutant may take this many times what they took without ...
+LEAST = 20  # ... and so much more [s]
+PATIENCE = 200  # tests of a mutant take about this long [s]; slower ones are not asked
+SETTINGS = """[run]
+dynamic_context = test_function
+concurrency = thread,multiprocessing
+parallel = True
+source = %s
+data_file = %s
+"""
+
+
+def count(jobs, only=()):
+    """Runs the files of tests that have not been counted yet, all or those named in `only`, and writes which
+    tests execute which lines, and how long they take."""
+    _copy_package(FOLDER / "counted")
+    files = sorted((ROOT / "test" / "python").glob("test_*.py"))
+    named = {file.stem[len("test_") :]: file for file in files}
+    unknown = sorted(set(only) - set(named))
+    if unknown:
+        raise SystemExit("test/python has no test_%s.py" % unknown[0])
+    asked = [named[name] for name in only or sorted(set(named) - set(OTHERS))]
+    with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(_counted, [file for file in asked if not _report(file).exists()]))
+    seconds, lines = {}, collections.defaultdict(lambda: collections.defaultdict(list))
+    for file in files:
+        if _report(file).exists():
+            took = _seconds(file)
+            seconds.update(took)
+            for path, line, test in _executed(file, took):
+                lines[path][str(line)].append(test)
+    TESTS.write_text(json.dumps({"seconds": seconds, "lines": lines}))
+
+
+def _copy_package(folder):
+    """Copies the package, with what has been built for it."""
+    shutil.rmtree(str(folder), ignore_errors=True)
+    shutil.copytree(str(PACKAGE / "python" / "ground"), str(folder / "ground"))
+    built = pathlib.Path(importlib.util.find_spec("ground._core").origin).parent
+    for made in [*built.glob("_core*.so"), built / "cfg"]:
+        os.symlink(str(made), str(folder / "ground" / made.name))
+
+
+def _environment(folder):
+    """That of programs that use the copy of the package in a folder."""
+    path = "%s:%s" % (folder, os.environ.get("PYTHONPATH", ""))
+    return {"PYTHONPATH": path, "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+
+
+def _report(file):
+    return FOLDER / file.stem / "junit.xml"
+
+
+def _counted(file):
+    """Runs a file of tests with counters."""
+    folder = FOLDER / file.stem
+    shutil.rmtree(str(folder), ignore_errors=True)
+    folder.mkdir()
+    (folder / "settings").write_text(SETTINGS % (FOLDER / "counted" / "ground", folder / "data"))
+    made = folder / "unfinished.xml"
+    command = [sys.executable, "-m", "coverage", "run", "--rcfile=%s" % (folder / "settings"), "-m"]
+    command += ["pytest", "-q", "-p", "no:cacheprovider", str(file), "--junit-xml=%s" % made]
+    done = commands.run(command, 3600, ROOT, _environment(FOLDER / "counted"))
+    if not made.exists():
+        raise SystemExit("%s does not run:\n%s" % (file, done.output[-3000:]))
+    counted = coverage.Coverage(config_file=str(folder / "settings"))
+    counted.combine()
+    made.rename(_report(file))
+
+
+def _seconds(file):
+    """Durations of the tests in a file that pass, and of the file as a whole if all do [s]."""
+    found, failed = {file.stem: 1.0}, set()
+    for case in xml.etree.ElementTree.parse(str(_report(file))).iter("testcase"):
+        took = float(case.get("time"))
+        found[file.stem] += took
+        name = "%s.%s" % (file.stem, case.get("name").split("[")[0])
+        found[name] = found.get(name, 1.0) + took
+        if case.find("failure") is not None or case.find("error") is not None:
+            print("%s fails without any mutation and is not asked" % name)
+            failed |= {name, file.stem}
+    return {name: took for name, took in found.items() if name not in failed}
+
+
+def _executed(file, seconds):
+    """(path, line, test) for each line that a file of tests executes. What is executed outside of tests,
+    in fixtures and other processes, is for the whole file."""
+    data = coverage.CoverageData(str(FOLDER / file.stem / "data"))
+    data.read()
+    for path in data.measured_files():
+        inner = os.path.relpath(path, str(FOLDER / "counted"))
+        name = str(PACKAGE.relative_to(ROOT) / "python" / inner)
+        for line, contexts in data.contexts_by_lineno(path).items():
+            tests = [c for c in contexts if c in seconds]
+            for test in tests or {file.stem} & set(seconds):
+                yield name, line, test
+
+
+class Tree:
+    """A copy of the package in which one mutant at a time is tested."""
+
+    def __init__(self, folder):
+        self._folder = folder
+        found = json.loads(TESTS.read_text())
+        self._seconds, self._lines = found["seconds"], found["lines"]
+        _copy_package(folder)
+
+    def judge(self, mutant):
+        """What the tests say of a mutant: a dictionary for the table."""
+        original, text = (ROOT / mutant.path).read_text(), mutant.text()
+        try:
+            if _meaning(text) == _meaning(original):
+                return {"outcome": "equivalent", "why": "the same program"}
+        except SyntaxError:
+            return {"outcome": "invalid"}
+        path = self._folder / pathlib.Path(mutant.path).relative_to("src/ground/python")
+        before = path.stat()
+        try:
+            path.write_text(text)
+            # Compiled files are recognised by their source's time [s] and size.
+            os.utime(str(path), (before.st_atime, before.st_mtime - 1000))
+            return self._judged(self._tests(mutant))
+        finally:
+            path.write_text(original)
+            os.utime(str(path), (before.st_atime, before.st_mtime))
+
+    def _tests(self, mutant):
+        """Tests to run, the quickest first, until PATIENCE is over. A line that runs when its module is
+        imported matters wherever the module is used."""
+        lines = self._lines.get(mutant.path, {})
+        tests = set(lines.get(str(mutant.line), ()))
+        if not any("." in test for test in tests):
+            tests = {test for those in lines.values() for test in those if "." in test} | tests
+        chosen = collections.defaultdict(list)
+        total = 0.0
+        for test in sorted(tests, key=self._seconds.get):
+            total += self._seconds[test]
+            if chosen and total > PATIENCE:
+                break
+            chosen[test.split(".")[0]].append(test)
+        # Tests of a file in a row, because they share what takes long.
+        return [test for part in chosen.values() for test in part]
+
+    def _judged(self, tests):
+        if not tests:
+            return {"outcome": "survived", "tests": 0}
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+        limit = LEAST + SLACK * sum(self._seconds[test] for test in tests)
+        command += [_node(test) for test in tests]
+        done = commands.run(command, limit, ROOT, _environment(self._folder))
+        if done.timed_out or done.status:
+            failed = re.search(r"^(FAILED|ERROR) test/python/(\S+)", done.output, re.MULTILINE)
+            by = failed.group(2) if failed else "the end of pytest"
+            return {"outcome": "killed", "by": by, "timeout": done.timed_out}
+        return {"outcome": "survived", "tests": len(tests)}
+
+
+def _node(test):
+    """pytest's name of a test, or of a file of tests."""
+    file, _, name = test.partition(".")
+    return "test/python/%s.py%s" % (file, "::" + name.replace(".", "::") if name else "")
+
+
+def prepared(number):
+    """The copy of a worker."""
+    return Tree(FOLDER / ("package_%d" % number))
+
+
+def _meaning(text):
+    """A program without docstrings, comments and positions."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not _is_docstring(one)]
+    return ast.dump(tree)
+
+
+def _is_docstring(node):
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )

@@ -1,0 +1,211 @@
+"""Properties of small functions of ground.recordings and ground.analysis, each with plain numbers."""
+import numpy as np
+import pytest
+from conftest import simulate_run
+
+from ground import _core
+from ground.analysis import identifiability, thinning
+from ground.recordings import bursts, repair, tracking_error, tracks, units, windows
+
+
+def run_data(duration=6.0, keep=None):
+    times, eta, inputs = simulate_run(duration=duration)
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    nu = np.gradient(eta, times, axis=0)
+    kept = np.ones(len(times), bool) if keep is None else keep(times)
+    return _core.RunData("run", times[kept], eta[kept], nu[kept], inputs)
+
+
+# --- units
+
+
+def test_headings_in_degrees_are_known_by_their_jumps_or_their_speed():
+    times = np.arange(200) / 100
+    turn = 2.5 * times  # [rad]
+    wrapped = np.degrees(np.angle(np.exp(1j * turn)))
+    assert units.in_degrees(times, wrapped)
+    assert units.in_degrees(times, np.degrees(turn) + 1000)  # unwrapped
+    assert not units.in_degrees(times, np.angle(np.exp(1j * turn)))
+    assert not units.in_degrees(times, turn + 20)  # radians that were unwrapped
+    once = np.where(np.arange(200) < 100, 179.0, -179.0)  # at rest, across the jump once
+    assert units.in_degrees(times, once)
+
+
+@pytest.mark.parametrize(
+    "low,high,unit",
+    [
+        (800, 2200, "microseconds"),
+        (799, 2200, None),
+        (800, 2201, None),
+        (-100, 100, "percent"),
+        (0, 10, None),
+        (0, 101, None),
+        (-101, 50, None),
+        (-1, 1, "normalised"),
+        (0, 1.5, None),
+        (-1.5, 0, None),
+    ],
+)
+def test_the_unit_of_commands_depends_on_their_range(low, high, unit):
+    assert units.command_unit(np.array([low, high], float)) == unit
+
+
+def test_upside_down_axes_stay_right_handed_and_are_their_own_opposite():
+    for axes in ("x, y, z", "x, z, -y", "z, -x, -y"):
+        other = units.upside_down(axes)
+        _core.AxisMapping(other, 0.0)  # refuses left-handed axes
+        assert other != axes and units.upside_down(other) == axes
+
+
+# --- tracking
+
+
+def test_a_track_counts_what_is_after_its_settling():
+    times = np.arange(100) / 10
+    eta = np.zeros((100, 3))
+    reference = np.where(times < 5, 1.0, 0.1)[:, None] * [1.0, 0.0]
+    inputs = np.column_stack([times, np.where(times < 5, 1.0, 0.5), np.full(100, 0.5)])
+    wanted = np.column_stack([times, np.where(times < 5, 3.0, 0.5), np.full(100, 0.5)])
+    computing = np.column_stack([times, 1e-3 * (1 + np.arange(100))])
+    track = tracks.Track(times, eta, reference, inputs, wanted, computing, "", 0.0)
+    early, late = tracks.numbers(track), tracks.numbers(track, 5.0)
+    assert late["rms"] == pytest.approx(0.1) and late["final"] == pytest.approx(0.1)
+    assert early["max"] == pytest.approx(1.0) and late["max"] == pytest.approx(0.1)
+    assert early["saturated_fraction"] == 0.5 and late["saturated_fraction"] == 0
+    assert early["effort"] == pytest.approx((1 + 0.25 + 0.25 + 0.25) / 4)
+    assert late["effort"] == pytest.approx(0.25)
+    assert early["wanted_largest"] == 3 and late["wanted_largest"] == 0.5
+    assert early["wanted_outside"] == 0.5 and late["wanted_outside"] == 0
+    assert late["compute_ms"]["max"] == pytest.approx(100)
+    assert late["compute_ms"]["median"] == pytest.approx(50.5)
+
+
+def test_saturation_depends_on_the_bounds_of_the_craft():
+    pair = np.array([[0.0, 0.5], [0.2, 1.0], [0.2, 0.8]])
+    assert tracking_error.saturated(pair).tolist() == [True, True, False]
+    backwards = np.array([[0.0, 0.5], [-0.2, 0.8], [-1.0, 0.5]])
+    assert tracking_error.saturated(backwards).tolist() == [False, False, True]
+    three = np.array([[0.0, 0.5, 0.5], [0.5, 0.5, -1.0], [0.5, 1.0, 0.5]])
+    assert tracking_error.saturated(three).tolist() == [False, True, True]
+    assert tracking_error.wanted_summary(np.array([[-0.5, 0.2]]))["wanted_outside"] == 1
+    assert tracking_error.wanted_summary(np.array([[-0.5, 0.2, 0.3]]))["wanted_outside"] == 0
+    assert tracking_error.wanted_summary(np.zeros((0, 2)))["wanted_largest"] is None
+
+
+# --- windows and thinning
+
+
+def test_windows_share_their_ends_and_spread_keeps_every_run():
+    run = run_data()
+    found = windows.cut([run], 1.5)
+    assert len(found) == 4 and all(a.last == b.first for a, b in zip(found, found[1:]))
+    both = windows.cut([run, run_data(3.0)], 0.5)
+    few = windows.spread(both, 6)
+    assert {w.run for w in few} == {0, 1} and 5 <= len(few) <= 7
+    assert [w.first for w in few] == sorted(w.first for w in few if w.run == 0) + sorted(
+        w.first for w in few if w.run == 1
+    )
+    assert len(windows.spread(both, len(both))) == len(both)
+    assert len({w.run for w in windows.spread(both, 1)}) == 2
+    again = windows.cut_again([run], found[1], 0.5)
+    assert again[0].first == found[1].first and again[-1].last == found[1].last and len(again) == 3
+    assert windows.cut_again([run], found[1], 5.0) == [found[1]]
+
+
+def test_thinning_averages_neighbours_and_never_across_a_gap():
+    times = np.arange(400) / 210.0
+    times[200:] += 0.5
+    eta = np.column_stack([times, times**2, np.sin(times)])
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0]])
+    run = _core.RunData("run", times, eta, 2 * eta, inputs, 3 * eta, np.array([1e-3, 1e-3, 4e-3]))
+    thin = thinning.thinned(run)
+    assert len(thin.times) == 100  # four of 210 Hz are 52 Hz
+    groups = times.reshape(100, 4)
+    assert np.allclose(thin.times, groups.mean(axis=1))
+    assert np.allclose(thin.eta, eta.reshape(100, 4, 3).mean(axis=1))
+    assert np.allclose(thin.nu, 2 * np.array(thin.eta))
+    assert np.allclose(thin.poses, 3 * np.array(thin.eta))
+    assert np.allclose(thin.noise, [5e-4, 5e-4, 2e-3])
+    odd = _core.RunData("run", times[3:], eta[3:], eta[3:], inputs)
+    apart = np.array(thinning.thinned(odd).times)
+    assert not ((apart > times[199]) & (apart < times[200])).any()  # no mean of both sides of the gap
+    slow = _core.RunData("run", 3 * times[:150], eta[:150], eta[:150], inputs)
+    assert thinning.thinned(slow).times.tolist() == slow.times.tolist()
+    assert len(thinning.thinned(thin).times) == len(thin.times)
+
+
+# --- poses
+
+
+def path(count=300, rate=100.0):
+    times = np.arange(count) / rate
+    return times, np.column_stack([np.cos(times), np.sin(times), times + np.pi / 2])
+
+
+def test_a_burst_that_was_delivered_in_another_order_is_sorted():
+    times, eta = path()
+    stamps, mixed = times.copy(), eta.copy()
+    burst = np.arange(100, 120)
+    stamps[burst] = times[119] + 1e-5 * np.arange(20)
+    random = np.random.default_rng(2)
+    mixed[burst] = eta[random.permutation(burst)]
+    order, moved = bursts.in_order(stamps, mixed)
+    assert np.allclose(mixed[order], eta) and 10 < moved <= 20
+    assert bursts.in_order(times, eta)[1] == 0
+    assert bursts.in_order(times, mixed)[1] == 0  # stamps that are apart are believed
+    # Nothing tells the order of poses at rest.
+    still = np.tile(eta[0], (300, 1)) + random.normal(0, 3e-4, (300, 3))
+    assert bursts.in_order(stamps, still)[1] == 0
+
+
+def test_scatter_is_the_noise_of_the_poses():
+    times, eta = path(2000)
+    noise = np.array([3e-4, 6e-4, 5e-3])
+    noisy = eta + np.random.default_rng(1).normal(0, 1, eta.shape) * noise
+    assert np.allclose(repair.scatter(times, noisy), noise, rtol=0.1)
+    assert repair.scatter(times[:40], noisy[:40]) is None
+    uneven = np.cumsum(np.random.default_rng(1).exponential(0.01, 60))
+    assert repair.scatter(uneven, noisy[:60]) is None
+
+
+# --- words on fits
+
+
+def fit_of(values, deviations, correlation):
+    parameters = [
+        dict(name=name, value=value, deviation=d, identified=True, at_bound=False)
+        for (name, value), d in zip(values.items(), deviations)
+    ]
+    return {"parameters": parameters, "correlation": correlation}
+
+
+def test_only_ratio_or_product_of_a_weak_pair_is_known():
+    high = [[1, 0.99], [0.99, 1]]
+    (weak,) = identifiability.weak_directions(fit_of({"k": 2.0, "m": 4.0}, [0.4, 0.8], high))
+    assert weak["known_as"] == "k/m" and weak["parameters"] == ["k", "m"]
+    assert weak["deviation"] == pytest.approx(0.2 * np.sqrt(2 * 0.01))
+    assert weak["deviations"] == pytest.approx([0.2, 0.2])
+    assert weak["strength"] == pytest.approx(1 / np.sqrt(0.02))
+    low = [[1, -0.99], [-0.99, 1]]
+    (weak,) = identifiability.weak_directions(fit_of({"k": 2.0, "m": 4.0}, [0.4, 0.8], low))
+    assert weak["known_as"] == "k + m"
+    # A negative value turns the sense of the correlation round.
+    (weak,) = identifiability.weak_directions(fit_of({"k": -2.0, "m": 4.0}, [0.4, 0.8], low))
+    assert weak["known_as"] == "k/m"
+    assert not identifiability.weak_directions(fit_of({"k": 2, "m": 4}, [0.4, 0.8], np.eye(2)))
+    assert not identifiability.weak_directions(fit_of({"k": 2, "m": 4}, [0.02, 0.04], high))
+
+
+def test_the_weakest_pair_comes_first_and_bounds_are_named():
+    correlation = np.eye(4)
+    correlation[0, 1] = correlation[1, 0] = 0.95
+    correlation[2, 3] = correlation[3, 2] = 0.999
+    fit = fit_of({"a": 1, "b": 1, "c": 1, "d": 1}, [0.3, 0.3, 0.3, 0.3], correlation)
+    pairs = [weak["parameters"] for weak in identifiability.weak_directions(fit)]
+    assert pairs == [["c", "d"], ["a", "b"]]
+    fit["parameters"][1]["at_bound"] = True
+    first, *others = identifiability.sentences(fit)
+    assert first.startswith("b is at its bound") and len(others) == 2
+    assert "±30%" in others[0] and "c/d" in others[0]
+    fit["parameters"][2]["identified"] = False
+    assert len(list(identifiability.sentences(fit))) == 2
