@@ -78,6 +78,8 @@ class Diagnosis:
         self.work = work or Work()
         self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
         self.kept = kept or Unfinished()
+        # a fit alone uses all cores; fits beside each other share them
+        self.threads = 1 if threads else 0
         threads = threads or os.cpu_count() or 1
         self.pool = ThreadPoolExecutor(threads)
         # A thread of the pool that waited for the pool would block it.
@@ -95,7 +97,8 @@ class Diagnosis:
         self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.plan.begin()
         with self.work.stage(stages.FITTING):
-            self.varied = Likelihood(runs, model)  # everything that may differ between runs does
+            # everything that may differ between runs does
+            self.varied = Likelihood(runs, model, threads=self.threads)
             fit = self.varied.fit(model, study.free_parameters(model))
             self._begin(varying.differences(self.varied, fit), fit)
 
@@ -103,7 +106,7 @@ class Diagnosis:
         """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
         levels = [d.kind.level for d in differences]
-        self.likelihood = Likelihood(self.runs, self.given, levels)
+        self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
         self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.pool.map)
         self.search = Search(
             self.likelihood,
