@@ -14,6 +14,9 @@ namespace ground::detail {
 namespace {
 
 constexpr double kMinGain = 0.01;      // gain of the log-posterior below which the search ends
+constexpr double kCoarseGain = 0.1;      // the same while the limit of distances is lowered
+constexpr double kNoGain = 0.01;       // of the above, if expected: the step is not tested
+constexpr double kMinShare = 0.1;      // of the other ascent's gain: one that gains less waits
 constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative changes of thrust
 constexpr double kMaxLevelStep = 1.0;  // longest step of a level's logarithm
 
@@ -96,8 +99,8 @@ class Ascent {
       // With free trims from the start, differences between runs would replace the parameters.
       const std::set<int> held = held_;
       for (int i = kFirstTrim; i < kLevels; ++i) held_.insert(i);
-      climb(std::numeric_limits<double>::infinity());
-      climb(200);
+      climb(std::numeric_limits<double>::infinity(), kCoarseGain);
+      climb(200, kCoarseGain);
       held_ = held;
     }
     climb(options_.cap);
@@ -198,8 +201,10 @@ class Ascent {
   }
 
   /// Ascends by alternating steps of parameters and levels, because their joint information is
-  /// zero. Each has its own damping: far from the maximum, steps of the levels overshoot more.
-  void climb(double cap) {
+  /// zero. Each has its own damping: far from the maximum, steps of the levels overshoot more. The
+  /// one that gains far more than the other takes several steps in turn.
+  void climb(double cap, double min_gain = kMinGain) {
+    min_gain_ = min_gain;
     best_ = value(point_, cap);
     if (!std::isfinite(best_))
       throw std::runtime_error("the model's motion along the recordings is not finite");
@@ -207,11 +212,11 @@ class Ascent {
     Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
     int i = 0;
     for (; i < options_.max_iterations && !(parameters.settled && levels.settled); ++i) {
-      if (!parameters.settled) {
+      if (parameters.isDueBeside(levels)) {
         deriveParameters();
         take(parameters, levels, cap, &Ascent::moveParameters);
       }
-      if (!levels.settled) {
+      if (levels.isDueBeside(parameters)) {
         deriveLevels();
         take(levels, parameters, cap, &Ascent::moveLevels);
       }
@@ -226,6 +231,12 @@ class Ascent {
     double damping, least;  ///< current and smallest damping
     double calmer;          ///< factor on the damping after a step with the expected gain
     bool settled = absent;
+    double gain = std::numeric_limits<double>::infinity();  ///< gain of the last step
+
+    /// Whether to take a step: not while the other ascent gains far more.
+    bool isDueBeside(const Turn& other) const {
+      return !settled && (other.settled || gain >= kMinShare * other.gain);
+    }
   };
 
   /// Moves a point and its parameters by a damped step; returns the expected gain.
@@ -261,20 +272,25 @@ class Ascent {
       GreyBoxPoint other = point_;
       std::vector<double> scaled = scaled_;
       const double expected = (this->*move)(turn.damping, other, scaled);
+      if (trial == 0 && expected < kNoGain * min_gain_) {
+        turn.settled = true;
+        return;
+      }
       const double found = value(other, cap), gain = found - best_;
       if (std::isfinite(found) && gain > -1e-9) {
         point_ = other;
         scaled_ = scaled;
         best_ = found;
-        turn.settled = gain < kMinGain && expected < 2 * kMinGain;
-        if (gain > kMinGain) other_turn.settled = other_turn.absent;
+        turn.gain = gain;
+        turn.settled = gain < min_gain_ && expected < 2 * min_gain_;
+        if (gain > min_gain_) other_turn.settled = other_turn.absent;
         const double trust = gain / expected;
         turn.damping = std::max(turn.least, turn.damping * (trust > 0.5    ? turn.calmer
                                                             : trust < 0.25 ? 4
                                                                            : 1));
         return;
       }
-      if (expected < kMinGain) break;
+      if (expected < min_gain_) break;
       turn.damping *= trial < 2 ? 10 : 30;
     }
     turn.settled = true;
@@ -312,6 +328,7 @@ class Ascent {
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
   double best_ = 0;
+  double min_gain_ = kMinGain;
   std::set<int> held_;  // levels
   int iterations_ = 0;
   bool converged_ = false;

@@ -50,20 +50,27 @@ class Pass {
   void correct(std::size_t k, double cap, FilterSample& s) {
     s.predicted = at_;
     compare(k, s);
-    double PH[kN][3], S[3][3], inverse[3][3];
-    covariance_.see(s, random_, PH, S);
+    Row<double> HP[3], gain[3], white[3];
+    double S[3][3], inverse[3][3];
+    covariance_.see(s, random_, HP, S);
     invert(S, inverse);
     weigh(S, cap, inverse, s);
-    gainOf(PH, inverse, s.gain);
-    Vector13 change;
-    for (int i = 0; i < kN; ++i)
-      change(i) = s.gain[i][0] * s.innovation(0) + s.gain[i][1] * s.innovation(1) +
-                  s.gain[i][2] * s.innovation(2);
-    at_.eta += change.segment<3>(0);
-    at_.nu += change.segment<3>(3);
-    push_ += change.segment<3>(6);
-    constant_ += change.tail<4>();
-    covariance_.correct(s.gain, PH);
+    combine(inverse, HP, gain);
+    combine(s.whitening, HP, white);
+    Row<double> change;
+    for (int j = 0; j < Row<double>::kParts; ++j)
+      change.part[j] = Lanes(s.innovation(0)) * gain[0].part[j] +
+                       Lanes(s.innovation(1)) * gain[1].part[j] +
+                       Lanes(s.innovation(2)) * gain[2].part[j];
+    for (int a = 0; a < 3; ++a)
+      for (int i = 0; i < kN; ++i) s.gain[a][i] = gain[a][i];
+    for (int i = 0; i < 3; ++i) {
+      at_.eta(i) += change[i];
+      at_.nu(i) += change[3 + i];
+      push_(i) += change[6 + i];
+    }
+    for (int i = 0; i < 4; ++i) constant_(i) += change[9 + i];
+    covariance_.subtract(white, white);
     s.filtered = at_;
   }
 
@@ -126,7 +133,7 @@ class Pass {
     const Measurement<Jet> seen = dynamics_.measure(seeded());
     for (int a = 0; a < 3; ++a) {
       s.innovation(a) = poses_(static_cast<Eigen::Index>(k), a) - seen.eta(a).a;
-      for (int j = 0; j < 6; ++j) s.seen[a][j] = seen.eta(a).v[j];
+      for (int j = 0; j < 3; ++j) s.seen[a][j] = seen.eta(a).v[j];
     }
     s.innovation(2) = wrapAngle(s.innovation(2));
   }
@@ -271,7 +278,7 @@ Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting,
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
     if (s.starts) forgetDeviation(x.data(), count);
-    correctDeviation(s, nullptr, x.data(), white.data(), count);
+    correctDeviation<double>(s, nullptr, x.data(), white.data(), count);
     if (!s.starts)
       for (int a = 0; a < 3; ++a)
         for (int j = 0; j < count; ++j)

@@ -15,6 +15,8 @@ constexpr int kLevels = DisturbanceLevels::kCount;
 
 /// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
 constexpr int kFilterStates = 13;
+/// Length of a row of numbers for each state that is filled up with zeros to whole registers.
+constexpr int kFilterRow = 16;
 using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;
 using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
@@ -22,10 +24,10 @@ using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 struct FilterSample {
   RigidState<double> predicted, filtered;
   Vector3<double> push;           ///< wrench that acts until the next sample
-  double gain[kFilterStates][3];  ///< Kalman gain
+  double gain[3][kFilterStates];  ///< transpose of the Kalman gain
   double whitening[3][3];         ///< inverse Cholesky factor of the innovation's covariance, lower
   Vector3<double> innovation;
-  double seen[3][6];              ///< derivative of the pose by pose and velocity
+  double seen[3][3];              ///< derivative of the measured pose by the pose
   double motion[6][6];            ///< derivative of the next pose and velocity by these
   double response[6][3];          ///< derivative of the next pose and velocity by a held wrench
   double by_thrust[6];            ///< derivative of these by a relative change of all thrust

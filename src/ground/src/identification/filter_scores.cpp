@@ -1,5 +1,6 @@
 // Derivatives of the disturbance filter's log-likelihood, by parameters and by levels.
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -9,14 +10,14 @@
 namespace ground::detail {
 namespace {
 
-/// Derivatives of the filter's state by free parameters, a column for each: first with the same
-/// wrenches of the disturbance, then (from column half() on) with the same accelerations.
+/// Derivatives of the filter's state by free parameters, eight in a column: first with the same
+/// wrenches of the disturbance, then (from column groups() on) with the same accelerations.
 class Sensitivity {
  public:
   Sensitivity(const Model& model, const Free& free, const RunData& run)
       : n_(static_cast<int>(free.index.size())),
         groups_((n_ + Jet::kDirections - 1) / Jet::kDirections),
-        state_(kN * columns(), 0.0),
+        state_(kN * columns(), Lanes(0.0)),
         white_(3 * columns()),
         unseen_(3 * columns()) {
     const std::vector<double> base = model.coordinates();
@@ -33,10 +34,10 @@ class Sensitivity {
       simulations_.emplace_back(d, run.inputs, RigidState<Jet>(), run.times[0], kFilterStep);
   }
 
-  int half() const { return groups_ * Jet::kDirections; }
-  int columns() const { return 2 * half(); }
+  int groups() const { return groups_; }
+  int columns() const { return 2 * groups_; }
   /// Derivatives of element a of the whitened innovation.
-  const double* white(int a) const { return white_.data() + a * columns(); }
+  const Lanes* white(int a) const { return white_.data() + a * columns(); }
 
   void forget(double until) {
     forgetDeviation(state_.data(), columns());
@@ -51,9 +52,8 @@ class Sensitivity {
       distorts = true;
       const Measurement<Jet> seen = dynamics_[g].measure(here);
       for (int a = 0; a < 3; ++a)
-        for (int j = 0; j < Jet::kDirections; ++j)
-          for (const int side : {0, half()})
-            unseen_[a * columns() + side + g * Jet::kDirections + j] = seen.eta(a).v[j];
+        for (const int column : {g, groups_ + g})
+          unseen_[a * columns() + column] = Lanes::of(seen.eta(a).v.x);
     }
     correctDeviation(s, distorts ? unseen_.data() : nullptr, state_.data(), white_.data(),
                      columns());
@@ -63,37 +63,35 @@ class Sensitivity {
   Eigen::MatrixXd underWrenches() const {
     Eigen::MatrixXd sensitivity(kN, n_);
     for (int i = 0; i < kN; ++i)
-      for (int j = 0; j < n_; ++j) sensitivity(i, j) = state_[i * columns() + j];
+      for (int j = 0; j < n_; ++j)
+        sensitivity(i, j) = state_[i * columns() + j / Jet::kDirections][j % Jet::kDirections];
     return sensitivity;
   }
 
   void move(const FilterSample& s, const Random<double>::Step& step, double until) {
-    moveDeviation(s, step.left, step.mean, state_.data(), columns());
+    const Lanes left[3] = {step.left[0], step.left[1], step.left[2]};
+    const Lanes mean[3] = {step.mean[0], step.mean[1], step.mean[2]};
+    moveDeviation(s, left, mean, state_.data(), columns());
     const RigidState<Jet> here{s.filtered.eta.cast<Jet>(), s.filtered.nu.cast<Jet>()};
     for (int g = 0; g < groups_; ++g) {
       simulations_[g].state() = here;
       simulations_[g].advance(until);
-      const Vector3<Jet> pushed = mobility_[g] * s.push.cast<Jet>();
-      for (int j = 0; j < Jet::kDirections; ++j)
-        addMotion(s, simulations_[g].state(), pushed, j, g * Jet::kDirections + j);
+      addMotion(s, simulations_[g].state(), mobility_[g] * s.push.cast<Jet>(), g);
     }
   }
 
  private:
   void addMotion(const FilterSample& s, const RigidState<Jet>& to, const Vector3<Jet>& pushed,
-                 int direction, int column) {
-    const int count = columns(), same_acceleration = half() + column;
-    for (int i = 0; i < 3; ++i) {
-      double eta = to.eta(i).v[direction], nu = to.nu(i).v[direction];
-      state_[i * count + same_acceleration] += eta;
-      state_[(3 + i) * count + same_acceleration] += nu;
-      for (int l = 0; l < 3; ++l) {
-        const double push = pushed(l).v[direction];
-        eta += 0.5 * s.dt * s.motion[i][3 + l] * push;
-        nu += 0.5 * s.dt * (s.motion[3 + i][3 + l] + (i == l ? 1 : 0)) * push;
-      }
-      state_[i * count + column] += eta;
-      state_[(3 + i) * count + column] += nu;
+                 int group) {
+    const int count = columns(), same_acceleration = groups_ + group;
+    const Lanes push[3] = {Lanes::of(pushed(0).v.x), Lanes::of(pushed(1).v.x),
+                           Lanes::of(pushed(2).v.x)};
+    for (int i = 0; i < 6; ++i) {
+      Lanes moved = Lanes::of((i < 3 ? to.eta(i) : to.nu(i - 3)).v.x);
+      state_[i * count + same_acceleration] += moved;
+      for (int l = 0; l < 3; ++l)
+        moved += Lanes(0.5 * s.dt * (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0))) * push[l];
+      state_[i * count + group] += moved;
     }
   }
 
@@ -101,8 +99,9 @@ class Sensitivity {
   std::vector<Dynamics<Jet>> dynamics_;
   std::vector<Matrix3<Jet>> mobility_;
   std::vector<Simulation<Jet>> simulations_;
-  std::vector<double> state_, white_, unseen_;  ///< a row an element, columns() long
+  std::vector<Lanes> state_, white_, unseen_;  ///< a row an element, columns() long
 };
+static_assert(Jet::kDirections == Lanes::kCount, "a group of parameters fills a register");
 
 constexpr int kPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
 constexpr int kColumns = kPasses * Lanes::kCount;
@@ -130,21 +129,22 @@ class LevelDeviation {
   }
 
   void correct(const FilterSample& s, LevelRows& rows) {
-    Lanes PH[kN][3], S[3][3], inverse[3][3], K[kN][3], innovation[3];
-    covariance_.see(s, random_, PH, S);
+    Row<Lanes> HP[3], gain[3];
+    Lanes S[3][3], inverse[3][3], innovation[3];
+    covariance_.see(s, random_, HP, S);
     invert(S, inverse);
     for (int a = 0; a < 3; ++a) {
       innovation[a] = Lanes(s.innovation(a));
-      for (int j = 0; j < 6; ++j) innovation[a] -= Lanes(s.seen[a][j]) * x_[j];
+      for (int j = 0; j < 3; ++j) innovation[a] -= Lanes(s.seen[a][j]) * x_[j];
     }
     if (s.capped) {
-      takeGain(s, K);
+      takeGain(s, gain);
     } else {
-      gainOf(PH, inverse, K);
+      combine(inverse, HP, gain);
       if (!s.starts) derive(s, innovation, S, rows);
     }
-    correctState(s, K, innovation);
-    covariance_.correct(K, PH);
+    correctState(s, gain, innovation);
+    covariance_.subtract(gain, HP);
   }
 
   void move(const FilterSample& s) {
@@ -173,9 +173,9 @@ class LevelDeviation {
   }
 
   /// Uses the gain of the unchanged levels, for a pose whose noise was increased.
-  static void takeGain(const FilterSample& s, Lanes K[kN][3]) {
-    for (int i = 0; i < kN; ++i)
-      for (int a = 0; a < 3; ++a) K[i][a] = Lanes(s.gain[i][a]);
+  static void takeGain(const FilterSample& s, Row<Lanes> gain[3]) {
+    for (int a = 0; a < 3; ++a)
+      for (int i = 0; i < kN; ++i) gain[a][i] = Lanes(s.gain[a][i]);
   }
 
   /// Changes of innovation and covariance, whitened by the unchanged levels.
@@ -206,11 +206,12 @@ class LevelDeviation {
       row[static_cast<std::size_t>(first_ + lane)] = change[lane] / kLevelChange;
   }
 
-  void correctState(const FilterSample& s, const Lanes K[kN][3], const Lanes innovation[3]) {
+  void correctState(const FilterSample& s, const Row<Lanes> gain[3], const Lanes innovation[3]) {
     for (int i = 0; i < kN; ++i) {
-      const Lanes with = K[i][0] * innovation[0] + K[i][1] * innovation[1] + K[i][2] * innovation[2];
-      const double without = s.gain[i][0] * s.innovation(0) + s.gain[i][1] * s.innovation(1) +
-                             s.gain[i][2] * s.innovation(2);
+      const Lanes with =
+          gain[0][i] * innovation[0] + gain[1][i] * innovation[1] + gain[2][i] * innovation[2];
+      const double without = s.gain[0][i] * s.innovation(0) + s.gain[1][i] * s.innovation(1) +
+                             s.gain[2][i] * s.innovation(2);
       x_[i] += with - Lanes(without);
       wrench_(i) += without;
     }
@@ -262,29 +263,59 @@ class LevelSums {
   double information_[kLevels][kColumns] = {}, score_[kColumns] = {};
 };
 
-/// Adds the information of a sample about n parameters to `sums`, (n, columns), row by row.
-void addInformation(const Sensitivity& sensitivity, int n, std::vector<double>& sums) {
-  const int half = sensitivity.half(), count = sensitivity.columns();
-  for (int a = 0; a < 3; ++a) {
-    const double* row = sensitivity.white(a);
-    for (int i = 0; i < n; ++i)
-      for (const int side : {0, half}) {
-        const double factor = row[side + i];
-        double* sum = sums.data() + i * count + side;
-        for (int j = 0; j < half; ++j) sum[j] += factor * row[side + j];
-      }
+/// Sums of score and information of the parameters over samples.
+class ParameterSums {
+ public:
+  ParameterSums(int n, int blocks, int groups)
+      : n_(n),
+        groups_(groups),
+        score_(blocks * groups, Lanes(0.0)),
+        information_(2 * n * groups, Lanes(0.0)) {}
+
+  void add(const Sensitivity& sensitivity, const Vector3<double>& e, int block) {
+    for (int a = 0; a < 3; ++a) {
+      const Lanes* row = sensitivity.white(a);
+      for (int g = 0; g < groups_; ++g) score_[block * groups_ + g] -= row[g] * Lanes(e(a));
+      for (const int side : {0, 1})
+        for (int i = 0; i < n_; ++i) {
+          const Lanes* const from = row + side * groups_;
+          const Lanes factor(element(from, i));
+          Lanes* const sum = &information_[(side * n_ + i) * groups_];
+          for (int g = 0; g < groups_; ++g) sum[g] += factor * from[g];
+        }
+    }
   }
-}
+
+  RunScores result() const {
+    const int blocks = static_cast<int>(score_.size()) / std::max(1, groups_);
+    RunScores result{Eigen::MatrixXd(blocks, n_), Eigen::MatrixXd(n_, n_), Eigen::MatrixXd(n_, n_)};
+    for (int j = 0; j < n_; ++j) {
+      for (int b = 0; b < blocks; ++b) result.score(b, j) = element(&score_[b * groups_], j);
+      for (int i = 0; i < n_; ++i) {
+        result.information(i, j) = element(&information_[i * groups_], j);
+        result.by_acceleration(i, j) = element(&information_[(n_ + i) * groups_], j);
+      }
+    }
+    return result;
+  }
+
+ private:
+  static double element(const Lanes* row, int i) {
+    return row[i / Lanes::kCount][i % Lanes::kCount];
+  }
+
+  int n_, groups_;
+  std::vector<Lanes> score_;        ///< a row a block of time, groups_ long
+  std::vector<Lanes> information_;  ///< with the same wrenches, then with the same accelerations
+};
 
 }  // namespace
 
 RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
                                     std::vector<FilterBelief>* kept) const {
-  const int n = static_cast<int>(free.index.size()), blocks = blockCount(block);
+  const int blocks = blockCount(block);
   Sensitivity sensitivity(model, free, run_);
-  RunScores result;
-  result.score.setZero(blocks, n);
-  std::vector<double> sums(n * sensitivity.columns(), 0.0);
+  ParameterSums sums(static_cast<int>(free.index.size()), blocks, sensitivity.groups());
   const Random<double> random = randomOf(levels_, run_.noise);
   std::size_t next = 0;  // belief to fill in
   for (std::size_t k = 0; k < samples_.size(); ++k) {
@@ -293,21 +324,10 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
     sensitivity.correct(s);
     for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next)
       (*kept)[next].sensitivity = sensitivity.underWrenches();
-    if (!s.starts) {
-      const Vector3<double> e = whitened(k);
-      const int at = blockOf(k, blocks);
-      const double *x = sensitivity.white(0), *y = sensitivity.white(1), *psi = sensitivity.white(2);
-      for (int j = 0; j < n; ++j)
-        result.score(at, j) -= x[j] * e(0) + y[j] * e(1) + psi[j] * e(2);
-      addInformation(sensitivity, n, sums);
-    }
+    if (!s.starts) sums.add(sensitivity, whitened(k), blockOf(k, blocks));
     if (s.dt > 0) sensitivity.move(s, random.over(s.dt), run_.times[k + 1]);
   }
-  const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>
-      both(sums.data(), n, sensitivity.columns());
-  result.information = both.leftCols(n);
-  result.by_acceleration = both.middleCols(sensitivity.half(), n);
-  return result;
+  return sums.result();
 }
 
 RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) const {

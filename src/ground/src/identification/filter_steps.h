@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 
 #include "disturbance_filter.h"
 #include "ground/model/measurement.h"
@@ -58,10 +59,26 @@ inline Random<double> randomOf(const DisturbanceLevels& levels, const Vector3<do
   return random;
 }
 
+/// A row of numbers for each state: one covariance (V = double) has eight columns in a register,
+/// filled up with zeros; eight covariances (V = Lanes) have one column in a register.
+template <typename V>
+struct Row {
+  static constexpr bool kWide = std::is_same_v<V, double>;
+  static constexpr int kParts = kWide ? kFilterRow / Lanes::kCount : kN;
+
+  Lanes part[kParts];
+
+  V& operator[](int i) {
+    if constexpr (kWide) return reinterpret_cast<double*>(part)[i];
+    else return part[i];
+  }
+  const V& operator[](int i) const { return const_cast<Row&>(*this)[i]; }
+};
+
 /// Covariance of the filter's state, a full symmetric matrix.
 template <typename V>
 struct Covariance {
-  V P[kN][kN];
+  Row<V> P[kN] = {};
 
   /// Initial covariance of a stretch. Keeps that of the constant states unless `first`.
   void start(const Random<V>& random, bool first) {
@@ -76,73 +93,94 @@ struct Covariance {
     for (int i = 9; first && i < kN; ++i) P[i][i] = random.constant[i - 9];
   }
 
-  /// Computes P H' and S = H P H' + R.
-  void see(const FilterSample& s, const Random<V>& random, V PH[kN][3], V S[3][3]) const {
-    for (int i = 0; i < kN; ++i)
-      for (int a = 0; a < 3; ++a) {
-        V sum = P[i][0] * V(s.seen[a][0]);
-        for (int j = 1; j < 6; ++j) sum += P[i][j] * V(s.seen[a][j]);
-        PH[i][a] = sum;
-      }
+  /// Computes H P and S = H P H' + R.
+  void see(const FilterSample& s, const Random<V>& random, Row<V> HP[3], V S[3][3]) const {
+    for (int a = 0; a < 3; ++a)
+      for (int j = 0; j < kParts; ++j)
+        HP[a].part[j] = Lanes(s.seen[a][0]) * P[0].part[j] + Lanes(s.seen[a][1]) * P[1].part[j] +
+                        Lanes(s.seen[a][2]) * P[2].part[j];
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b) {
-        V sum = V(s.seen[a][0]) * PH[0][b];
-        for (int j = 1; j < 6; ++j) sum += V(s.seen[a][j]) * PH[j][b];
+        const V sum = V(s.seen[a][0]) * HP[b][0] + V(s.seen[a][1]) * HP[b][1] +
+                      V(s.seen[a][2]) * HP[b][2];
         S[a][b] = a == b ? sum + random.noise[a] : sum;
       }
   }
 
-  void correct(const V K[kN][3], const V PH[kN][3]) {
-    for (int i = 0; i < kN; ++i)
-      for (int j = i; j < kN; ++j) {
-        P[i][j] -= K[i][0] * PH[j][0] + K[i][1] * PH[j][1] + K[i][2] * PH[j][2];
-        P[j][i] = P[i][j];
-      }
+  /// Subtracts the symmetric matrix A' B. For V = double, A and B have to be the same: then the
+  /// covariance stays exactly symmetric.
+  void subtract(const Row<V> A[3], const Row<V> B[3]) {
+    for (int i = 0; i < kN; ++i) {
+      for (int j = Row<V>::kWide ? 0 : i; j < kParts; ++j)
+        P[i].part[j] -= Lanes(A[0][i]) * B[0].part[j] + Lanes(A[1][i]) * B[1].part[j] +
+                        Lanes(A[2][i]) * B[2].part[j];
+      if constexpr (!Row<V>::kWide)
+        for (int j = i + 1; j < kN; ++j) P[j][i] = P[i][j];
+    }
   }
 
   void move(const FilterSample& s, const typename Random<V>::Step& step) {
-    V top[6][kN];
+    Row<V> top[6];
     moveOnce(s, step, top);
     moveMotion(s, step, top);
     moveWrench(s, step, top);
   }
 
  private:
+  static constexpr int kParts = Row<V>::kParts;
+
   /// Covariance of the next pose and velocity with the state before the step.
-  void moveOnce(const FilterSample& s, const typename Random<V>::Step& step, V top[6][kN]) const {
-    V push[3][kN];  // covariance of the wrench that acts with the state
-    for (int j = 0; j < kN; ++j) {
+  void moveOnce(const FilterSample& s, const typename Random<V>::Step& step, Row<V> top[6]) const {
+    for (int j = 0; j < kParts; ++j) {
+      Lanes push[3];  // covariance of the wrench that acts with the state
       for (int i = 0; i < 3; ++i)
-        push[i][j] = step.mean[i] * P[6 + i][j] + P[9 + i][j];
+        push[i] = Lanes(step.mean[i]) * P[6 + i].part[j] + P[9 + i].part[j];
       for (int i = 0; i < 6; ++i) {
-        V sum = V(s.motion[i][0]) * P[0][j];
-        for (int k = 1; k < 6; ++k) sum += V(s.motion[i][k]) * P[k][j];
-        for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k][j];
-        top[i][j] = sum + V(s.by_thrust[i]) * P[12][j];
+        Lanes sum = Lanes(s.by_thrust[i]) * P[12].part[j];
+        for (int k = 0; k < 6; ++k) sum += Lanes(s.motion[i][k]) * P[k].part[j];
+        for (int k = 0; k < 3; ++k) sum += Lanes(s.response[i][k]) * push[k];
+        top[i].part[j] = sum;
       }
     }
   }
 
   /// Covariance of the next pose and velocity, with the process noise of the step.
   void moveMotion(const FilterSample& s, const typename Random<V>::Step& step,
-                  const V top[6][kN]) {
+                  const Row<V> top[6]) {
     V pushed[6][3];  // covariance with the acting wrench, including a third of its noise
     for (int i = 0; i < 6; ++i)
       for (int k = 0; k < 3; ++k)
         pushed[i][k] = (step.mean[k] * top[i][6 + k] + top[i][9 + k]) +
                        V(s.response[i][k]) * (step.added[k] * V(1.0 / 3) + step.density[k]);
-    for (int i = 0; i < 6; ++i)
-      for (int j = i; j < 6; ++j) {
-        V sum = top[i][12] * V(s.by_thrust[j]);
-        for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
-        for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
-        P[i][j] = P[j][i] = sum;
+    if constexpr (Row<V>::kWide) {
+      Lanes motion[6], response[3], by_thrust(0.0);  // a lane for each element of the next motion
+      for (Lanes& column : motion) column = Lanes(0.0);
+      for (Lanes& column : response) column = Lanes(0.0);
+      for (int j = 0; j < 6; ++j) {
+        for (int k = 0; k < 6; ++k) motion[k][j] = s.motion[j][k];
+        for (int k = 0; k < 3; ++k) response[k][j] = s.response[j][k];
+        by_thrust[j] = s.by_thrust[j];
       }
+      for (int i = 0; i < 6; ++i) {
+        Lanes sum = Lanes(top[i][12]) * by_thrust;
+        for (int k = 0; k < 6; ++k) sum += Lanes(top[i][k]) * motion[k];
+        for (int k = 0; k < 3; ++k) sum += Lanes(pushed[i][k]) * response[k];
+        for (int j = i; j < 6; ++j) P[i][j] = P[j][i] = sum[j];
+      }
+    } else {
+      for (int i = 0; i < 6; ++i)
+        for (int j = i; j < 6; ++j) {
+          V sum = top[i][12] * V(s.by_thrust[j]);
+          for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
+          for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
+          P[i][j] = P[j][i] = sum;
+        }
+    }
   }
 
   /// Covariances with the wrench and with the constant states.
   void moveWrench(const FilterSample& s, const typename Random<V>::Step& step,
-                  const V top[6][kN]) {
+                  const Row<V> top[6]) {
     for (int i = 0; i < 6; ++i) {
       for (int k = 0; k < 3; ++k) {
         const V half = V(s.response[i][k]) * step.added[k] * V(0.5);  // process noise of the step
@@ -175,11 +213,13 @@ void invert(const V S[3][3], V inverse[3][3]) {
   inverse[2][2] = over * (S[0][0] * S[1][1] - S[0][1] * S[0][1]);
 }
 
+/// The product of a matrix with three rows.
 template <typename V>
-void gainOf(const V PH[kN][3], const V inverse[3][3], V K[kN][3]) {
-  for (int i = 0; i < kN; ++i)
-    for (int a = 0; a < 3; ++a)
-      K[i][a] = PH[i][0] * inverse[0][a] + PH[i][1] * inverse[1][a] + PH[i][2] * inverse[2][a];
+void combine(const V by[3][3], const Row<V> rows[3], Row<V> result[3]) {
+  for (int a = 0; a < 3; ++a)
+    for (int j = 0; j < Row<V>::kParts; ++j)
+      result[a].part[j] = Lanes(by[a][0]) * rows[0].part[j] + Lanes(by[a][1]) * rows[1].part[j] +
+                          Lanes(by[a][2]) * rows[2].part[j];
 }
 
 /// Propagates `count` deviations of the filter's state by one step; x is (kN, count), row by row.
@@ -214,20 +254,20 @@ inline void passGap(Simulation<Jet>& simulation, double until) {
 
 /// Corrects `count` deviations of the state by the filter's gain. `white`: deviations of the
 /// whitened innovation. `unseen`: direct changes of the measurement, or null.
-inline void correctDeviation(const FilterSample& s, const double* unseen, double* x, double* white,
-                      int count) {
+template <typename V>
+void correctDeviation(const FilterSample& s, const V* unseen, V* x, V* white, int count) {
   for (int j = 0; j < count; ++j) {
-    double change[3];
+    V change[3];
     for (int a = 0; a < 3; ++a) {
-      change[a] = unseen ? -unseen[a * count + j] : 0;
-      for (int i = 0; i < 6; ++i) change[a] -= s.seen[a][i] * x[i * count + j];
+      change[a] = unseen ? -unseen[a * count + j] : V(0.0);
+      for (int i = 0; i < 3; ++i) change[a] -= V(s.seen[a][i]) * x[i * count + j];
     }
     for (int i = 0; i < kN; ++i)
-      x[i * count + j] +=
-          s.gain[i][0] * change[0] + s.gain[i][1] * change[1] + s.gain[i][2] * change[2];
+      x[i * count + j] += V(s.gain[0][i]) * change[0] + V(s.gain[1][i]) * change[1] +
+                          V(s.gain[2][i]) * change[2];
     for (int a = 0; a < 3; ++a)
-      white[a * count + j] = s.whitening[a][0] * change[0] + s.whitening[a][1] * change[1] +
-                             s.whitening[a][2] * change[2];
+      white[a * count + j] = V(s.whitening[a][0]) * change[0] + V(s.whitening[a][1]) * change[1] +
+                             V(s.whitening[a][2]) * change[2];
   }
 }
 

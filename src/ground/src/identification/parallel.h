@@ -18,16 +18,43 @@ inline int threadCount(int wanted) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-/// Calls `work(i)` for i = 0 … count - 1 from several threads.
+/// The threads that are inside inParallel, in the whole process.
+class BusyThreads {
+ public:
+  /// Counts one more thread. Unless `always`, only if that makes no more than there are cores;
+  /// returns whether it did.
+  static bool add(bool always) {
+    int busy = count();
+    while (always || busy < threadCount(0))
+      if (count().compare_exchange_weak(busy, busy + 1)) return true;
+    return false;
+  }
+  /// Counts a thread less when it goes out of scope.
+  struct Leave {
+    ~Leave() { --count(); }
+  };
+
+ private:
+  static std::atomic<int>& count() {
+    static std::atomic<int> busy{0};
+    return busy;
+  }
+};
+
+/// Calls `work(i)` for i = 0 … count - 1 from several threads. `threads` is their number; 0 means
+/// the calling thread and one for each core that no other call uses, so that calls from several
+/// threads share the cores.
 template <class Work>
 void inParallel(std::size_t count, int threads, const Work& work) {
   std::atomic<std::size_t> next{0};
   const auto take = [&] {
+    const BusyThreads::Leave leave;
     for (std::size_t i = next++; i < count; i = next++) work(i);
   };
-  std::vector<std::thread> others;
   const std::size_t wanted = std::min<std::size_t>(threadCount(threads), count);
-  for (std::size_t i = 1; i < wanted; ++i) others.emplace_back(take);
+  std::vector<std::thread> others;
+  BusyThreads::add(true);
+  while (others.size() + 1 < wanted && BusyThreads::add(threads > 0)) others.emplace_back(take);
   take();
   for (std::thread& thread : others) thread.join();
 }

@@ -6,6 +6,17 @@
 #include <string>
 
 namespace ground {
+namespace {
+
+/// Whether a command equals the one before it.
+bool repeats(const InputSequence& inputs, std::size_t command) {
+  if (command == 0) return false;
+  const Thrusters<double>&now = inputs.thrusters[command], &before = inputs.thrusters[command - 1];
+  return inputs.lift[command] == inputs.lift[command - 1] &&
+         std::equal(now.begin(), now.end(), before.begin());
+}
+
+}  // namespace
 
 void InputSequence::add(double time, const Thrusters<double>& command, double lift_value) {
   if (command.size() != thruster_count)
@@ -75,6 +86,10 @@ bool Stepping::next(double time, Stretch& stretch) {
   while (next_ < inputs_->size()) {
     const double change = inputs_->times[next_] + delay_;
     if (change > time) break;
+    if (repeats(*inputs_, next_)) {  // the same stretch goes on
+      held_ = ++next_;
+      continue;
+    }
     held_ = next_++;
     if (reach(change, varies_, stretch)) return true;
   }

@@ -82,10 +82,12 @@ class Diagnosis:
         self.work = work or Work()
         self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
         self.kept = kept or Unfinished()
-        self.threads = threads or len(os.sched_getaffinity(0))
-        self.pool = ThreadPoolExecutor(self.threads)
+        # A fit alone uses all cores; fits beside each other share them.
+        self.threads = 1 if threads else 0
+        count = threads or len(os.sched_getaffinity(0))
+        self.pool = ThreadPoolExecutor(count)
         # A thread of the pool that waited for the pool would block it.
-        self.waiting = ThreadPoolExecutor(WAITING_THREADS if self.threads > 1 else 1)
+        self.waiting = ThreadPoolExecutor(WAITING_THREADS if count > 1 else 1)
         self.each: Each = each or self.pool.map
         # The same for pieces of work that map over others themselves, and for these.
         self.each_of_many: Each = each or self.waiting.map
