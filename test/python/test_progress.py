@@ -203,7 +203,7 @@ def test_short_work_shows_nothing(kind):
     def short(work, watch):
         with work.stage("fitting", 10):
             for _ in work.each(range(10)):
-                clock.run(0.19, watch)
+                clock.run(0.09, watch)
             work.note("something")
 
     assert shown(kind, clock, short) == ""
