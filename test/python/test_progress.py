@@ -6,9 +6,14 @@ import re
 
 import pexpect
 import pytest
-from conftest import MODEL, located
+from conftest import MODEL, QUIET, located
 from ground import progress, terminal
 from ground.progress import Report, Work
+
+
+@pytest.fixture(autouse=True)
+def progress_is_shown(monkeypatch):
+    monkeypatch.setattr(terminal, "QUIET", QUIET)
 
 
 class Clock:
