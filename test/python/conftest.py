@@ -14,9 +14,19 @@ import jsonschema
 import numpy as np
 import pytest
 
+from ground import terminal
+
+QUIET = terminal.QUIET
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_progress():
+    """Nothing is shown of work in this process, however busy the computer is."""
+    with mock.patch.object(terminal, "QUIET", float("inf")):
+        yield
 
 
 def identify(*arguments):

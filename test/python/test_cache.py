@@ -165,13 +165,18 @@ def test_a_folder_that_is_read_only_stays_as_it_is(bag):
 def test_a_full_disk_leaves_nothing_behind(bag, monkeypatch):
     wanted = found(bag, cached=False)
 
-    def full(file, **_):
-        file.write(b"begun")
+    def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
-    assert found(bag) == wanted
-    assert {p.name for p in (bag.parent / cache.FOLDER).iterdir()} == set(cache.MARKS)
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "replace", full)
+        assert found(bag) == wanted
+    assert not (bag.parent / cache.FOLDER).exists()
+    assert found(bag) == wanted and len(entries(bag)) == 2
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "replace", full)
+        assert found(bag, heading_offset=0.1) != wanted
+    assert len(list((bag.parent / cache.FOLDER).iterdir())) == 2 + len(cache.MARKS)
 
 
 def test_processes_that_write_at_once_do_not_disturb_each_other(bag):

@@ -6,9 +6,14 @@ import re
 
 import pexpect
 import pytest
-from conftest import MODEL, located
+from conftest import MODEL, QUIET, located
 from ground import progress, terminal
 from ground.progress import Report, Work
+
+
+@pytest.fixture(autouse=True)
+def progress_is_shown(monkeypatch):
+    monkeypatch.setattr(terminal, "QUIET", QUIET)
 
 
 class Clock:
@@ -203,7 +208,7 @@ def test_short_work_shows_nothing(kind):
     def short(work, watch):
         with work.stage("fitting", 10):
             for _ in work.each(range(10)):
-                clock.run(0.19, watch)
+                clock.run(0.09, watch)
             work.note("something")
 
     assert shown(kind, clock, short) == ""

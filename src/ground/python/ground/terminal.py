@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, TextIO
 from ground.progress import Report, Work
 
 HOWS = ("bar", "lines", "json", "off")
-QUIET = 0.7  # nothing is shown of work that takes less [s]
+QUIET = 1.0  # nothing is shown of work that takes less [s]
 INTERVAL = 5.0  # least time between lines [s]
 JSON_INTERVAL = 0.5  # least time between reports of the same stage in JSON [s]
 TICK = 0.25  # time between updates of a bar [s]

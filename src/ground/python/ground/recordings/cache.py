@@ -9,11 +9,12 @@ entry that is missing, damaged or from elsewhere is computed anew, and where non
 import contextlib
 import functools
 import hashlib
+import io
 import os
 import re
 import tempfile
 import time
-from typing import Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Dict, Iterable, Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -81,18 +82,35 @@ def load(folder: str, path: str, stage: str, key: str) -> Optional[Columns]:
 
 def save(folder: str, path: str, stage: str, key: str, columns: Columns) -> None:
     """Keeps an entry where that is possible. Several processes may write the same one."""
-    temporary = ""
+    content = io.BytesIO()  # NumPy complains later when a file is full
+    np.savez(content, facts=np.array(columns.facts), key=np.array(key), **columns.arrays)
     try:
-        _make(folder)
-        handle, temporary = tempfile.mkstemp(".npz", TEMPORARY, folder)
+        if not os.stat(os.path.dirname(folder)).st_mode & 0o222:
+            return  # read-only, even for an administrator
+        os.makedirs(folder, exist_ok=True)
+    except OSError:
+        return
+    try:
+        _write(_entry(folder, path, stage, key), content.getbuffer())
+        for name, text in MARKS.items():
+            if not os.path.exists(os.path.join(folder, name)):
+                _write(os.path.join(folder, name), text.encode())
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.rmdir(folder)  # unless anything is in it
+
+
+def _write(path: str, content: Union[bytes, memoryview]) -> None:
+    """Writes a file completely, or not at all and raises OSError."""
+    handle, temporary = tempfile.mkstemp("", TEMPORARY, os.path.dirname(path))
+    try:
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, facts=np.array(columns.facts), key=np.array(key), **columns.arrays)
+            file.write(content)
         os.chmod(temporary, 0o644)
-        os.replace(temporary, _entry(folder, path, stage, key))
-    except (OSError, ValueError):
-        if temporary:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
 
 
 def tidy(folder: str) -> None:
@@ -115,18 +133,6 @@ def tidy(folder: str) -> None:
     for path in useless:
         with contextlib.suppress(OSError):
             os.unlink(path)
-
-
-def _make(folder: str) -> None:
-    """Makes the folder. Raises OSError where it must not be made, even by an administrator."""
-    if os.path.isdir(folder):
-        return
-    if not os.stat(os.path.dirname(folder)).st_mode & 0o222:
-        raise OSError("the folder of the recordings is read-only")
-    os.makedirs(folder, exist_ok=True)
-    for name, text in MARKS.items():
-        with open(os.path.join(folder, name), "w") as file:
-            file.write(text)
 
 
 def _entry(folder: str, path: str, stage: str, key: str) -> str:
