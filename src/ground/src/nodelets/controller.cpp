@@ -70,14 +70,14 @@ void Controller::onInit() {
     controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);
     status_ = nh.advertise<Status>("status", 1, true);
     load(nh);
-    publishStatus();
-    thread_ = std::thread([this] { run(); });
     start_service_ = services.advertiseService("start", &Controller::onStart, this);
     stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
     state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
+    publishStatus();  // whoever hears it finds the services
+    thread_ = std::thread([this] { run(); });
   } catch (const std::exception& error) {
     NODELET_FATAL("%s: %s", name_.c_str(), error.what());
     throw;
