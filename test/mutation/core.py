@@ -36,12 +36,17 @@ def _counted(name):
     places = {kind: COUNTS / name / kind for kind in ("none", "all")}
     seconds = 0.0
     for kind, arguments in (("none", ["--gtest_list_tests"]), ("all", ["--gtest_brief=1"])):
-        environment = {"GCOV_PREFIX": str(places[kind])}
+        environment = {"GCOV_PREFIX": str(places[kind]), **_libraries(COUNTED)}
         done = commands.run([program] + arguments, 1200, ROOT, environment)
         if done.status:
             raise SystemExit("%s fails without any mutation:\n%s" % (name, done.output[-3000:]))
         seconds = done.seconds
     return seconds
+
+
+def _libraries(build):
+    """Makes programs take the libraries of a build, also where a workspace was sourced."""
+    return {"LD_LIBRARY_PATH": str(build / "devel" / "lib")}
 
 
 def _executed(name):
@@ -165,7 +170,7 @@ class Tree:
             for test in part:
                 program = str(self._build / "devel" / "lib" / "ground" / test)
                 limit = max(LEAST, SLACK * self._covering.seconds[test])
-                environment = {"GTEST_FAIL_FAST": "1", "GTEST_BRIEF": "1"}
+                environment = {"GTEST_FAIL_FAST": "1", "GTEST_BRIEF": "1", **_libraries(self._build)}
                 done = commands.run([program], limit, self._folder, environment)
                 if done.timed_out:
                     return {"outcome": "killed", "by": test, "timeout": True}

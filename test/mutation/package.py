@@ -59,7 +59,7 @@ def _copy_package(folder):
     """Copies the package, with what has been built for it."""
     shutil.rmtree(str(folder), ignore_errors=True)
     shutil.copytree(str(PACKAGE / "python" / "ground"), str(folder / "ground"))
-    built = pathlib.Path(importlib.util.find_spec("ground._core").origin).parent
+    built = pathlib.Path(importlib.util.find_spec("ground._core").origin).resolve().parent
     for made in [*built.glob("_core*.so"), built / "cfg"]:
         os.symlink(str(made), str(folder / "ground" / made.name))
 

@@ -413,8 +413,8 @@ TEST(InputDesign, AMultisineHasEqualSinesUpToASixthOfTheClockAndNoneBeyond) {
       for (std::size_t k = 1; k <= n / 2; ++k) {
         std::complex<double> sum = 0;
         for (std::size_t i = 0; i < n; ++i)
-          sum += std::polar(rows[i][channel], -2 * M_PI * static_cast<double>(k * i % n) /
-                                                  static_cast<double>(n));
+          sum += rows[i][channel] * std::polar(1.0, -2 * M_PI * static_cast<double>(k * i % n) /
+                                                        static_cast<double>(n));
         const double frequency = static_cast<double>(k) / 8, amplitude = std::abs(sum);
         const bool own = frequency <= clock / 6 + 1e-9 && k % 2 == 1 - channel;
         if (own) {
