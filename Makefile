@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling \
+.PHONY: build demo test lint sanitize fuzz bench bench-hidden bench-discover bench-tracking bench-scaling bench-diagnose \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans docs install clean
 
 build: $(configured)
@@ -90,6 +90,10 @@ bench-lines: build
 # Tests prove_stop on simulated crafts with and without watchdogs.
 bench-own-stop: build
 	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
+
+# The wait for a diagnosis and its growth with the data. OPTIONS="--part growth", "--recordings DIR"
+bench-diagnose: build
+	@$(in_workspace) test/bench/diagnose_speed.py $(OPTIONS)
 
 # Sweeps on all cores and on a Dask cluster, with a prediction for 1000 workers.
 bench-scaling: build
