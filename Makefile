@@ -17,7 +17,7 @@ options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD
 
 .PHONY: build demo test lint sanitize fuzz mutants coverage bench bench-hidden bench-discover bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
-  bench-commands docs install clean
+  bench-commands bench-diagnose docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -105,6 +105,10 @@ bench-lines: build
 # Tests prove_stop on simulated crafts with and without watchdogs.
 bench-own-stop: build
 	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
+
+# The wait for a diagnosis and its growth with the data. OPTIONS="--part growth", "--recordings DIR"
+bench-diagnose: build
+	@$(in_workspace) test/bench/diagnose_speed.py $(OPTIONS)
 
 # Sweeps on all cores and on a Dask cluster, with a prediction for 1000 workers.
 bench-scaling: build

@@ -138,6 +138,15 @@ def diagnoses(table, peers):
                   "right in %d of %d" % (right, len(rows)))  # fmt: skip
 
 
+def waits(table):
+    """What a person waits for: the first line and the page of `identify diagnose`, on all cores."""
+    command = [os.path.join(HERE, "diagnose_speed.py"), "--json", "--part", "waits"]
+    for name, times in json.loads(run(*command))["waits"].items():
+        for what, goal in (("verdict", 4), ("page", 6)):
+            seconds = [found[what] for found in times]
+            table.add("%s of a diagnosis, hidden: %s" % (what, name), seconds, "s", goal)
+
+
 def simulation(table):
     """Ratio of simulated time to computing time."""
     import time
@@ -289,9 +298,9 @@ def main():
 
 
 PARTS = {
-    "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "simulation": simulation,
-    "controllers": controllers, "plans": plans, "latency": latency, "live": live, "growth": growth,
-    "commands": commands,
+    "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "waits": waits,
+    "simulation": simulation, "controllers": controllers, "plans": plans, "latency": latency,
+    "live": live, "growth": growth, "commands": commands,
 }  # fmt: skip
 
 if __name__ == "__main__":

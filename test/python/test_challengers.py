@@ -34,6 +34,25 @@ def test_a_formula_is_likelier_than_the_effect_that_imitates_it():
     assert best.lead > 100
 
 
+def test_a_diagnosis_says_that_a_formula_is_likelier():
+    """And that it is not, where the quadratic drag that was found does act."""
+    import hidden_white
+    from ground.analysis import diagnosis_report
+    from ground.analysis.conclusion import conclude
+    from ground.reports import words
+
+    seed = list(hidden_white.strengths()).index("quadratic_drag") + 1
+    for kind, number, says in (("white_outside", 3, True), ("white_single", seed, False)):
+        _, found = grown(kind, number)
+        assert found.names == {"quadratic_drag"}
+        conclusion = conclude(found)
+        report = diagnosis_report.begun(found, conclusion, "craft.yaml")
+        report = diagnosis_report.completed(report, found, conclusion)
+        sentences = list(words.described(report))
+        assert any("N = c1*(r^3)" in sentence for sentence in sentences) == says
+        assert bool(report["challengers"]) == says
+
+
 @pytest.mark.parametrize("kind, seed", [("white_single", 7), ("white_pairs", 5)])
 def test_no_formula_replaces_what_acts(kind, seed):
     from ground.analysis.challengers import challengers

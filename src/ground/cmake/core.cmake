@@ -123,7 +123,7 @@ target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
 ground_wide_library(identification)
 
 if(TARGET ground_model_plain)
-  foreach(folder estimation control simulation)
+  foreach(folder estimation simulation)
     ground_plain_library(${folder})
   endforeach()
 endif()

@@ -22,6 +22,12 @@ from ground.errors import GroundError
 REPLACED = 2  # largest number of effects that one formula replaces
 TESTED = 6  # formulas that are compared with the library's effects
 REFITTED = 2  # formulas that are refitted in the place of the same effects
+# Effects that oppose the motion, whose forms resemble each other's and those of formulas of VELOCITY
+DAMPING = frozenset(
+    ["quadratic_drag", "coulomb_friction", "momentum_drag", "sway_yaw_damping"]
+    + ["directional_yaw_damping", "skirt_friction"]
+)
+VELOCITY = frozenset(["u", "v", "r"])
 SIZE = 0.01  # typical size of a term, relative to full thrust
 OWN = 0.005  # least share of a formula's information that no effect of the library has as well
 
@@ -41,22 +47,45 @@ class _Formula:
     entry: Document
 
 
-def challengers(found: Diagnosis) -> List[Challenger]:
+def challengers(found: Diagnosis, only_damping: bool = False) -> List[Challenger]:
     """Formulas whose likelihood does not exclude them in the place of effects of the library that a
-    grown Diagnosis has chosen, best first."""
-    of_library = found.names & frozenset(candidates.effects(found.given))
-    formulas = _formulas(found) if of_library else {}
+    grown Diagnosis has chosen, best first. only_damping: only the effects of DAMPING are challenged, by
+    formulas of the velocity; other effects act in ways that a formula seldom imitates."""
+    challenged = found.names & frozenset(candidates.effects(found.given))
+    if only_damping:
+        challenged &= DAMPING
+    formulas = _formulas(found, only_damping) if challenged else {}
+    parts = list(_parts(challenged))
+    rests = [_without(found, replaced) for replaced in parts]
+
+    def tested(part: Tuple[Tuple[str, ...], FrozenSet[str]]) -> List[Tuple[str, Challenger]]:
+        replaced, rest = part
+        leads = [
+            (name, _lead(found, formulas[name], step, rest, len(formulas)))
+            for name, step in _promising(found, formulas, rest, replaced)
+        ]
+        return [
+            (name, Challenger(formulas[name].entry, replaced, lead))
+            for name, lead in leads
+            if lead is not None
+        ]
+
     tried: Dict[str, Challenger] = {}
-    for replaced in _parts(of_library):
-        rest = found.names
-        for name in replaced:
-            rest = found.search.without(rest, name)
-        for name, step in _promising(found, formulas, rest, replaced):
-            lead = _lead(found, formulas[name], step, rest, len(formulas))
-            if lead is not None and (name not in tried or lead > tried[name].lead):
-                tried[name] = Challenger(formulas[name].entry, replaced, lead)
+    for part in found.pool.map(tested, zip(parts, rests)):
+        for name, challenger in part:
+            if name not in tried or challenger.lead > tried[name].lead:
+                tried[name] = challenger
     kept = [c for c in tried.values() if c.lead > -found.search.criteria.exclusion]
     return sorted(kept, key=lambda c: -c.lead)
+
+
+def _without(found: Diagnosis, replaced: Sequence[str]) -> FrozenSet[str]:
+    """The grown model's set without some effects, fitted, and tested before threads need it."""
+    rest = found.names
+    for name in replaced:
+        rest = found.search.without(rest, name)
+    found.search.test_beside(rest)
+    return rest
 
 
 def _parts(names: FrozenSet[str]) -> Iterator[Tuple[str, ...]]:
@@ -65,8 +94,9 @@ def _parts(names: FrozenSet[str]) -> Iterator[Tuple[str, ...]]:
         yield from itertools.combinations(sorted(names), size)
 
 
-def _formulas(found: Diagnosis) -> Dict[str, _Formula]:
-    """Formulas with one weight, in one channel of the wrench each, by name."""
+def _formulas(found: Diagnosis, only_damping: bool) -> Dict[str, _Formula]:
+    """Formulas with one weight, in one channel of the wrench each, by name; only_damping: those of the
+    velocity."""
     model = found.given
     full = dict(zip(unexplained.CHANNELS, failure.full_scale(model)))
     sampled = [unexplained.values(run, model) for run in found.runs]
@@ -74,6 +104,8 @@ def _formulas(found: Diagnosis) -> Dict[str, _Formula]:
     for term in unexplained.dictionary(model):
         if len(term.parts) != 1:
             continue  # along an axis of the world: no effect of the body imitates it
+        if only_damping and not (term.variables and term.variables <= VELOCITY):
+            continue
         ((channel, text),) = term.parts.items()
         size = float(np.sqrt(np.mean([np.mean(unexplained.evaluate(text, s) ** 2) for s in sampled])))
         if not size > 0:

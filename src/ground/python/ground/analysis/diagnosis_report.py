@@ -8,6 +8,7 @@ from ground.analysis import (
     bands,
     budget,
     candidates,
+    challengers,
     held_out,
     likelihood,
     look_alikes,
@@ -90,6 +91,8 @@ def completed(
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
         repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
+    with diagnosis.work.stage(stages.CHALLENGING):
+        found = challengers.challengers(diagnosis, only_damping=True)
     proposed = _next_experiment(diagnosis, alike, thorough, room)
     diagnosis.plan.planned()
     left: Document = {"fraction": 0.0, "where": [], "proposal": None}
@@ -97,6 +100,7 @@ def completed(
         left = _unexplained(diagnosis, conclusion)
     return {
         **report,
+        "challengers": [dataclasses.asdict(challenger) for challenger in found],
         "candidates": described,
         "budget": _budget(budget_of_error),
         "repeats": repeated and dataclasses.asdict(repeated),

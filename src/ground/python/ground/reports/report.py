@@ -93,6 +93,8 @@ def _verdict(sheet: page.Page, report: Document) -> None:
         sheet.points(list(words.findings(report)))
     if report["verdict"] == "misread":
         return
+    for sentence in words.challenged(report):
+        sheet.paragraph(sentence)
     sheet.paragraph(words.budget(report))
     bands = words.bands(report)
     if bands:

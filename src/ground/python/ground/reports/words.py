@@ -4,11 +4,13 @@ import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import failure
+from ground.analysis.criteria import Criteria
 from ground.annotations import Document
 from ground.recordings import suspicions
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
+EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
@@ -307,6 +309,25 @@ def apart(report: Document) -> Iterator[str]:
         )
 
 
+def challenged(report: Document) -> Iterator[str]:
+    """The formula that may act in the place of effects that were found, if there is one."""
+    for found in report["challengers"][:1]:
+        ((channel, formula),) = found["entry"]["expression"].items()
+        term, (weight,) = "%s = %s" % (channel, formula), found["entry"]["parameters"]
+        replaced = effects(report, found["replaced"])
+        if found["lead"] < EXCLUDED:
+            yield "These runs cannot distinguish %s from a term outside the library, %s." % (
+                replaced,
+                term,
+            )
+            return
+        yield (
+            "But a term outside the library explains these runs better than %s: %s, with %s fitted "
+            "(log-likelihood ratio %.0f). What was found may only imitate it: diagnose again with the term "
+            "as an effect (--effects)." % (replaced, term, weight, found["lead"])
+        )
+
+
 def slight(report: Document) -> Iterator[str]:
     """An effect that is visible but too small to be called missing."""
     found = report["slight"]
@@ -453,6 +474,7 @@ def described(report: Document) -> Iterator[str]:
     """The rest of these lines."""
     if report["verdict"] == "misread":
         return
+    yield from challenged(report)
     yield budget(report)
     poses = _held_poses(report)
     if poses:
