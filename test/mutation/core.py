@@ -1,4 +1,5 @@
 """Mutants of the C++ core: which unit tests execute what, and a copy of the workspace that builds mutants."""
+import collections
 import concurrent.futures
 import filecmp
 import json
@@ -13,6 +14,7 @@ from sampling import PACKAGE, ROOT
 COUNTED = ROOT / "build" / "coverage"  # the build that counts executed lines
 COUNTS = ROOT / "build" / "mutation" / "counts"
 REPORT = COUNTS / "lines.json"  # what gcovr says of all unit tests together
+HEAD = 32  # bytes of a .gcda file with stamps and the maximum of all counters of a library
 SLACK = 10  # a test of a mutant may take this many times what it took without [processor time] ...
 LEAST = 10  # ... but at least so long [s]
 AT_FIRST = 3  # tests that are built at first, because they kill most mutants
@@ -54,7 +56,8 @@ def _executed(name):
     started, ran = COUNTS / name / "none", COUNTS / name / "all"
     for path in ran.rglob("*.gcda"):
         inner = path.relative_to(ran)
-        if not (started / inner).exists() or not filecmp.cmp(str(path), str(started / inner), False):
+        before = started / inner
+        if not before.exists() or before.read_bytes()[HEAD:] != path.read_bytes()[HEAD:]:
             yield str((ROOT.parent / "/" / inner).relative_to(COUNTED))[: -len("gcda")] + "o"
 
 
@@ -78,16 +81,17 @@ class Covering:
         found = json.loads((COUNTS / "tests.json").read_text())
         self.seconds = found["seconds"]
         self._executed = {name: set(objects) for name, objects in found["executed"].items()}
-        self._counts = {
-            file["file"]: {line["line_number"]: line["count"] for line in file["lines"]}
-            for file in json.loads(REPORT.read_text())["files"]
-        }
+        self._counts = collections.defaultdict(collections.Counter)
+        for file in json.loads(REPORT.read_text())["files"]:
+            for line in file["lines"]:  # several for a line of a template
+                self._counts[file["file"]][line["line_number"]] += line["count"]
         self._objects = _objects_by_file()
 
     def tests(self, mutant):
         """Names of the tests to run, the quickest first; none if no test executes the line."""
         counts = self._counts.get(mutant.path, {})
-        if counts.get(mutant.line) == 0 or not any(counts.values()) and mutant.path.endswith(".cpp"):
+        is_source = mutant.path.endswith(".cpp")
+        if mutant.line in counts and not counts[mutant.line] or is_source and not sum(counts.values()):
             return []
         objects = self._objects.get(mutant.path, set())
         touching = [name for name, executed in self._executed.items() if executed & objects]
@@ -100,8 +104,10 @@ def _objects_by_file():
     for line in commands.waited(["ninja", "-t", "deps"], COUNTED).splitlines():
         if not line.startswith(" "):
             built = line.split(":")[0]
-        elif str(PACKAGE) in line:
-            found.setdefault(os.path.relpath(line.strip(), str(ROOT)), set()).add(built)
+            continue
+        path = os.path.normpath(os.path.join(str(COUNTED), line.strip()))
+        if path.startswith(str(PACKAGE)):
+            found.setdefault(os.path.relpath(path, str(ROOT)), set()).add(built)
     return found
 
 

@@ -168,7 +168,7 @@ TEST(Symmetry, FitsOfAMirroredRunGiveMirroredParameters) {
       how.free = free;
       return SimulationError({data}, cutWindows(data, 0, 0, 1e9, 2), target).fit(guess, how);
     };
-    // Robust losses of poses are flat about their minimum: searches end a part of a deviation apart.
+    // Robust losses of poses are flat about their minimum, where searches end a little apart.
     const double near = target == Target::kPoses ? 0.2 : 0.01;
     const FitResult here = fitted(run);
     EXPECT_NEAR(here.model.value("thrust_asymmetry.a"), 0.08, 0.02);
