@@ -97,7 +97,7 @@ def steps(table):
 
 def fit(table, peers):
     command = [os.path.join(HERE, "fit_speed.py"), "--json"]
-    times = json.loads(run(*command, *(["--casadi", peers] if peers else [])))
+    times = json.loads(run(*command, *(["--peers", peers] if peers else [])))
     ours = np.median(times["ground"])
     for name, seconds in times.items():
         ratio = np.median(seconds) / ours
@@ -278,7 +278,7 @@ def machine():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--peers", metavar="PYTHON", help="interpreter that has CasADi and PySINDy")
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter that has CasADi, JAX and PySINDy")
     parser.add_argument("--json", metavar="FILE", required=True)
     parser.add_argument("--only", nargs="+", help="parts: " + " ".join(PARTS))
     arguments = parser.parse_args()

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Times of a fit by ground, by scipy over vectorised numpy, and by CasADi, on the same artificial data.
+"""Times of a fit by ground, scipy over vectorised numpy, CasADi and JAX, on the same artificial data.
 
 Nine runs of 4 s, PRBS {0, 1} at 20 Hz, 100 Hz samples, RK4 with h = 0.005 s, five parameters from
 0.2 each and nine initial velocities. Each contender runs on one core, in the interpreter that has it;
@@ -23,6 +23,11 @@ TRUTH = [1e-3, 5e-2, 5e-2, 1e-3, 0.1]  # thesis, table 3.1
 START = [0.2] * 5
 MAX_DIFFERENCE = 1e-3  # relative, of the parameters that two contenders find
 RUNS, DURATION, SAMPLES_PER_SECOND, STEPS_PER_SECOND, CLOCK, NOISE = 9, 4, 100, 200, 20, 0.1
+PEERS = [
+    ("CasADi, interpreted", "fit_casadi.py", "interpreted"),
+    ("CasADi, compiled", "fit_casadi.py", "compiled"),
+    ("JAX, jitted", "fit_jax.py"),
+]
 
 
 def make_model(path, values):
@@ -82,7 +87,7 @@ def save(path, runs, inputs, start):
     )
 
 
-def contest(casadi):
+def contest(peers):
     """Rows (name, times [s], parameters) of the contenders, and notes to print."""
     model = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
     start = make_model(model, START)
@@ -96,11 +101,11 @@ def contest(casadi):
         found = fit_elsewhere("/usr/bin/python3", "fit_scipy.py", data, folder)
         rows.append(("scipy over numpy", found["times"], found["theta"]))
         notes.append("scipy over numpy: %s" % found["versions"])
-        for kind in ["interpreted", "compiled"] if casadi else []:
-            found = fit_elsewhere(os.path.abspath(casadi), "fit_casadi.py", data, folder, kind)
-            rows.append(("CasADi, " + kind, found["times"], found["theta"]))
-            note = "CasADi, %s: %s; set up in %.2f s, which is not counted"
-            notes.append(note % (kind, found["versions"], found["build"]))
+        for name, script, *kind in PEERS if peers else []:
+            found = fit_elsewhere(os.path.abspath(peers), script, data, folder, *kind)
+            rows.append((name, found["times"], found["theta"]))
+            note = "%s: %s; set up in %.2f s, which is not counted"
+            notes.append(note % (name, found["versions"], found["build"]))
     os.sched_setaffinity(0, cores)
     if len(cores) > 1:
         rows.append(("ground, %d cores" % len(cores), *fit_core(runs, start)))
@@ -109,10 +114,10 @@ def contest(casadi):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--casadi", metavar="PYTHON", help="interpreter that has CasADi, if any")
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter of CasADi and JAX, if any")
     parser.add_argument("--json", action="store_true", help="print name and times [s] of each")
     arguments = parser.parse_args()
-    rows, notes = contest(arguments.casadi)
+    rows, notes = contest(arguments.peers)
     ours = np.median(rows[0][1])
     if arguments.json:
         print(json.dumps({name: list(map(float, times)) for name, times, _ in rows}))

@@ -152,30 +152,40 @@ struct Covariance {
       for (int k = 0; k < 3; ++k)
         pushed[i][k] = (step.mean[k] * top[i][6 + k] + top[i][9 + k]) +
                        V(s.response[i][k]) * (step.added[k] * V(1.0 / 3) + step.density[k]);
-    if constexpr (Row<V>::kWide) {
-      Lanes motion[6], response[3], by_thrust(0.0);  // a lane for each element of the next motion
-      for (Lanes& column : motion) column = Lanes(0.0);
-      for (Lanes& column : response) column = Lanes(0.0);
-      for (int j = 0; j < 6; ++j) {
-        for (int k = 0; k < 6; ++k) motion[k][j] = s.motion[j][k];
-        for (int k = 0; k < 3; ++k) response[k][j] = s.response[j][k];
-        by_thrust[j] = s.by_thrust[j];
-      }
-      for (int i = 0; i < 6; ++i) {
-        Lanes sum = Lanes(top[i][12]) * by_thrust;
-        for (int k = 0; k < 6; ++k) sum += Lanes(top[i][k]) * motion[k];
-        for (int k = 0; k < 3; ++k) sum += Lanes(pushed[i][k]) * response[k];
-        for (int j = i; j < 6; ++j) P[i][j] = P[j][i] = sum[j];
-      }
-    } else {
-      for (int i = 0; i < 6; ++i)
-        for (int j = i; j < 6; ++j) {
-          V sum = top[i][12] * V(s.by_thrust[j]);
-          for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
-          for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
-          P[i][j] = P[j][i] = sum;
-        }
+    if constexpr (Row<V>::kWide)
+      multiplyRows(s, top, pushed);
+    else
+      multiplyTriangle(s, top, pushed);
+  }
+
+  /// The covariance of the next motion is the product of `top`, `pushed` and the derivatives of the
+  /// motion, here a lane for each of its elements.
+  void multiplyRows(const FilterSample& s, const Row<V> top[6], const V pushed[6][3]) {
+    Lanes motion[6], response[3], by_thrust(0.0);
+    for (Lanes& column : motion) column = Lanes(0.0);
+    for (Lanes& column : response) column = Lanes(0.0);
+    for (int j = 0; j < 6; ++j) {
+      for (int k = 0; k < 6; ++k) motion[k][j] = s.motion[j][k];
+      for (int k = 0; k < 3; ++k) response[k][j] = s.response[j][k];
+      by_thrust[j] = s.by_thrust[j];
     }
+    for (int i = 0; i < 6; ++i) {
+      Lanes sum = Lanes(top[i][12]) * by_thrust;
+      for (int k = 0; k < 6; ++k) sum += Lanes(top[i][k]) * motion[k];
+      for (int k = 0; k < 3; ++k) sum += Lanes(pushed[i][k]) * response[k];
+      for (int j = i; j < 6; ++j) P[i][j] = P[j][i] = sum[j];
+    }
+  }
+
+  /// The same for a covariance in each lane.
+  void multiplyTriangle(const FilterSample& s, const Row<V> top[6], const V pushed[6][3]) {
+    for (int i = 0; i < 6; ++i)
+      for (int j = i; j < 6; ++j) {
+        V sum = top[i][12] * V(s.by_thrust[j]);
+        for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
+        for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
+        P[i][j] = P[j][i] = sum;
+      }
   }
 
   /// Covariances with the wrench and with the constant states.

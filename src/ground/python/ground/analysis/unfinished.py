@@ -25,7 +25,9 @@ from ground.errors import GroundError
 _T = TypeVar("_T")
 _Item = TypeVar("_Item")
 
-NAME = re.compile(r"[0-9a-f]{64}(\.npz)?")  # names of files written by this and earlier versions
+# Names of files written by this and earlier versions, and of those that files.new_file has left where it
+# was killed
+NAME = re.compile(r"[0-9a-f]{64}(\.npz)?|\.ground-\w+\.npz")
 _classes: Dict[str, type] = {}  # full name -> dataclass
 
 
