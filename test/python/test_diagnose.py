@@ -318,21 +318,21 @@ def test_an_interrupted_diagnosis_resumes(tmp_path, lagging, whole):
     command = ["rosrun", "ground", "identify", "diagnose"] + [str(o) for o in options]
 
     def finished():
-        return len([p for p in out.glob(".unfinished/*") if not p.name.startswith(".")])
+        return [p for p in out.glob(".unfinished/*") if not p.name.startswith(".")]
 
     process = subprocess.Popen(command + ["-o", str(out)], start_new_session=True)
     try:
         deadline = time.monotonic() + 60
-        while finished() < 2:
+        while len(finished()) < 2:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.002)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     assert not (out / "diagnosis.json").exists()
-    assert finished() >= 2
+    assert len(finished()) >= 2
     # A result that cannot be read is computed again.
-    next(out.glob(".unfinished/*")).write_bytes(b"half a resu")
+    finished()[0].write_bytes(b"half a resu")
 
     again = diagnose(*options, "-o", out, "--progress", "json")
     assert again.returncode == 0, again.stderr
