@@ -24,8 +24,9 @@ endfunction()
 # The core for processors with wider registers. ON: an additional library for each level, in folders
 # where the loader of glibc looks first on such a machine (2.33 and later; others load the plain
 # library). NATIVE: one library for the processor that builds it, which does not run on older ones;
-# tests compare it with the plain one in lib/plain, which also checks bounds. Eigen would align and allocate differently there
-# and is set to a common alignment: the compiler and Lanes use the wide registers.
+# tests compare it with the plain one in lib/plain, which also checks bounds. Eigen would align and
+# allocate differently there and is set to a common alignment: the compiler and Lanes use the wide
+# registers.
 set(GROUND_WIDE ON CACHE STRING
   "build the core for AVX2 and AVX-512 as well, chosen when it is loaded: ON, OFF, or NATIVE for this processor only")
 include(CheckCXXCompilerFlag)
