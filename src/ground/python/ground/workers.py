@@ -4,7 +4,6 @@ import argparse
 import copyreg
 import inspect
 import os
-import pickle
 import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -91,7 +90,7 @@ class Workers:
             futures = self._client.map(work, every, pure=False, retries=RETRIES)
         else:
             # A task of its own, which is repeated if the worker that holds its result dies.
-            held = self._client.submit(pickle.loads, pickle.dumps(work), pure=False)
+            held = self._client.submit(_itself, work, pure=False)
             given = [held] * len(every)
             futures = self._client.map(_call, given, every, pure=False, retries=RETRIES)
         try:
@@ -103,6 +102,10 @@ class Workers:
             raise GroundError("a module is missing on the workers: %s" % error)
         finally:
             self._client.cancel(futures)
+
+
+def _itself(work: _T) -> _T:
+    return work
 
 
 def _call(work: Callable[[_T], _R], item: _T) -> _R:
