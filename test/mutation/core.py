@@ -139,6 +139,8 @@ class Tree:
         self._covering = covering
         self._build = folder / "build"
         self._pristine = folder.with_name(folder.name + "_pristine")
+        if self._pristine.exists():  # an interrupted run may have left a mutant
+            _copy_changed(self._pristine, self._build)
         listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
         for name in subprocess.check_output(listed, cwd=str(ROOT)).decode().split("\0"):
             source, copy = ROOT / name, self._folder / name
