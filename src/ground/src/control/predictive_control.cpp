@@ -195,9 +195,7 @@ bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
   for (int i = 0; i < iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan.cost();
-    if (plan.improve() &&
-        std::min(before - plan.cost(), plan.remaining()) < kMinImprovement * before)
-      return false;
+    if (plan.improve() && before - plan.cost() < kMinImprovement * before) return false;
   }
   return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
 }

@@ -80,7 +80,6 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   std::vector<Gain> gains_;
   BoxMinimum<N> box_;
   double damping_ = 0;
-  double predicted_ = 0;  ///< change of the cost by the quadratic problem's minimum
 };
 
 template <int N>
@@ -336,7 +335,6 @@ bool SizedOptimizer<N, S>::backward() {
   const int inputs = thrusterCount();
   Vector gradient = Vector::Zero();
   Square curvature = Square::Zero();
-  predicted_ = 0;
   InputSquare input_curvature = weights_.turning * turning_;
   input_curvature.diagonal().array() += weights_.input;
   input_curvature *= 2 * step_ * scale;
@@ -367,7 +365,6 @@ bool SizedOptimizer<N, S>::backward() {
     const Gain gain = -box_.solveFree(Qux);
     open_[i] = change;
     gains_[i] = gain;
-    predicted_ += change.dot(Qu + 0.5 * Quu * change);
     Vector Qx;
     Qx.noalias() = A.transpose() * gradient;
     Square Qxx;
@@ -440,9 +437,6 @@ bool SizedOptimizer<N, S>::improve() {
         return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
       });
       if (!(cost < cost_)) continue;
-      remaining_ = kNoLimit;
-      if (length == 1 && damping_ == 0)
-        remaining_ = std::pow(cost - cost_ - predicted_, 2) / (cost_ - cost);
       take(cost);
       if (length == 1) damping_ /= 5;
       if (damping_ < kMinDamping) damping_ = 0;

@@ -74,13 +74,6 @@ class TrajectoryOptimizer {
   /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
-  /// Estimate of what the next iteration can gain after a successful one [m^2 s]. The quadratic
-  /// problem was right about the last decrease up to a fraction; of the way to the minimum about
-  /// this fraction is left, and of the decrease its square. Infinite if the step was shortened or
-  /// damped.
-  double remaining() const { return remaining_; }
-  /// Acceleration in addition to the model, of the problem.
-  const Vector3<double>& missing() const { return missing_; }
   /// The plan's first inputs before saturation, in the model's units: an input at a bound is
   /// replaced by the minimum of the last iteration's quadratic problem without bounds on that step.
   Thrusters<double> wanted() const;
@@ -130,7 +123,6 @@ class TrajectoryOptimizer {
   std::vector<State> states_, tried_states_;
   State start_ = State::Zero();
   double cost_ = 0;
-  double remaining_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
   bool has_gains_ = false;  ///< whether the gains are those of the plan
   /// First inputs of the last iteration without bounds; NaN before it.
