@@ -5,7 +5,7 @@ SHELL := /bin/bash
 export PATH := /usr/bin:$(PATH)
 MAKEFLAGS += --no-print-directory
 
-tests_at_once := $(shell echo $$(($$(nproc) + 3)))  # three of them mostly sleep
+tests_at_once := $(shell echo $$(($$(nproc) + 2)))  # two of them mostly sleep
 noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&

@@ -74,6 +74,8 @@ class TrajectoryOptimizer {
   /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
+  /// Acceleration in addition to the model, of the problem.
+  const Vector3<double>& missing() const { return missing_; }
   /// The plan's first inputs before saturation, in the model's units: an input at a bound is
   /// replaced by the minimum of the last iteration's quadratic problem without bounds on that step.
   Thrusters<double> wanted() const;

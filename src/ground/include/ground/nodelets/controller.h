@@ -30,9 +30,10 @@ namespace ground {
 /// commands carry its name in frame_id. The controller that drove before stops and sends nothing,
 /// and the lift stays on.
 ///
-/// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false), require_armed (true: wait for the sender), require_state (true;
-/// false only on a bench, where the craft is fastened), room (file of the room in which the craft
-/// is kept; empty: no bounds). They cannot be changed at run time. Subscribes: state,
+/// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
+/// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
+/// craft is fastened), room (file of the room in which the craft is kept; empty: no bounds). They
+/// cannot be changed at run time. Subscribes: state,
 /// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
 /// their own thread.
 class Controller : public nodelet::Nodelet {
