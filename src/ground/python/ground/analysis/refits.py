@@ -52,8 +52,8 @@ class Extension:
 
     fitting: Fitting
     current: FrozenSet[str]
-    base: Fit  # of the set
-    tests: ScoreTests  # of all other effects beside it
+    base: Fit  # fit of the set
+    tests: ScoreTests  # tests of all other effects beside it
 
     def __call__(self, added: Tuple[str, ...]) -> Optional[Fit]:
         """The likeliest fit with added effects, from the known fit or else from the steps of the score
@@ -128,8 +128,8 @@ class Reduction:
 
     fitting: Fitting
     current: FrozenSet[str]
-    base: Fit  # of the set
-    nominal: Fit  # of the model without any of the effects
+    base: Fit  # fit of the set
+    nominal: Fit  # fit of the model without any of the effects
 
     def __call__(self, name: str) -> Fit:
         """The fit without the named effect."""

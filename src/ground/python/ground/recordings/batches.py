@@ -140,7 +140,7 @@ class _Layout:
         elif kind == "string":
             self._fixed(self._length())
         elif kind == "bool":
-            self.size += 1  # any byte but 0 is true, so that it is no number
+            self.size += 1  # not a number: any byte but 0 is true
         elif array:
             self._array(path, array.group(1), array.group(2))
         else:

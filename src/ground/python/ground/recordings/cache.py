@@ -23,7 +23,7 @@ from ground.recordings.columns import Columns
 
 FOLDER = ".ground_cache"
 OFF = "GROUND_NO_CACHE"  # environment variable; any value but the empty one switches the cache off
-FORMAT = 1  # of the entries; another one makes all entries useless
+FORMAT = 1  # version of the entries; another one makes all of them useless
 KEPT = 4  # newest entries that are kept of a recording and stage
 ABANDONED = 3600.0  # age of a temporary file whose writer is gone [s]
 BLOCK = 1 << 20  # bytes that are hashed at a time

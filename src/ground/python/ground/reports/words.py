@@ -348,10 +348,10 @@ def slight(report: Document) -> Iterator[str]:
 def budget(report: Document) -> str:
     """Parts of the improved model's error."""
     error, share = report["budget"]["error"], report["budget"]["share"]
-    parts = ["noise of the poses %.0f%%" % (100 * share["noise"])]
-    parts.append("a random wrench %.0f%%" % (100 * share["disturbance"]))
+    parts = ["noise of the poses %d%%" % round(100 * share["noise"])]
+    parts.append("a random wrench %d%%" % round(100 * share["disturbance"]))
     if abs(share["trim"]) >= 0.005:
-        parts.append("differences between runs %.0f%%" % (100 * share["trim"]))
+        parts.append("differences between runs %d%%" % round(100 * share["trim"]))
     rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than measured"
     parts_of_it = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
         error["measured"],
