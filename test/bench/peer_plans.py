@@ -25,7 +25,7 @@ STEPS, STATES, INPUTS = 40, 6, 2
 REFERENCES = 4  # plan_cases.h
 SAME = 1 + 1e-4  # costs within this factor are the same
 ITERATIONS = 200
-SCALE = 1e4  # of the costs, 1e-5 m^2 s and more, for peers whose tolerances are absolute
+SCALE = 1e4  # multiplies costs (1e-5 m^2 s and more) for peers whose tolerances are absolute
 Numbers = ctypes.c_double
 
 

@@ -142,7 +142,7 @@ def test_files_of_others_are_not_removed(tmp_path):
     folder = tmp_path / ".unfinished"
     kept(folder, 1.5)
     (folder / "notes.txt").write_text("mine")
-    (folder / ".ground-x1y2.npz").write_text("half a resu")  # of a process that was killed
+    (folder / ".ground-x1y2.npz").write_text("half a resu")  # left by a killed process
     work = unfinished.Unfinished(str(folder), "this work")
     work.done()
     assert [p.name for p in files_of(folder)] == ["notes.txt"]

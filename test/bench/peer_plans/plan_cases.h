@@ -19,7 +19,7 @@
 namespace ground {
 namespace plan_cases {
 
-constexpr double kPeriod = 0.02;  // of the decisions [s]
+constexpr double kPeriod = 0.02;  // time between decisions [s]
 
 /// Processor time of this thread [s].
 inline double processorTime() {

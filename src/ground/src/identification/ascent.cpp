@@ -16,7 +16,7 @@ namespace {
 constexpr double kMinGain = 0.01;      // gain of the log-posterior below which the search ends
 constexpr double kCoarseGain = 0.1;      // the same while the limit of distances is lowered
 constexpr double kNoGain = 0.01;       // share of these below which an expected gain is not tried
-constexpr double kMinShare = 0.1;      // of the other ascent's gain: one that gains less waits
+constexpr double kMinShare = 0.1;      // share of the other ascent's gain below which one waits
 constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative changes of thrust
 constexpr double kMaxLevelStep = 1.0;  // longest step of a level's logarithm
 
