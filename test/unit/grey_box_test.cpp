@@ -157,9 +157,8 @@ TEST(GreyBox, UnvisitedNodesOfTheFloorFollowTheirNeighbours) {
   EXPECT_GE(alone, 1);
 }
 
-TEST(GreyBox, TheFitIsALocalMaximum) {
-  const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
-  const GreyBoxFit fit = box.fit(box.start(craft()), far());
+/// Expects that no change of a single level or parameter raises the log-posterior of a fit.
+void expectLocalMaximum(const GreyBox& box, const GreyBoxFit& fit) {
   GreyBoxOptions held;
   held.levels = false;
   held.max_iterations = 0;
@@ -181,6 +180,57 @@ TEST(GreyBox, TheFitIsALocalMaximum) {
       other.model.setValue(p.name, p.value + way * p.deviation);
       EXPECT_LT(at(other), fit.log_posterior - 0.2) << p.name;
     }
+  }
+}
+
+TEST(GreyBox, TheFitIsALocalMaximum) {
+  const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
+  expectLocalMaximum(box, box.fit(box.start(craft()), far()));
+}
+
+/// Runs in which one pose in fifty is wrong by up to 20 times its noise.
+std::vector<RunData> runsWithOutliers() {
+  std::vector<RunData> runs = disturbedRuns(craft(), 0.02, 4);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  for (RunData& run : runs)
+    for (Eigen::Index i = 10; i < run.poses.rows(); i += 50)
+      for (int c = 0; c < 3; ++c) run.poses(i, c) += 10 * run.noise(c) * normal(random);
+  return runs;
+}
+
+TEST(GreyBox, TheFitIsALocalMaximumWithOutliers) {
+  const GreyBox box(runsWithOutliers(), craft().body);
+  expectLocalMaximum(box, box.fit(box.start(craft()), far()));
+}
+
+TEST(GreyBox, ScoresAreSlopesWithOutliers) {
+  const GreyBox box(runsWithOutliers(), craft().body);
+  const GreyBoxPoint point = box.fit(box.start(craft()), far()).point;
+  constexpr double kCap = 25;
+  for (const std::string& name : kNominal) {
+    const GreyBoxScores close = box.scores(point, {name}, kCap, 1, 1);
+    const double deviation = 1 / std::sqrt(close.information(0, 0));
+    const auto moved = [&](double deviations) {
+      GreyBoxPoint other = point;
+      const std::vector<double> before = other.model.coordinates();
+      const auto infos = other.model.parameters();
+      const auto at = static_cast<std::size_t>(other.model.index(name));
+      other.model.setValue(name, infos[at].fromCoordinate(
+                                     before[at] + deviations * deviation * close.scale[0]));
+      return other;
+    };
+    const auto likelihood = [&](double deviations) {
+      double sum = 0;
+      for (const Eigen::VectorXd& run : box.likelihood(moved(deviations), kCap, 1, 1))
+        sum += run.sum();
+      return sum;
+    };
+    // Two standard deviations away, where the slope is clear.
+    const double slope = (likelihood(2.02) - likelihood(1.98)) / 0.04;
+    const double score = box.scores(moved(2), {name}, kCap, 1, 1).score.sum() * deviation;
+    EXPECT_NEAR(score, slope, 0.5) << name;
+    EXPECT_LT(slope, -1) << name;
   }
 }
 

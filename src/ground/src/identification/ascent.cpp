@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <stdexcept>
 
@@ -239,21 +240,32 @@ class Ascent {
     }
   };
 
-  /// Moves a point and its parameters by a damped step; returns the expected gain.
-  using Move = double (Ascent::*)(double damping, GreyBoxPoint&, std::vector<double>& scaled) const;
+  /// A damped step.
+  struct Step {
+    double expected;  ///< gain of the log-posterior by score and information
+    double length;    ///< in standard deviations
+  };
+  /// Moves a point and its parameters by a damped step.
+  using Move = Step (Ascent::*)(double damping, GreyBoxPoint&, std::vector<double>& scaled) const;
 
-  double moveParameters(double damping, GreyBoxPoint& point, std::vector<double>& scaled) const {
+  static Step stepBy(const Eigen::VectorXd& step, const Eigen::VectorXd& score,
+                     const Eigen::MatrixXd& information) {
+    const double square = step.dot(information * step);
+    return {score.dot(step) - 0.5 * square, std::sqrt(std::max(0.0, square))};
+  }
+
+  Step moveParameters(double damping, GreyBoxPoint& point, std::vector<double>& scaled) const {
     const Eigen::VectorXd step = boundedStep(information_, score_, damping, free_, scaled_);
     for (std::size_t j = 0; j < scaled.size(); ++j) scaled[j] += step(static_cast<Eigen::Index>(j));
     setCoordinates(point.model, free_.coordinates(scaled.data()));
-    return score_.dot(step) - 0.5 * step.dot(information_ * step);
+    return stepBy(step, score_, information_);
   }
 
-  double moveLevels(double damping, GreyBoxPoint& point, std::vector<double>&) const {
+  Step moveLevels(double damping, GreyBoxPoint& point, std::vector<double>&) const {
     Eigen::MatrixXd damped = level_information_;
     damped.diagonal() *= 1 + damping;
     Eigen::VectorXd step = solveSymmetric(damped, level_score_);
-    const double expected = level_score_.dot(step) - 0.5 * step.dot(level_information_ * step);
+    const Step result = stepBy(step, level_score_, level_information_);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.
       if (i < kFirstTime || i >= kFirstTime + 3)
@@ -263,15 +275,38 @@ class Ascent {
     point.levels = fromLogs(logs(point.levels) + step.head<kLevels>());
     for (std::size_t r = 0; r < point.loudness.size(); ++r)
       point.loudness[r] += step(kLevels + static_cast<Eigen::Index>(r));
-    return expected;
+    return result;
+  }
+
+  /// A step that did not gain.
+  struct Failure {
+    double damping, length, gain;
+  };
+
+  /// Damping of the next trial after failed ones, the last of which is `now`; nothing if no shorter
+  /// step is worth a trial. The score is not exactly the slope of the log-likelihood, because it
+  /// ignores that the filter's gains depend on the parameters. So close to the maximum it may
+  /// promise a gain where there is none, which the parabola through the present point and the last
+  /// two trials shows.
+  std::optional<double> dampingAfter(const std::optional<Failure>& before, const Failure& now) const {
+    constexpr double kShorter = 0.7;  // largest ratio of lengths of which a parabola is made
+    if (!before) return 10 * now.damping;
+    if (!std::isfinite(before->gain) || now.length > kShorter * before->length)
+      return (now.length > 0.9 * before->length ? 100 : 10) * now.damping;
+    const double a = before->length, b = now.length;
+    const double slope = (now.gain * a * a - before->gain * b * b) / (a * b * (a - b));
+    const double bend = (slope * b - now.gain) / (b * b);
+    if (slope <= 0 || slope * slope < 4 * bend * min_gain_) return {};
+    return std::max(2 * now.damping, (1 + now.damping) * 2 * bend * b / slope - 1);
   }
 
   /// One step uphill.
   void take(Turn& turn, Turn& other_turn, double cap, Move move) {
+    std::optional<Failure> before;
     for (int trial = 0; trial < 8; ++trial) {
       GreyBoxPoint other = point_;
       std::vector<double> scaled = scaled_;
-      const double expected = (this->*move)(turn.damping, other, scaled);
+      const auto [expected, length] = (this->*move)(turn.damping, other, scaled);
       if (trial == 0 && expected < kNoGain * min_gain_) {
         turn.settled = true;
         return;
@@ -291,7 +326,11 @@ class Ascent {
         return;
       }
       if (expected < min_gain_) break;
-      turn.damping *= trial < 2 ? 10 : 30;
+      const Failure now{turn.damping, length, gain};
+      const std::optional<double> damping = dampingAfter(before, now);
+      if (!damping) break;
+      turn.damping = *damping;
+      before = now;
     }
     turn.settled = true;
     value(point_, cap);  // sets the filters back to point_ for the next derivatives

@@ -144,14 +144,13 @@ class Pass {
     double distance = 0;
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b) distance += s.innovation(a) * inverse[a][b] * s.innovation(b);
-    s.capped = distance > cap;
-    const double inflation = s.capped ? distance / cap : 1;
-    if (s.capped)
+    s.inflation = distance > cap ? distance / cap : 1;
+    if (s.capped())
       for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) inverse[a][b] /= inflation;
-    inverseRoot(S, 1 / std::sqrt(inflation), s.whitening);
+        for (int b = 0; b < 3; ++b) inverse[a][b] /= s.inflation;
+    inverseRoot(S, 1 / std::sqrt(s.inflation), s.whitening);
     const double log_root = std::log(s.whitening[0][0] * s.whitening[1][1] * s.whitening[2][2]);
-    s.log_density = s.starts ? 0 : log_root - 0.5 * distance / inflation;
+    s.log_density = s.starts ? 0 : log_root - 0.5 * distance / s.inflation;
   }
 
   void linearise(const RigidState<Jet>& to, FilterSample& s) const {
@@ -258,15 +257,6 @@ Eigen::VectorXd DisturbanceFilter::densities(double block) const {
   for (std::size_t k = 0; k < samples_.size(); ++k)
     sums(blockOf(k, blocks)) += samples_[k].log_density;
   return sums;
-}
-
-Vector3<double> DisturbanceFilter::whitened(std::size_t k) const {
-  const FilterSample& s = samples_[k];
-  Vector3<double> white;
-  for (int a = 0; a < 3; ++a)
-    white(a) = s.whitening[a][0] * s.innovation(0) + s.whitening[a][1] * s.innovation(1) +
-               s.whitening[a][2] * s.innovation(2);
-  return white;
 }
 
 Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting,

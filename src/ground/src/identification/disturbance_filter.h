@@ -34,7 +34,20 @@ struct FilterSample {
   double dt;                      ///< time to the next sample; 0 at the end of a stretch [s]
   double log_density;             ///< log-density of the pose given those before it; 0 at a start
   bool starts;                    ///< first sample of a stretch: only the trims are carried over
-  bool capped;                    ///< the noise of the pose was increased (GreyBoxOptions::cap)
+  /// Factor by which the variance of the pose's noise was increased (GreyBoxOptions::cap); 1 if not.
+  double inflation;
+
+  bool capped() const { return inflation > 1; }
+  Vector3<double> whitened() const {
+    Vector3<double> white;
+    for (int a = 0; a < 3; ++a)
+      white(a) = whitening[a][0] * innovation(0) + whitening[a][1] * innovation(1) +
+                 whitening[a][2] * innovation(2);
+    return white;
+  }
+  /// Share of the pose in scores. The log-density of a capped pose falls with the logarithm of its
+  /// squared distance D, by 3/2 log D, that of others by D/2.
+  double weight() const { return capped() ? 3 / whitened().squaredNorm() : 1; }
 };
 
 /// Filtered state at a sample: its distribution given the poses up to and including the sample.
@@ -89,7 +102,7 @@ class DisturbanceFilter {
   const std::vector<FilterSample>& samples() const { return samples_; }
   /// The last sample before the next gap.
   std::size_t lastOfStretch(std::size_t sample) const;
-  Vector3<double> whitened(std::size_t sample) const;
+  Vector3<double> whitened(std::size_t sample) const { return samples_[sample].whitened(); }
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }
   const Eigen::Vector4d& constantsSigma() const { return constants_sigma_; }

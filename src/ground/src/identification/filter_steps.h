@@ -266,18 +266,26 @@ inline void passGap(Simulation<Jet>& simulation, double until) {
 /// whitened innovation. `unseen`: direct changes of the measurement, or null.
 template <typename V>
 void correctDeviation(const FilterSample& s, const V* unseen, V* x, V* white, int count) {
+  const Vector3<double> e = s.whitened();
   for (int j = 0; j < count; ++j) {
     V change[3];
     for (int a = 0; a < 3; ++a) {
       change[a] = unseen ? -unseen[a * count + j] : V(0.0);
       for (int i = 0; i < 3; ++i) change[a] -= V(s.seen[a][i]) * x[i * count + j];
     }
-    for (int i = 0; i < kN; ++i)
-      x[i * count + j] += V(s.gain[0][i]) * change[0] + V(s.gain[1][i]) * change[1] +
-                          V(s.gain[2][i]) * change[2];
     for (int a = 0; a < 3; ++a)
       white[a * count + j] = V(s.whitening[a][0]) * change[0] + V(s.whitening[a][1]) * change[1] +
                              V(s.whitening[a][2]) * change[2];
+    if (s.capped()) {
+      // The gain falls with the square of the innovation's size, so that the correction falls with
+      // the size.
+      const V longer = V(2 / e.squaredNorm()) * (V(e(0)) * white[j] + V(e(1)) * white[count + j] +
+                                                 V(e(2)) * white[2 * count + j]);
+      for (int a = 0; a < 3; ++a) change[a] -= longer * V(s.innovation(a));
+    }
+    for (int i = 0; i < kN; ++i)
+      x[i * count + j] += V(s.gain[0][i]) * change[0] + V(s.gain[1][i]) * change[1] +
+                          V(s.gain[2][i]) * change[2];
   }
 }
 
