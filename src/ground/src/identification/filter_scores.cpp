@@ -137,9 +137,12 @@ class LevelDeviation {
       innovation[a] = Lanes(s.innovation(a));
       for (int j = 0; j < 3; ++j) innovation[a] -= Lanes(s.seen[a][j]) * x_[j];
     }
-    if (s.capped()) increaseNoise(s, innovation, inverse);
-    combine(inverse, HP, gain);
-    if (!s.starts) derive(s, innovation, S, rows);
+    if (s.capped()) {
+      takeGain(s, gain);
+    } else {
+      combine(inverse, HP, gain);
+      if (!s.starts) derive(s, innovation, S, rows);
+    }
     correctState(s, gain, innovation);
     covariance_.subtract(gain, HP);
   }
@@ -169,18 +172,13 @@ class LevelDeviation {
     for (int i = 0; i < 4; ++i) random_.constant[i][lane] = one.constant[i];
   }
 
-  /// Increases the noise so that the innovation's distance stays at its limit.
-  static void increaseNoise(const FilterSample& s, const Lanes innovation[3], Lanes inverse[3][3]) {
-    Lanes distance(0.0);
+  /// Uses the gain of the unchanged levels, for a pose whose noise was increased.
+  static void takeGain(const FilterSample& s, Row<Lanes> gain[3]) {
     for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) distance += innovation[a] * inverse[a][b] * innovation[b];
-    const Lanes factor = Lanes(s.whitened().squaredNorm()) / distance;
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) inverse[a][b] *= factor;
+      for (int i = 0; i < kN; ++i) gain[a][i] = Lanes(s.gain[a][i]);
   }
 
-  /// Changes of innovation and covariance, whitened by the unchanged levels; that of the covariance
-  /// without increased noise.
+  /// Changes of innovation and covariance, whitened by the unchanged levels.
   void derive(const FilterSample& s, const Lanes innovation[3], const Lanes S[3][3],
               LevelRows& rows) const {
     Lanes half[3][3];
@@ -198,8 +196,7 @@ class LevelDeviation {
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b <= a; ++b) {
         Lanes change(a == b ? -1.0 : 0.0);
-        for (int c = 0; c <= b; ++c)
-          change += half[a][c] * Lanes(s.inflation * s.whitening[b][c]);
+        for (int c = 0; c <= b; ++c) change += half[a][c] * Lanes(s.whitening[b][c]);
         put(change, rows[at++]);
       }
   }
@@ -231,17 +228,16 @@ class LevelDeviation {
 /// Sums of score and information of the levels over samples.
 class LevelSums {
  public:
-  void add(const LevelRows& rows, const FilterSample& s) {
-    const Vector3<double> e = s.whitened(), pull = s.weight() * e;
+  void add(const LevelRows& rows, const Vector3<double>& e) {
     std::size_t at = 3;
     for (int a = 0; a < 3; ++a) {
-      addScore(-pull(a), rows[static_cast<std::size_t>(a)]);
+      addScore(-e(a), rows[static_cast<std::size_t>(a)]);
       for (int b = 0; b <= a; ++b)
-        addScore(a == b ? 0.5 * (pull(a) * e(a) - 1) : pull(a) * e(b), rows[at++]);
+        addScore(a == b ? 0.5 * (e(a) * e(a) - 1) : e(a) * e(b), rows[at++]);
     }
     for (std::size_t i = 0; i < rows.size(); ++i) {
       // Weight 1/2 for diagonal elements of the covariance; the others occur twice in the matrix.
-      const double weight = (i == 3 || i == 5 || i == 8 ? 0.5 : 1.0) * s.weight();
+      const double weight = i == 3 || i == 5 || i == 8 ? 0.5 : 1.0;
       for (std::size_t l = 0; l < kLevels; ++l) {
         const double factor = weight * rows[i][l];
         for (int j = 0; j < kColumns; ++j)
@@ -349,7 +345,9 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) c
   }
   LevelSums sums;
   for (std::size_t k = 0; k < samples_.size(); ++k)
-    if (!samples_[k].starts) sums.add(rows[k], samples_[k]);
+    // Capped poses do not count: their density hardly depends on the levels, so that levels of ever
+    // more capped poses would seem ever likelier.
+    if (!samples_[k].starts && !samples_[k].capped()) sums.add(rows[k], whitened(k));
   return sums.result();
 }
 
