@@ -166,6 +166,27 @@ void compareAll(const Model& model, double tolerance = 1e-12) {
     }
 }
 
+TEST(CosSinBeside, IsAsAccurateAsTheFunctions) {
+  for (const double angle : {-40.0, -3.1, 0.0, 0.7, 12.5, 1000.0}) {
+    for (const double by : {-3.0, -0.21, -0.1999, -0.05, -1e-9, 0.0, 1e-4, 0.11, 0.1999, 0.21, 2.0}) {
+      const double to = angle + by;
+      double c, s;
+      cosSinBeside(std::cos(angle), std::sin(angle), to - angle, to, c, s);
+      EXPECT_NEAR(c, std::cos(to), 4e-16) << angle << " + " << by;
+      EXPECT_NEAR(s, std::sin(to), 4e-16) << angle << " + " << by;
+      // One lane that is far away must not change the others.
+      Lanes all_by(to - angle), all_to(to), cosine, sine;
+      all_by[3] = 1.5;
+      all_to[3] = angle + 1.5;
+      cosSinBeside(Lanes(std::cos(angle)), Lanes(std::sin(angle)), all_by, all_to, cosine, sine);
+      for (int lane = 0; lane < Lanes::kCount; ++lane) {
+        EXPECT_NEAR(cosine[lane], std::cos(all_to[lane]), 1e-15) << lane;
+        EXPECT_NEAR(sine[lane], std::sin(all_to[lane]), 1e-15) << lane;
+      }
+    }
+  }
+}
+
 TEST(Lanes, AgreeWithSingleSimulations) { compareAll(craftWith({})); }
 
 TEST(Lanes, AgreeWithSingleSimulationsOfEveryEffect) {

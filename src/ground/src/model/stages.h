@@ -57,7 +57,8 @@ struct Stages {
   std::conditional_t<(Slices<T>::kCount > 1), RigidState<T>&, RigidState<T>> next;
   Vector3<T> eta, nu, at_eta, at_nu;
   Rotation<T> heading;
-  Raw c, s;  ///< cosine and sine of the current stage's heading
+  V first_c, first_s;  ///< cosine and sine of the heading at the beginning of the step
+  Raw c, s;            ///< those of the current stage's heading
 
   Stages(const Vector3<T>& rates, int derivatives, RigidState<T>& state)
       : damping(rates), directions(derivatives), next(state) {}
@@ -74,7 +75,13 @@ struct Stages {
   GROUND_INLINE void turn(bool uses_pose) {
     const T& psi = kFirst ? eta.z() : at_eta.z();
     V cosine, sine;
-    cosSin(valueOf(psi), cosine, sine);
+    if (kFirst) {
+      cosSin(valueOf(psi), first_c, first_s);
+      cosine = first_c;
+      sine = first_s;
+    } else {
+      cosSinBeside(first_c, first_s, V(valueOf(psi) - valueOf(eta.z())), valueOf(psi), cosine, sine);
+    }
     c = raw(cosine);
     s = raw(sine);
     if (uses_pose) heading = Rotation<T>(psi, cosine, sine);

@@ -21,6 +21,7 @@ struct Mask {
   GROUND_INLINE Mask operator&&(const Mask& other) const { return {bits & other.bits}; }
 };
 
+GROUND_INLINE bool allOf(bool condition) { return condition; }
 GROUND_INLINE bool allOf(const Mask& m) {
   long long all = -1;
   for (int i = 0; i < 8; ++i) all &= m.bits[i];

@@ -68,6 +68,23 @@ void cosSin(const Dual<V, N>& angle, Dual<V, N>& c, Dual<V, N>& s) {
   s = chain(angle, sine, cosine);
 }
 
+/// cosSin(angle) from the cosine and sine of another angle that is `by` smaller [rad]. Where `by` is
+/// small, as between stages of an integration step, their Taylor series are several times faster and
+/// as accurate.
+template <typename V>
+GROUND_INLINE void cosSinBeside(const V& cosine, const V& sine, const V& by, const V& angle, V& c,
+                                V& s) {
+  constexpr double kSmall = 0.2;  // the first term left out is 1e-17
+  const V square = by * by;
+  if (!allOf(square < V(kSmall * kSmall))) return cosSin(angle, c, s);
+  const auto term = [&](double factor, const V& rest) { return V(1.0) - V(factor) * square * rest; };
+  const V cos_by = term(1.0 / 2, term(1.0 / 12, term(1.0 / 30, term(1.0 / 56, term(1.0 / 90, V(1.0))))));
+  const V sin_by =
+      by * term(1.0 / 6, term(1.0 / 20, term(1.0 / 42, term(1.0 / 72, term(1.0 / 110, V(1.0))))));
+  c = cosine * cos_by - sine * sin_by;
+  s = sine * cos_by + cosine * sin_by;
+}
+
 /// Rotation of planar vectors by the heading psi [rad], (2.1).
 template <typename T>
 struct Rotation {
