@@ -29,6 +29,30 @@ def no_progress():
         yield
 
 
+@pytest.fixture(scope="session")
+def one_preparation():
+    """What discoveries know before the first flight, which takes seconds, is computed once for a model and
+    a room."""
+    from ground.discovery.analyst import Analyst
+
+    prepare, known = Analyst._prepare, {}
+
+    def prepare_once(self):
+        room = self.room
+        place = [room.corners, room.margin, room.home, room.braking, room.latency]
+        key = self.given.format() + repr(place)
+        if key not in known:
+            before = set(vars(self))
+            prepare(self)
+            added = set(vars(self)) - before | {"sizes"}
+            known[key] = {name: vars(self)[name] for name in added}
+        for name, value in known[key].items():
+            setattr(self, name, dict(value) if isinstance(value, dict) else value)
+
+    with mock.patch.object(Analyst, "_prepare", prepare_once):
+        yield
+
+
 def identify(*arguments):
     """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)

@@ -10,6 +10,8 @@ from test_identify import fails
 import ground
 from ground.discovery.story import CONFIRM, Story
 
+pytestmark = pytest.mark.usefixtures("one_preparation")
+
 OPTIONS = ["--budget", 80, "--no-track", "--latency", 0.02, "--progress", "off"]
 
 

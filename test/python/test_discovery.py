@@ -20,6 +20,8 @@ from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, TRACK,
 from ground.errors import GroundError
 from ground.simulation import experiments
 
+pytestmark = pytest.mark.usefixtures("one_preparation")
+
 SHARE, TIME = 0.005, 0.5  # disturbance: of full thrust, correlation time [s]
 
 

@@ -27,7 +27,7 @@ def run(*command):
     if shutil.which("ccache"):
         bare["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
     result = subprocess.run(
-        ["nice", *map(str, command)],
+        list(map(str, command)),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         universal_newlines=True,

@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
@@ -157,13 +158,23 @@ class Simulator : public nodelet::Nodelet {
 
   /// Simulated time from the wall clock [s]. A turn of run() advances it by at most kLongestTurn of
   /// wall time, so that the simulation waits for the controllers when the computer is busy or the
-  /// process was stopped.
+  /// process was stopped. It also waits while the clock of this process lags behind: its nodelets
+  /// would receive poses that are ahead of their time.
   double timeNow() {
     const auto now = SteadyClock::now();
-    wall_origin_ += std::max(now - last_turn_ - kLongestTurn, SteadyClock::duration::zero());
+    constexpr SteadyClock::duration kNone{0};
+    const SteadyClock::duration longest = clockLags() ? kNone : kLongestTurn;
+    wall_origin_ += std::max(now - last_turn_ - longest, kNone);
     last_turn_ = now;
     const std::chrono::duration<double> wall = now - wall_origin_;
     return time_origin_ + real_time_factor_ * wall.count();
+  }
+
+  /// Whether ros::Time of this process, which another thread sets, is far from the published time.
+  bool clockLags() const {
+    if (!publish_clock_ || !ros::Time::isSimTime()) return false;
+    const std::chrono::duration<double> most = kLongestTurn;
+    return std::abs(published_ - ros::Time::now().toSec()) > real_time_factor_ * most.count();
   }
 
   void run() {
@@ -211,6 +222,7 @@ class Simulator : public nodelet::Nodelet {
     auto clock = boost::make_shared<rosgraph_msgs::Clock>();
     clock->clock = ros::Time(now);
     clock_publisher_.publish(clock);
+    published_ = now;
   }
 
   void publishPose(const MocapFrame& frame, double offset) {
@@ -275,6 +287,7 @@ class Simulator : public nodelet::Nodelet {
   double input_max_ = 1;
   std::uint32_t commands_ = 0;  ///< number of commands received; used only by run()
   bool publish_clock_ = true;
+  double published_ = 0;  ///< last time on /clock [s]; used only by run()
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;
   ros::Publisher pose_publisher_, truth_publisher_, clock_publisher_;

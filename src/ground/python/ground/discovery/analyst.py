@@ -70,21 +70,26 @@ class Analyst:
         self.own: List[candidates.Candidate] = []  # effects that were proposed on the way
         self.depends = "depends on what is not measured"  # what the last diagnosis left unexplained
         self.formulas: Dict[str, Dict[str, str]] = {}  # theirs, by channel of the wrench or thruster
-        offered = [
-            pieces.motion(piece, given, room, 0.0, NOISE) for piece in pieces.pieces(given, 1)
+        self.sizes: Dict[str, float] = {}  # those that matter, by parameter of an effect
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Computes what is known before the first flight."""
+        first = [
+            (piece, pieces.motion(piece, self.given, self.room, 0.0, NOISE))
+            for piece in pieces.pieces(self.given, 1)
         ]
-        self.overview = pieces.together(offered)
-        likelihood = Likelihood([self.overview], given, ())
-        self.levels = dict(likelihood.box.start(given).levels)
+        self.overview = pieces.together([motion for _, motion in first])
+        likelihood = Likelihood([self.overview], self.given, ())
+        self.levels = dict(likelihood.box.start(self.given).levels)
         for channel in "XYN":
             self.levels["sigma_" + channel] *= DISTURBANCE
-        self.sizes: Dict[str, float] = {}
-        basis = self.basis(given)
+        basis = self.basis(self.given)
         known = information.of_runs(basis, likelihood, self.levels)
         self.measure(basis, known)
         nothing = information.Information(0 * known.matrix, 0 * known.score, known.scale)
         self.start = beliefs.before(basis, nothing, self.sizes)
-        self.first_offers = self.offers(basis, self.levels, 1)
+        self.first_offers = [self._offer(*played, basis, self.levels) for played in first]
 
     def missing(self, model: _core.Model) -> List[candidates.Candidate]:
         """Effects of the library, proposed effects and kinds of memory that a model does not have."""
@@ -149,13 +154,24 @@ class Analyst:
         found = []
         for piece in pieces.pieces(basis.model, seed):
             try:
-                run, seconds = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
-                likelihood = Likelihood([run], self.given, varying)
-                gain = information.of_runs(basis, likelihood, levels)
+                motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
+                found.append(self._offer(piece, motion, basis, levels, varying))
             except GroundError:
                 continue  # by this model its motion is not finite
-            found.append(Offer(piece, gain.matrix, seconds))
         return found
+
+    def _offer(
+        self,
+        piece: pieces.Piece,
+        motion: pieces.Motion,
+        basis: information.Basis,
+        levels: Mapping[str, float],
+        varying: Iterable[str] = (),
+    ) -> Offer:
+        """What a Piece tells by its expected motion."""
+        run, seconds = motion
+        likelihood = Likelihood([run], self.given, varying)
+        return Offer(piece, information.of_runs(basis, likelihood, levels).matrix, seconds)
 
     def adopt(self, model: _core.Model) -> None:
         """Goes on to try the effects of a model that were proposed before an interruption."""

@@ -10,6 +10,7 @@ What comes next follows from the story alone, so that an interrupted discovery g
    by what is known nor fitted to. If the final model does not predict it, it becomes data.
 """
 
+import functools
 import itertools
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Mapping, Optional, Sequence
@@ -94,7 +95,7 @@ class Discovery:
         self.chooser = chooser or choice.Informed()
         self.told, self.given = told, model
         self.journal = Journal(folder)
-        self.analyst = analyst.Analyst(model, laboratory.room, threads)
+        self._threads = threads
         self.models: Dict[str, _core.Model] = {GIVEN: model}
         self.found: Optional[Found] = None  # by all flights up to self._diagnosed
         self._diagnosed = 0
@@ -102,6 +103,11 @@ class Discovery:
         self._recordings: Dict[int, Recording] = {}  # by number of the flight
         self._before = 0  # flights of the folder
         self.story = self._continued() or self._begun()
+
+    @functools.cached_property
+    def analyst(self) -> analyst.Analyst:
+        """Diagnoses the flights. Made when it is needed: its preparation takes seconds."""
+        return analyst.Analyst(self.given, self.laboratory.room, self._threads)
 
     def stop(self, reason: str) -> None:
         """Ends the discovery after what it does now; from any thread."""

@@ -27,6 +27,8 @@ STOPPING = 0.5  # time for which a craft moves on while it turns back [s]
 RETURN = 1.2  # time that a return is expected to take [s]
 RATE = 100.0  # poses per second of an expected motion [Hz]
 
+Motion = Tuple[_core.RunData, float]  # an expected motion, and the time that it takes [s]
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -88,7 +90,7 @@ def joined(chosen: Sequence[Piece], lift_time: float) -> Array:
 
 def motion(
     piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array
-) -> Tuple[_core.RunData, float]:
+) -> Motion:
     """The motion that a model expects of a Piece, played in bursts that begin at home, as
     _core.RunData, and the time that it takes with its returns [s]. noise: of the poses (3,) [m],
     [m], [rad]. Raises GroundError when the motion is not finite."""
@@ -115,7 +117,7 @@ def motion(
     return _run(piece.words, (times, eta, nu, inputs), noise, [0.0]), began
 
 
-def together(motions: Sequence[Tuple[_core.RunData, float]]) -> _core.RunData:
+def together(motions: Sequence[Motion]) -> _core.RunData:
     """Motions one after the other, each with its own drive, as one _core.RunData. motions: as `motion`
     returns them."""
     start, drives = 0.0, []
