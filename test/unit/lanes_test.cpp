@@ -168,7 +168,7 @@ void compareAll(const Model& model, double tolerance = 1e-12) {
 
 TEST(CosSinBeside, IsAsAccurateAsTheFunctions) {
   for (const double angle : {-40.0, -3.1, 0.0, 0.7, 12.5, 1000.0}) {
-    for (const double by : {-3.0, -0.21, -0.1999, -0.05, -1e-9, 0.0, 1e-4, 0.11, 0.1999, 0.21, 2.0}) {
+    for (const double by : {-3.0, -0.51, -0.4999, -0.1, -1e-9, 0.0, 1e-4, 0.3, 0.4999, 0.51, 2.0}) {
       const double to = angle + by;
       double c, s;
       cosSinBeside(std::cos(angle), std::sin(angle), to - angle, to, c, s);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <iterator>
 
 #include "ground/model/dual.h"
 #include "ground/model/lanes.h"
@@ -74,13 +75,19 @@ void cosSin(const Dual<V, N>& angle, Dual<V, N>& c, Dual<V, N>& s) {
 template <typename V>
 GROUND_INLINE void cosSinBeside(const V& cosine, const V& sine, const V& by, const V& angle, V& c,
                                 V& s) {
-  constexpr double kSmall = 0.2;  // the first term left out is 1e-17
+  constexpr double kSmall = 0.5;  // the first terms left out are below 3e-17
   const V square = by * by;
   if (!allOf(square < V(kSmall * kSmall))) return cosSin(angle, c, s);
-  const auto term = [&](double factor, const V& rest) { return V(1.0) - V(factor) * square * rest; };
-  const V cos_by = term(1.0 / 2, term(1.0 / 12, term(1.0 / 30, term(1.0 / 56, term(1.0 / 90, V(1.0))))));
-  const V sin_by =
-      by * term(1.0 / 6, term(1.0 / 20, term(1.0 / 42, term(1.0 / 72, term(1.0 / 110, V(1.0))))));
+  // 1 - x^2/d1 (1 - x^2/d2 (1 - ...))
+  const auto series = [&](const auto& divisors) {
+    V sum(1.0);
+    for (int i = static_cast<int>(std::size(divisors)) - 1; i >= 0; --i)
+      sum = V(1.0) - V(1 / divisors[i]) * square * sum;
+    return sum;
+  };
+  constexpr double kCosine[] = {1 * 2, 3 * 4, 5 * 6, 7 * 8, 9 * 10, 11 * 12, 13 * 14};
+  constexpr double kSine[] = {2 * 3, 4 * 5, 6 * 7, 8 * 9, 10 * 11, 12 * 13};
+  const V cos_by = series(kCosine), sin_by = by * series(kSine);
   c = cosine * cos_by - sine * sin_by;
   s = sine * cos_by + cosine * sin_by;
 }
