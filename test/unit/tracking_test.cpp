@@ -746,6 +746,14 @@ std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
   return wanted;
 }
 
+TEST(ControllerTable, ControllersWantNothingBeforeTheirFirstDecision) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
+  for (const ControllerInfo& info : controllerTable()) {
+    const auto controller = info.make(model, ControllerChoice());
+    for (const double input : controller->wanted()) EXPECT_EQ(input, 0) << info.name;
+  }
+}
+
 TEST(ControllerTable, TuningHasTheEffectOfANewController) {
   const Model model = tinyWhoover();
   const ReferencePtr circle = makeCircle({0, 0}, 2.0, 0.6);
