@@ -90,6 +90,33 @@ TEST(References, RhodoneaIsTheRose) {
   }
 }
 
+TEST(References, TheExtentIsThePeriodOrTheEnd) {
+  const ReferencePtr circle = makeCircle({0.5, -1}, 2, -0.6), rose = makeRhodonea({0, 0}, 1, 1.5, 0.4),
+                     wave = makeSinusoid({0.3, -0.2}, 0.5, 0.8, -0.6);
+  for (const ReferencePtr& reference : {circle, rose}) {
+    const double period = reference->extent();
+    for (const double t : {0.4, 3.0}) {
+      EXPECT_LT((reference->at(t + period).p - reference->at(t).p).norm(), 1e-9);
+      EXPECT_GT((reference->at(t + 0.5 * period).p - reference->at(t).p).norm(), 0.1);
+    }
+  }
+  EXPECT_LT((circle->at(0).p - Vector2<double>(2.5, -1)).norm(), 1e-12);
+  EXPECT_NEAR((circle->at(1.7).p - Vector2<double>(0.5, -1)).norm(), 2, 1e-12);
+  // Two waves: it returns to its line, as after one of them.
+  for (const double waves : {1.0, 2.0}) {
+    const double t = 0.5 * waves * wave->extent();
+    EXPECT_LT((wave->at(t).p - Vector2<double>(0.3 + 0.5 * t, -0.2)).norm(), 1e-9);
+  }
+  EXPECT_NEAR(wave->at(wave->extent() / 8).p.y(), -0.2 - 0.8, 1e-9);
+  EXPECT_NEAR(makeLine({0, 0}, {3, 4}, 2, false)->extent(), 2.5, 1e-12);
+  // A smooth pace is the same forwards and backwards.
+  const ReferencePtr line = makeLine({0, 0}, {3, 4}, 2, true);
+  for (double t = 0; t < line->extent(); t += 0.1) {
+    const Vector2<double> both = line->at(t).p + line->at(line->extent() - t).p;
+    EXPECT_LT((both - Vector2<double>(3, 4)).norm(), 1e-12);
+  }
+}
+
 TEST(References, SplinesPassTheirPointsAndStayAtTheLast) {
   const std::vector<double> times = {0, 0.7, 1.9, 2.2, 4, 5, 6.5};
   std::vector<Vector2<double>> points = corners();
