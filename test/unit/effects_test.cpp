@@ -123,6 +123,25 @@ TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
   }
 }
 
+TEST_P(EveryEffect, SaysWhetherTheMotionDependsOnThePose) {
+  Model model = with(GetParam());
+  const auto infos = model.parameters();
+  std::vector<double> at = model.coordinates();
+  for (std::size_t p = bodyParameters().size(); p < at.size(); ++p)
+    at[p] += (1 + 0.1 * static_cast<double>(p)) * infos[p].scale(model.body);
+  const Dynamics<double> dynamics(model, at);
+  const InputSequence inputs = excitation();
+  const auto speedFrom = [&](const Vector3<double>& place) {
+    RigidState<double> start;
+    start.eta = place;
+    Simulation<double> simulation(dynamics, inputs, start, 0.05);
+    simulation.advance(1);
+    return simulation.state().nu;
+  };
+  const double change = (speedFrom({1, 0.5, 2}) - speedFrom({-0.7, 0.2, -0.4})).norm();
+  EXPECT_EQ(dynamics.usesPose(), change > 1e-9) << change;
+}
+
 /// Powers of mass and time in a unit such as "N s^2/m".
 Vector2<double> powers(std::string unit) {
   Vector2<double> found(0, 0);
