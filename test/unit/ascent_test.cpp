@@ -76,6 +76,24 @@ TEST_F(Ascent, ThePosteriorIsTheLikelihoodAndThePriorsOfLevelsAndLoudness) {
   }
 }
 
+TEST(LevelPrior, FavoursNoDirection) {
+  const Model model = craft();
+  const LevelPrior prior(model.body);
+  const double force = typical::force(model.body), moment = typical::moment(model.body);
+  const Vector3<double> full(force, force, moment);
+  for (const Vector3<double>& median :
+       {prior.median.sigma, prior.median.white, prior.median.trim}) {
+    const Vector3<double> share = median.cwiseQuotient(full);
+    EXPECT_LT((share.array() - share.mean()).abs().maxCoeff(), 1e-12);
+  }
+  EXPECT_EQ(prior.median.time.maxCoeff(), prior.median.time.minCoeff());
+  EXPECT_EQ(prior.median.position, prior.median.heading);
+  for (const std::size_t first : {0u, 3u, 6u, 11u})  // sigma, time, white, trim
+    for (const std::size_t i : {1u, 2u})
+      EXPECT_EQ(prior.deviation[first + i], prior.deviation[first]);
+  EXPECT_EQ(prior.deviation[9], prior.deviation[10]);
+}
+
 TEST_F(Ascent, NoChangeOfLoudnessRaisesThePosterior) {
   GreyBoxOptions still = near({});
   still.max_iterations = 0;

@@ -445,6 +445,40 @@ std::pair<double, double> thrustsAlong(const ReferenceTrajectory& line, const Bo
   return most;
 }
 
+TEST(Feasibility, OfACircleDependsOnTheYawMomentBesideItsThrust) {
+  int feasible = 0, refused = 0;
+  for (const double resistance : {1.0, 10.0, 40.0, 80.0, 160.0})
+    for (const double rate : {0.3, 0.7, -0.7, 1.3}) {
+      Model model = tinyWhoover();
+      Body<double>& body = model.body;
+      body.N_r *= resistance;
+      // Inwards and along the circle of 1 m: the heading follows this force at the circle's rate.
+      const double inwards = body.m * rate * rate, along = body.Y_v * std::abs(rate);
+      const double surge = (inwards * inwards + along * body.X_u * std::abs(rate)) /
+                           std::hypot(inwards, along);
+      const double moment = body.N_r * std::abs(rate), full = body.k * body.l;
+      const double limit = body.l * std::min(surge, 2 * body.k - surge);
+      const double excess = (moment - limit) / full;
+      ASSERT_LT(surge, 2 * body.k);
+      if (excess > 0 && excess < 0.02) continue;  // it tolerates 1%
+      const std::string said = infeasibility(*makeCircle({0.3, -1}, 1, rate), model);
+      EXPECT_EQ(said.empty(), excess <= 0) << resistance << ' ' << rate << ' ' << said;
+      said.empty() ? ++feasible : ++refused;
+      const std::size_t at = said.find("takes a yaw moment of ");
+      if (at == std::string::npos) continue;
+      double needed = 0, beside = 0, largest = 0;
+      ASSERT_EQ(std::sscanf(said.c_str() + at,
+                            "takes a yaw moment of %lf N m, but with a thrust of %lf N the limit "
+                            "is %lf N m",
+                            &needed, &beside, &largest), 3) << said;
+      EXPECT_NEAR(needed, moment, 0.01 * moment);
+      EXPECT_NEAR(beside, surge, 0.01 * surge);
+      EXPECT_NEAR(largest, limit, 0.01 * limit);
+    }
+  EXPECT_GT(feasible, 3);
+  EXPECT_GT(refused, 3);
+}
+
 TEST(Feasibility, OfALineDependsOnTheThrustForwardsAndBackwards) {
   Model pair = tinyWhoover();
   pair.setValue("X_u", pair.body.Y_v);
