@@ -299,6 +299,23 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"name: test", "nam: test", "unknown key 'nam' in the model file"},
       {"name: test", "name: [", "craft.yaml, line"},
       {"effects:\n", "effects: 3\nother:\n", "craft.yaml, line"},
+      {"body: {m: 0.06, l: 0.03, I_z: 1.0e-4, X_u: 0.01, Y_v: 0.02, N_r: 3.0e-5, k: 0.06, "
+       "input_max: 1}", "body: 3", "line 3: body must be a map of key: value"},
+      {"scale: 0.02", "scale: 0", "line 12: scale must be positive"},
+      {"scale: 0.02", "scale: .inf", "line 12: scale must be positive"},
+      {"scale: 0.02", "skale: 0.02", "line 12: unknown key 'skale' in parameter a"},
+      {"{value: 0.01, ", "{", "line 12: parameter a has no value"},
+      {"neutral: 0.3, lower: 0.1", "neutral: 0.05, lower: 0.1",
+       "line 13: neutral value of w = 0.05 m is outside [0.1, 1]"},
+      {"effects:\n", "provenance: {bags: 3}\neffects:\n", "line 4: bags must be a list"},
+      {"effects:\n", "provenance: {confidence_95: {k: 3}}\neffects:\n",
+       "line 4: k must be [lower, upper]"},
+      {"effects:\n", "provenance: {confidence_95: {k: [1, 2, 3]}}\neffects:\n",
+       "line 4: k must be [lower, upper]"},
+      {"effects:\n", "provenance: {not_identified: 3}\neffects:\n",
+       "line 4: not_identified must be a list"},
+      {"effects:\n", "provenance: {bag: [a]}\neffects:\n",
+       "line 4: unknown key 'bag' in provenance"},
   };
   ASSERT_EQ(complaint(kGood), "");
   for (const Bad& bad : cases) {

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <fstream>
 #include <iomanip>
+#include <limits>
 #include <random>
 #include <sstream>
 
@@ -530,6 +531,27 @@ TEST(References, RefusesBadArguments) {
   EXPECT_THROW(makeCircle({0, 0}, 1, 0), std::invalid_argument);
   EXPECT_THROW(makeLine({1, 1}, {1, 1}, 1, true), std::invalid_argument);
   EXPECT_THROW(makeLine({1, 1}, {2, 1}, 0, true), std::invalid_argument);
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double rate : {0.0, infinity, std::nan("")}) {
+    EXPECT_THROW(makeCircle({0, 0}, 1, rate), std::invalid_argument);
+    EXPECT_THROW(makeRhodonea({0, 0}, 1, 1.5, rate), std::invalid_argument);
+    EXPECT_THROW(makeSinusoid({0, 0}, 1, 1, rate), std::invalid_argument);
+  }
+  EXPECT_THROW(makeRhodonea({0, 0}, 0, 1.5, 1), std::invalid_argument);
+  EXPECT_THROW(makeRhodonea({0, 0}, 1, infinity, 1), std::invalid_argument);
+  EXPECT_THROW(makeSinusoid({0, 0}, infinity, 1, 1), std::invalid_argument);
+  EXPECT_THROW(makeSinusoid({0, 0}, 1, infinity, 1), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0}, {{0, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, 1, 2}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0.5, 1}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, 0}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, infinity}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}}, 1, true), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}, {1, 0}}, 0, true), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}, {1, 0}, {1, 0}}, 1, true), std::invalid_argument);
+  EXPECT_NO_THROW(makeSpline({0, 1}, {{0, 0}, {1, 0}}));
+  EXPECT_NO_THROW(makeWaypoints({{0, 0}, {1, 0}}, 1, true));
+  EXPECT_NO_THROW(makeSinusoid({0, 0}, 0, 0, -1));
 }
 
 TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
