@@ -1,4 +1,5 @@
 // The steps of the fit by simulation error: losses, starts, descents near a solution, uncertainty.
+#include <Eigen/Cholesky>
 #include <Eigen/QR>
 #include <gtest/gtest.h>
 
@@ -161,6 +162,87 @@ TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
     }
     near.width = 0;
     expectSameFit(problem.fit(begin, near), far, 0.2);
+  }
+}
+
+/// A step of Gauss and Newton for the scaled parameters and all initial states together.
+struct PlainStep {
+  Eigen::VectorXd by;
+  double cost = 0, gain = 0;  ///< half the sum of losses; decrease that the step promises
+
+  PlainStep(const SimulationError& problem, const Model& model, const Free& free,
+            const std::vector<double>& scaled, const Initials& initial, const RobustLoss& robust) {
+    const auto n = static_cast<Eigen::Index>(scaled.size());
+    const Eigen::Index k = problem.initialSize();
+    const auto windows = static_cast<Eigen::Index>(initial.size());
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n + k * windows, n + k * windows);
+    Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
+    for (Eigen::Index w = 0; w < windows; ++w) {
+      const WindowResiduals rows = residualsOf(
+          problem, model, free.coordinates(scaled.data()), free.index, static_cast<int>(w),
+          initial[static_cast<std::size_t>(w)], true);
+      Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows.residuals.size(), A.cols());
+      Eigen::VectorXd r(rows.residuals.size());
+      for (Eigen::Index i = 0; i < r.size(); ++i) {
+        r(i) = robust(rows.residuals(i));
+        const double slope = robust.derivative(rows.residuals(i));
+        for (Eigen::Index j = 0; j < n; ++j)
+          J(i, j) = slope * free.scale[static_cast<std::size_t>(j)] * rows.derivatives(i, j);
+        for (Eigen::Index j = 0; j < k; ++j) J(i, n + k * w + j) = slope * rows.derivatives(i, n + j);
+      }
+      A += J.transpose() * J;
+      b += J.transpose() * r;
+      cost += 0.5 * r.squaredNorm();
+    }
+    by = -A.ldlt().solve(b);
+    gain = -0.5 * b.dot(by);
+  }
+};
+
+TEST(NearFit, EndsWhereNoStepHelpsAfterFewIterations) {
+  RunData run = record(truth(), 5, 0.2, 3);
+  run.noise = {1e-3, 1e-3, 1e-2};
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
+    for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
+    const FitResult far = problem.fit(start(), options());
+    FitOptions near = options();
+    near.near = true;
+    near.width = far.width;
+    near.initial = far.initial;
+    Model begin = far.model;
+    for (const std::string& name : kNominal)
+      begin.setValue(name, (name == "k" ? 1.06 : 0.95) * begin.value(name));
+    const FitResult found = problem.fit(begin, near);
+    const RobustLoss robust{far.width};
+    for (const FitResult* fit : {&far, &found}) {
+      const Free free = makeFree(fit->model, kNominal);
+      std::vector<double> scaled;
+      for (std::size_t i = 0; i < kNominal.size(); ++i)
+        scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+      const PlainStep end(problem, fit->model, free, scaled, fit->initial, robust);
+      EXPECT_LT(end.gain, 1e-5 * end.cost);
+    }
+    // The plain method needs about as many.
+    const Free free = makeFree(begin, kNominal);
+    std::vector<double> scaled;
+    for (std::size_t i = 0; i < kNominal.size(); ++i)
+      scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+    Initials initial = far.initial;
+    int plain = 0;
+    for (; plain < 20; ++plain) {
+      const PlainStep step(problem, begin, free, scaled, initial, robust);
+      if (step.gain < 1e-6 * step.cost) break;
+      for (std::size_t i = 0; i < scaled.size(); ++i)
+        scaled[i] += step.by(static_cast<Eigen::Index>(i));
+      for (std::size_t w = 0; w < initial.size(); ++w)
+        initial[w] += step.by.segment(5 + problem.initialSize() * static_cast<Eigen::Index>(w),
+                                      problem.initialSize());
+    }
+    EXPECT_LE(found.iterations, plain + 2);
   }
 }
 
