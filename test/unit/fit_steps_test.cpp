@@ -1,6 +1,8 @@
 // The steps of the fit by simulation error: losses, starts, descents near a solution, uncertainty.
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <Eigen/QR>
+#include <Eigen/SVD>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +10,8 @@
 #include <random>
 #include <set>
 
+#include "../../src/ground/src/identification/estimates.h"
+#include "../../src/ground/src/identification/information.h"
 #include "../../src/ground/src/identification/robust_loss.h"
 #include "../../src/ground/src/identification/starts.h"
 #include "../../src/ground/src/identification/uncertainty.h"
@@ -338,6 +342,108 @@ Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, co
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   return (blocks - 1.0) / blocks * centred * centred.transpose();
+}
+
+Eigen::MatrixXd randomInformation(Eigen::Index n, std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd J(3 * n, n);
+  for (Eigen::Index i = 0; i < J.size(); ++i) J(i) = normal(random);
+  for (Eigen::Index j = 0; j < n; ++j) J.col(j) *= std::pow(10.0, static_cast<double>(j % 3));
+  return J.transpose() * J;
+}
+
+TEST(Known, VarianceAndVolumeAreThoseOfTheInverse) {
+  std::mt19937 random(1);
+  for (const Eigen::Index n : {1, 2, 5, 9}) {
+    const Eigen::MatrixXd information = randomInformation(n, random);
+    const Known known = knownBy(information);
+    const Eigen::VectorXd variance = information.inverse().diagonal();
+    EXPECT_LT((known.variance.cwiseQuotient(variance).array() - 1).abs().maxCoeff(), 1e-9);
+    EXPECT_NEAR(known.volume, std::log(information.determinant()), 1e-9 * std::abs(known.volume));
+    EXPECT_EQ(known.unseen.cols(), 0);
+    for (const bool identified : known.identified) EXPECT_TRUE(identified);
+  }
+}
+
+TEST(Known, DirectionsWithoutInformationAreUnseenAndTheirParametersNotIdentified) {
+  std::mt19937 random(2);
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(5, 5);
+  const Eigen::MatrixXd three = randomInformation(3, random);
+  // Parameters 0, 2, 4 are known; 1 and 3 act as their sum, which 0 knows too.
+  Eigen::MatrixXd acts = Eigen::MatrixXd::Zero(3, 5);
+  acts(0, 0) = acts(1, 2) = acts(2, 1) = acts(2, 3) = 1;
+  information = acts.transpose() * three * acts;
+  information(4, 4) = 1e-3;  // hardly known: a deviation of 32 of its scale
+  const Known known = knownBy(information);
+  EXPECT_EQ(known.identified, (std::vector<bool>{true, false, true, false, false}));
+  ASSERT_EQ(known.unseen.cols(), 1);
+  EXPECT_NEAR(known.unseen.norm(), 1, 1e-9);
+  EXPECT_LT((information * known.unseen).norm(), 1e-6 * information.norm());
+  EXPECT_NEAR(known.unseen(1) + known.unseen(3), 0, 1e-9);
+  EXPECT_NEAR(known.variance(4), 1e3, 1e-3);
+  information(4, 4) = 2e-3;
+  EXPECT_TRUE(knownBy(information).identified[4]);
+}
+
+TEST(Estimates, QuantilesAreThoseOfStudentsTable) {
+  EXPECT_NEAR(quantileOf(1), 12.706, 1e-3);
+  EXPECT_NEAR(quantileOf(5), 2.571, 1e-3);
+  EXPECT_NEAR(quantileOf(1e6), 1.95997, 1e-4);
+}
+
+TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
+  Model model = truth();
+  model.addEffect(makeEffect("battery_sag"));  // its coordinate is the rate 1 / tau
+  model.setValue("battery_sag.tau", 50);
+  const std::vector<std::string> names = {"X_u", "battery_sag.tau"};
+  const Free free = makeFree(model, names);
+  const auto infos = model.parameters();
+  for (std::size_t i = 0; i < 2; ++i) {
+    const ParameterInfo& info = infos[static_cast<std::size_t>(free.index[i])];
+    const double value = model.value(names[i]), at = info.toCoordinate(value),
+                 scaled = at / free.scale[i], deviation = 0.1 * scaled;
+    const FittedParameter found = estimateOf(info, free, i, scaled, deviation, 2, 7);
+    EXPECT_NEAR(found.value, value, 1e-12 * value);
+    EXPECT_EQ(found.start, 7);
+    EXPECT_TRUE(found.identified);
+    EXPECT_FALSE(found.at_bound);
+    const double one = info.fromCoordinate(0.8 * at), other = info.fromCoordinate(1.2 * at);
+    EXPECT_NEAR(found.lower, std::min(one, other), 1e-9 * value);
+    EXPECT_NEAR(found.upper, std::max(one, other), 1e-9 * value);
+    EXPECT_NEAR(found.deviation, 0.1 * value, 1e-9 * value);  // to first order
+    // Twelve deviations reach beyond zero, which is a bound of both coordinates.
+    const FittedParameter wide = estimateOf(info, free, i, scaled, deviation, 12, 7);
+    EXPECT_NEAR(i == 0 ? wide.lower : 1 / wide.upper, 0, 1e-6);
+    const FittedParameter unknown = estimateOf(info, free, i, scaled, kInfinity, 2, 7);
+    EXPECT_FALSE(unknown.identified);
+    EXPECT_EQ(unknown.lower, info.lower);
+    EXPECT_EQ(unknown.upper, info.upper);
+    const FittedParameter bound = estimateOf(info, free, i, 0, deviation, 2, 7);
+    EXPECT_TRUE(bound.at_bound);
+  }
+}
+
+TEST(Estimates, CorrelationsAreThoseOfTheValues) {
+  Model model = truth();
+  model.addEffect(makeEffect("battery_sag"));
+  model.setValue("battery_sag.tau", 50);
+  const Free free = makeFree(model, {"X_u", "battery_sag.tau", "k"});
+  Uncertainty u;
+  std::mt19937 random(3);
+  u.information = randomInformation(3, random);
+  u.covariance = u.information.inverse();
+  const Eigen::MatrixXd found = correlationOf(u, free);
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      const double sign = (i == 1) != (j == 1) ? -1 : 1;  // tau falls as its rate rises
+      EXPECT_NEAR(found(i, j),
+                  sign * u.covariance(i, j) / std::sqrt(u.covariance(i, i) * u.covariance(j, j)),
+                  1e-12);
+    }
+  const Eigen::VectorXd sizes = u.information.jacobiSvd().singularValues();
+  EXPECT_NEAR(conditionOf(u), sizes(0) / sizes(2), 1e-6 * conditionOf(u));
+  u.information.setZero();
+  EXPECT_EQ(conditionOf(u), kInfinity);
 }
 
 TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
