@@ -48,7 +48,8 @@ TEST_F(Ascent, EndsAtTheSameMaximumFromEverywhere) {
     const GreyBoxFit fit = box_.fit(starts[i], near());
     EXPECT_TRUE(fit.converged) << i;
     EXPECT_NEAR(fit.log_posterior, best_.log_posterior, 0.1) << i;
-    if (getenv("SHOW")) printf("%zu %d %g\n", i, fit.iterations, fit.log_posterior-best_.log_posterior);
+    if (getenv("SHOW"))
+      printf("%zu %d %g\n", i, fit.iterations, fit.log_posterior - best_.log_posterior);
   }
 }
 
@@ -70,7 +71,8 @@ TEST_F(Ascent, ThePosteriorIsTheLikelihoodAndThePriorsOfLevelsAndLoudness) {
     }
     for (std::size_t i = 0; i < DisturbanceLevels::kCount; ++i)
       expected -= 0.5 * std::pow(std::log(point.levels.values()[i] / prior.median.values()[i]) /
-                                     prior.deviation[i], 2);
+                                     prior.deviation[i],
+                                 2);
     EXPECT_NEAR(found.log_likelihood, likelihood, 1e-9 * std::abs(likelihood));
     EXPECT_NEAR(found.log_posterior - likelihood, expected, 1e-6);
   }
@@ -124,8 +126,7 @@ TEST_F(Ascent, HeldLevelsAndFixedParametersKeepTheirValues) {
   const auto& names = DisturbanceLevels::names();
   const auto before = start.levels.values(), after = fit.point.levels.values();
   for (std::size_t i = 0; i < names.size(); ++i) {
-    const bool held =
-        std::count(options.held.begin(), options.held.end(), names[i]) > 0;
+    const bool held = std::count(options.held.begin(), options.held.end(), names[i]) > 0;
     EXPECT_EQ(std::abs(std::log(after[i] / before[i])) < 1e-12, held) << names[i];
   }
   EXPECT_EQ(fit.point.model.value("X_u"), start.model.value("X_u"));

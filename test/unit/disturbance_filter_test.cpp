@@ -2,10 +2,10 @@
 // and finite differences (docs/theory/likelihood.md).
 #include "../../src/ground/src/identification/disturbance_filter.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -19,8 +19,8 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kStep = 0.01;    // longest step of the filter's simulations [s]
-constexpr double kMaxGap = 0.1;   // [s]
+constexpr double kStep = 0.01;   // longest step of the filter's simulations [s]
+constexpr double kMaxGap = 0.1;  // [s]
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// A craft whose motors lag and whose marker is off the centre.
@@ -90,7 +90,10 @@ struct Seen {
 class PlainFilter {
  public:
   PlainFilter(const Model& model, const RunData& run)
-      : run_(run), model_(model), dynamics_(model), slow_(dynamicsOf(1 - kChange)),
+      : run_(run),
+        model_(model),
+        dynamics_(model),
+        slow_(dynamicsOf(1 - kChange)),
         fast_(dynamicsOf(1 + kChange)) {
     const Dynamics<double> plain(model);
     mobility_ = plain.mass().inverse();
@@ -195,8 +198,8 @@ class PlainFilter {
   void start(std::size_t k, const DisturbanceLevels& levels, Vector13& x, Matrix13& P) const {
     const auto row = static_cast<Eigen::Index>(k);
     const Dynamics<Jet> exact(model_);
-    x.head<6>() = motionOf(
-        stateSeenAs(exact, {run_.eta.row(row).transpose(), run_.nu.row(row).transpose()}));
+    x.head<6>() =
+        motionOf(stateSeenAs(exact, {run_.eta.row(row).transpose(), run_.nu.row(row).transpose()}));
     x.segment<3>(6).setZero();
     Vector13 variance = Vector13::Zero();
     variance.head<9>() << 0.01, 0.01, 0.25, 0.09, 0.09, 9, levels.sigma.array().square();
@@ -215,8 +218,7 @@ class PlainFilter {
   }
 
   void correct(std::size_t k, const DisturbanceLevels& levels, double cap,
-               const std::vector<FilterSample>* known, Vector13& x, Matrix13& P,
-               Seen& seen) const {
+               const std::vector<FilterSample>* known, Vector13& x, Matrix13& P, Seen& seen) const {
     Eigen::Matrix<double, 3, 13> H = Eigen::Matrix<double, 3, 13>::Zero();
     for (int i = 0; i < 3; ++i) {
       Eigen::Matrix<double, 6, 1> up = x.head<6>(), down = up;
@@ -229,7 +231,8 @@ class PlainFilter {
     noise(2) *= levels.heading;
     seen.S = H * P * H.transpose();
     seen.S.diagonal() += noise.array().square().matrix();
-    seen.innovation = run_.eta.row(static_cast<Eigen::Index>(k)).transpose() - measured(x.head<6>());
+    seen.innovation =
+        run_.eta.row(static_cast<Eigen::Index>(k)).transpose() - measured(x.head<6>());
     seen.innovation(2) = std::remainder(seen.innovation(2), 2 * M_PI);
     const double distance = seen.innovation.dot(seen.S.inverse() * seen.innovation);
     seen.capped = known ? (*known)[k].capped : distance > cap;
@@ -314,7 +317,8 @@ TEST_P(Filtered, AgreesWithAPlainKalmanFilter) {
   EXPECT_EQ(capped > 0, std::isfinite(GetParam()));
   EXPECT_NEAR(likelihood_, sum, 1e-5 * std::abs(sum));
   const Vector13 deviation = seen_.back().covariance.diagonal().cwiseSqrt();
-  EXPECT_LT((filter_.constantsSigma() - deviation.tail<4>()).norm(), 1e-5 * deviation.tail<4>().norm());
+  EXPECT_LT((filter_.constantsSigma() - deviation.tail<4>()).norm(),
+            1e-5 * deviation.tail<4>().norm());
   EXPECT_EQ(filter_.constants(), Eigen::Vector4d(filter_.constantsSoFar().bottomRows<1>()));
   for (const double block : {0.3, 1.0, 1e9}) {
     const Eigen::VectorXd parts = filter_.densities(block);
@@ -388,9 +392,15 @@ class FixedGains {
 };
 
 /// Nine parameters: more than fit into a register.
-const std::vector<std::string> kFree = {
-    "I_z", "X_u", "Y_v", "N_r", "k", "motor_lag.tau", "marker_offset.dx", "marker_offset.dy",
-    "thrust_asymmetry.a"};
+const std::vector<std::string> kFree = {"I_z",
+                                        "X_u",
+                                        "Y_v",
+                                        "N_r",
+                                        "k",
+                                        "motor_lag.tau",
+                                        "marker_offset.dx",
+                                        "marker_offset.dy",
+                                        "thrust_asymmetry.a"};
 
 TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
   const Free free = makeFree(model_, kFree);
@@ -430,7 +440,8 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
     return (of.cwiseInverse().asDiagonal() * error * of.cwiseInverse().asDiagonal()).norm();
   };
   EXPECT_LT(relative(found.information - information, size), 1e-4);
-  EXPECT_LT(relative(found.by_acceleration - accelerated, accelerated.diagonal().cwiseSqrt()), 1e-4);
+  EXPECT_LT(relative(found.by_acceleration - accelerated, accelerated.diagonal().cwiseSqrt()),
+            1e-4);
   const Eigen::Index blocks = found.score.rows();
   EXPECT_EQ(blocks, std::lround(run_.times.back() / 0.5));
   Eigen::MatrixXd score = Eigen::MatrixXd::Zero(blocks, n);
@@ -445,7 +456,8 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
     for (int r = 0; r < 13; ++r)
       for (Eigen::Index j = 0; j < n; ++j)
         EXPECT_NEAR(kept[i].sensitivity(r, j), sensitivity[i](r, j),
-                    1e-4 * (sensitivity[i].row(r).norm() + 1e-6)) << i << r << j;
+                    1e-4 * (sensitivity[i].row(r).norm() + 1e-6))
+            << i << r << j;
 }
 
 TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
@@ -457,8 +469,7 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
     for (auto* changed : {&up, &down}) {
       auto values = levels_.values();
       values[i] *= std::exp(changed == &up ? kChange : -kChange);
-      changed->push_back(
-          plain_.run(DisturbanceLevels::of(values), GetParam(), &filter_.samples()));
+      changed->push_back(plain_.run(DisturbanceLevels::of(values), GetParam(), &filter_.samples()));
     }
   Eigen::VectorXd score = Eigen::VectorXd::Zero(count);
   Eigen::MatrixXd information = Eigen::MatrixXd::Zero(count, count);
@@ -470,7 +481,8 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
     for (std::size_t i = 0; i < kLevels; ++i) {
       e.push_back((up[i][k].innovation - down[i][k].innovation) / (2 * kChange));
       S.push_back((up[i][k].S - down[i][k].S) / (2 * kChange));
-      score(static_cast<Eigen::Index>(i)) += (up[i][k].density - down[i][k].density) / (2 * kChange);
+      score(static_cast<Eigen::Index>(i)) +=
+          (up[i][k].density - down[i][k].density) / (2 * kChange);
       for (std::size_t j = 0; j <= i; ++j)
         information(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) +=
             e[i].dot(inverse * e[j]) + 0.5 * (inverse * S[i] * inverse * S[j]).trace();
@@ -484,7 +496,8 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
         << DisturbanceLevels::names()[static_cast<std::size_t>(i)];
     for (Eigen::Index j = 0; j < count; ++j)
       EXPECT_NEAR(found.information(i, j), information(i, j),
-                  0.01 * size * std::sqrt(information(j, j))) << i << ' ' << j;
+                  0.01 * size * std::sqrt(information(j, j)))
+          << i << ' ' << j;
   }
 }
 
@@ -506,8 +519,9 @@ TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
     const Eigen::MatrixX3d down = -up;
     const Matrix3<double> mobility = dynamics.mass().inverse();
     // Minus the change of the innovations: the wrench that a model without it leaves unexplained.
-    Eigen::VectorXd finite = (fixed.whitened(dynamics, mobility, &down) -
-                              fixed.whitened(dynamics, mobility, &up)) / (2 * kChange);
+    Eigen::VectorXd finite =
+        (fixed.whitened(dynamics, mobility, &down) - fixed.whitened(dynamics, mobility, &up)) /
+        (2 * kChange);
     for (std::size_t k = 0; k < seen_.size(); ++k)
       if (seen_[k].starts) finite.segment<3>(3 * static_cast<Eigen::Index>(k)).setZero();
     EXPECT_LT((found.col(c) - finite).norm(), 1e-4 * finite.norm()) << c;
@@ -520,7 +534,8 @@ TEST(DisturbanceFilter, KnowsTheEndsOfStretches) {
   const std::size_t last = run.times.size() - 1;
   std::size_t gap = 0;
   while (run.times[gap + 1] - run.times[gap] < kMaxGap) ++gap;
-  for (const std::size_t k : {std::size_t(0), gap - 1, gap}) EXPECT_EQ(filter.lastOfStretch(k), gap);
+  for (const std::size_t k : {std::size_t(0), gap - 1, gap})
+    EXPECT_EQ(filter.lastOfStretch(k), gap);
   for (const std::size_t k : {gap + 1, gap + 2, last}) EXPECT_EQ(filter.lastOfStretch(k), last);
 }
 

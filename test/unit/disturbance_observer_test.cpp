@@ -1,9 +1,9 @@
 // The disturbance observer, compared with a plain Kalman filter about a simulation.
 #include "ground/estimation/disturbance_observer.h"
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <cmath>
 #include <random>
 
@@ -153,8 +153,7 @@ TEST(DisturbanceObserver, AgreesWithAPlainKalmanFilter) {
     if (i % 20 == 3) continue;
     const Measurement<double> seen = simulation.measure();
     RigidState<double> measured{seen.eta, seen.nu};
-    for (int c = 0; c < 3; ++c)
-      measured.eta(c) += (c < 2 ? 5e-4 : 6e-3) * normal(random);
+    for (int c = 0; c < 3; ++c) measured.eta(c) += (c < 2 ? 5e-4 : 6e-3) * normal(random);
     measured.eta(2) = wrapAngle(measured.eta(2));
     observer.measure(t, measured);
     observer.measure(t - 0.005, start);  // late ones are ignored

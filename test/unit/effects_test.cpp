@@ -171,7 +171,8 @@ TEST_P(EveryEffect, ScalesChangeWithTheUnitsOfMassAndTime) {
     const Vector2<double> power =
         (info.coordinate == Coordinate::kReciprocal ? -1 : 1) * powers(info.unit);
     EXPECT_NEAR(info.scale(other) / info.scale(body),
-                std::pow(mass, power(0)) * std::pow(time, power(1)), 1e-9) << info.name;
+                std::pow(mass, power(0)) * std::pow(time, power(1)), 1e-9)
+        << info.name;
   }
 }
 

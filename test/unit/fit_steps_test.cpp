@@ -1,10 +1,10 @@
 // The steps of the fit by simulation error: losses, starts, descents near a solution, uncertainty.
+#include <gtest/gtest.h>
+
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -89,8 +89,7 @@ TEST(Starts, SpreadOverTwoDecadesOrTheScaleWithinTheBounds) {
     double least = kInfinity, most = -kInfinity;
     for (const auto& start : starts) {
       ASSERT_EQ(start.size(), 3u);
-      const double spread =
-          i < 2 ? std::log10(start[i] / std::max(given, 0.1)) : start[i] - given;
+      const double spread = i < 2 ? std::log10(start[i] / std::max(given, 0.1)) : start[i] - given;
       least = std::min(least, spread);
       most = std::max(most, spread);
     }
@@ -126,8 +125,9 @@ TEST(ShortPieces, AreSpreadEvenlyOverTheWindows) {
                      piece.last <= windows[w].last;
     }
     for (std::size_t w = 0; w < windows.size(); ++w)
-      EXPECT_NEAR(counts[w], pieces.size() * (windows[w].last - windows[w].first) /
-                                 (both ? 4900.0 : 900.0), 2) << w;
+      EXPECT_NEAR(counts[w],
+                  pieces.size() * (windows[w].last - windows[w].first) / (both ? 4900.0 : 900.0), 2)
+          << w;
   }
 }
 
@@ -182,9 +182,9 @@ struct PlainStep {
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n + k * windows, n + k * windows);
     Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
     for (Eigen::Index w = 0; w < windows; ++w) {
-      const WindowResiduals rows = residualsOf(
-          problem, model, free.coordinates(scaled.data()), free.index, static_cast<int>(w),
-          initial[static_cast<std::size_t>(w)], true);
+      const WindowResiduals rows =
+          residualsOf(problem, model, free.coordinates(scaled.data()), free.index,
+                      static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
       Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows.residuals.size(), A.cols());
       Eigen::VectorXd r(rows.residuals.size());
       for (Eigen::Index i = 0; i < r.size(); ++i) {
@@ -192,7 +192,8 @@ struct PlainStep {
         const double slope = robust.derivative(rows.residuals(i));
         for (Eigen::Index j = 0; j < n; ++j)
           J(i, j) = slope * free.scale[static_cast<std::size_t>(j)] * rows.derivatives(i, j);
-        for (Eigen::Index j = 0; j < k; ++j) J(i, n + k * w + j) = slope * rows.derivatives(i, n + j);
+        for (Eigen::Index j = 0; j < k; ++j)
+          J(i, n + k * w + j) = slope * rows.derivatives(i, n + j);
       }
       A += J.transpose() * J;
       b += J.transpose() * r;

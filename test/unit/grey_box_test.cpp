@@ -1,7 +1,7 @@
 // The stochastic likelihood on runs with a known disturbance.
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>

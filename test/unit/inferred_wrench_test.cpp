@@ -1,10 +1,10 @@
 // The missing wrench of a model from noisy poses, and predictions from a measured state.
 #include "ground/identification/inferred_wrench.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <cmath>
 #include <random>
 
@@ -341,11 +341,11 @@ class PlainFilter {
       const double distance = e.dot(S.inverse() * e), more = std::max(1.0, distance / 25);
       Matrix3<double> turn = Matrix3<double>::Identity();  // to the axes of the craft
       turn.topLeftCorner<2, 2>() = Eigen::Rotation2Dd(-along_[at](2)).toRotationMatrix();
-      result.normalised.row(k) =
-          (turn * e).array() /
-          (turn * S * turn.transpose()).diagonal().array().sqrt() / std::sqrt(more);
-      result.density.push_back(-0.5 * (std::log(S.determinant()) + 3 * std::log(more) +
-                                       distance / more));
+      result.normalised.row(k) = (turn * e).array() /
+                                 (turn * S * turn.transpose()).diagonal().array().sqrt() /
+                                 std::sqrt(more);
+      result.density.push_back(-0.5 *
+                               (std::log(S.determinant()) + 3 * std::log(more) + distance / more));
       const Eigen::Matrix<double, 9, 3> K = P * H_[at].transpose() * S.inverse() / more;
       x += K * e;
       P -= K * H_[at] * P;
@@ -380,8 +380,8 @@ class PlainFilter {
       } else {
         const Vector9 unit = P_before[at + 1].diagonal().cwiseSqrt().cwiseInverse();
         const Matrix9 next = unit.asDiagonal() * P_before[at + 1] * unit.asDiagonal();
-        const Matrix9 gain = P_after[at] * F_[at].transpose() * unit.asDiagonal() *
-                             next.inverse() * unit.asDiagonal();
+        const Matrix9 gain = P_after[at] * F_[at].transpose() * unit.asDiagonal() * next.inverse() *
+                             unit.asDiagonal();
         x = x_after[at] + gain * (x - x_before[at + 1]);
         P = P_after[at] + gain * (P - P_before[at + 1]) * gain.transpose();
       }
@@ -402,12 +402,14 @@ class PlainFilter {
 
 /// A craft on a floor that rises from its middle, with a marker off the centre and a turned frame.
 Model bowl(double rise = 0.05) {
-  return with("  - name: bowl\n"
-              "    expression: {X: \"-c*(x*cos(psi)+y*sin(psi))\", Y: \"c*(x*sin(psi)-y*cos(psi))\"}\n"
-              "    parameters:\n      c: {value: " + std::to_string(rise) +
-              ", unit: N/m, lower: 0, upper: 1}\n"
-              "  - {name: heading_offset, psi0: 0.4}\n"
-              "  - {name: marker_offset, dx: 0.02, dy: -0.03}\n");
+  return with(
+      "  - name: bowl\n"
+      "    expression: {X: \"-c*(x*cos(psi)+y*sin(psi))\", Y: \"c*(x*sin(psi)-y*cos(psi))\"}\n"
+      "    parameters:\n      c: {value: " +
+      std::to_string(rise) +
+      ", unit: N/m, lower: 0, upper: 1}\n"
+      "  - {name: heading_offset, psi0: 0.4}\n"
+      "  - {name: marker_offset, dx: 0.02, dy: -0.03}\n");
 }
 
 /// A run of another craft than the model's, with a gap and outliers.
@@ -485,9 +487,9 @@ TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
   for (const WrenchNature nature : {WrenchNature::kRandomWalk, WrenchNature::kWhite}) {
     const WrenchNoise found = filter.likeliestNoise(nature);
     const double best = filter.innovations(nature, found).log_likelihood;
-    double WrenchNoise::* const levels[] = {&WrenchNoise::force, &WrenchNoise::moment,
-                                            &WrenchNoise::position, &WrenchNoise::heading};
-    for (double WrenchNoise::* const level : levels)
+    double WrenchNoise::*const levels[] = {&WrenchNoise::force, &WrenchNoise::moment,
+                                           &WrenchNoise::position, &WrenchNoise::heading};
+    for (double WrenchNoise::*const level : levels)
       for (const double factor : {0.25, 0.8, 1.25, 4.0}) {
         WrenchNoise other = found;
         other.*level *= factor;

@@ -127,7 +127,8 @@ TEST(ModelFile, RoundTripOfAllThatIsSaidOfAParameter) {
       a: {value: 0.3, unit: N/m, doc: "stiff, \"quoted\"", neutral: 0.1, lower: -0.2, upper: 0.7, scale: 0.05}
       b: {value: -0.4, unit: N/m}
       c: {value: 0.5, unit: N/m, upper: 3}
-)yaml", "good");
+)yaml",
+                                 "good");
   const Model back = parseModel(formatModel(model), "written");
   const auto before = model.effects.back().effect->info().parameters,
              after = back.effects.back().effect->info().parameters;
@@ -300,7 +301,8 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"name: test", "name: [", "craft.yaml, line"},
       {"effects:\n", "effects: 3\nother:\n", "craft.yaml, line"},
       {"body: {m: 0.06, l: 0.03, I_z: 1.0e-4, X_u: 0.01, Y_v: 0.02, N_r: 3.0e-5, k: 0.06, "
-       "input_max: 1}", "body: 3", "line 3: body must be a map of key: value"},
+       "input_max: 1}",
+       "body: 3", "line 3: body must be a map of key: value"},
       {"scale: 0.02", "scale: 0", "line 12: scale must be positive"},
       {"scale: 0.02", "scale: .inf", "line 12: scale must be positive"},
       {"scale: 0.02", "skale: 0.02", "line 12: unknown key 'skale' in parameter a"},
@@ -490,8 +492,8 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
 }
 
 TEST(Plausibility, FactorsAreThoseOfTheUnits) {
-  const std::map<std::string, double> known = {
-      {"g", 1e-3}, {"kg", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"m", 1}, {"s", 1}, {"mN", 1e-3}};
+  const std::map<std::string, double> known = {{"g", 1e-3}, {"kg", 1}, {"cm", 1e-2}, {"mm", 1e-3},
+                                               {"m", 1},    {"s", 1},  {"mN", 1e-3}};
   int parsed = 0;
   for (const MistakenUnit& unit : mistakenUnits()) {
     const std::string name = unit.name;
@@ -531,10 +533,10 @@ TEST(Plausibility, EachRatioIsJudgedByTheRangeThatItsMessageGives) {
          b.l = std::sqrt(b.I_z / b.m);
        },
        1, 1e4},
-      {"surge damping holds full thrust at",
-       [&](B& b, double to) { b.X_u = thrust(b) / to; }, 0.05, infinity},
-      {"sway damping would hold full thrust at",
-       [&](B& b, double to) { b.Y_v = thrust(b) / to; }, 0.05, infinity},
+      {"surge damping holds full thrust at", [&](B& b, double to) { b.X_u = thrust(b) / to; }, 0.05,
+       infinity},
+      {"sway damping would hold full thrust at", [&](B& b, double to) { b.Y_v = thrust(b) / to; },
+       0.05, infinity},
       {"yaw damping holds one thruster at",
        [&](B& b, double to) { b.N_r = b.k * b.input_max * b.l / to; }, 0.05, infinity},
   };
@@ -553,8 +555,10 @@ TEST(Plausibility, EachRatioIsJudgedByTheRangeThatItsMessageGives) {
     std::ostringstream range;
     range.precision(3);
     range << "crafts have ";
-    if (std::isinf(one.high)) range << "more than " << one.low;
-    else range << one.low << " to " << one.high;
+    if (std::isinf(one.high))
+      range << "more than " << one.low;
+    else
+      range << one.low << " to " << one.high;
     EXPECT_NE(below.find(range.str()), std::string::npos) << below;
     if (std::isinf(one.high)) continue;
     EXPECT_NE(messageAt(1.001 * one.high), "") << one.meaning;

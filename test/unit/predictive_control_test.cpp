@@ -364,7 +364,8 @@ TEST(TrajectoryOptimizer, TheCostIsThatOfItsDefinition) {
       cost += weights.turning * std::pow(left - right, 2);
       if (!walls) continue;
       Eigen::Matrix<double, 1, 5> unused;
-      const double excess = nearWalls().fence.excess({at.head<3>(), at.segment<3>(3)}, 0.15, unused);
+      const double excess =
+          nearWalls().fence.excess({at.head<3>(), at.segment<3>(3)}, 0.15, unused);
       cost += 30 * excess * excess;
       excesses += excess;
     }

@@ -484,8 +484,8 @@ TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
     double least = 2;
     for (double angle = 0; angle < 2 * M_PI; angle += 1e-3) {
       const Point along(-std::sin(angle), std::cos(angle));
-      const double way = (Fence::kLoss + square().latency) * speed +
-                         0.5 * speed * speed / square().braking;
+      const double way =
+          (Fence::kLoss + square().latency) * speed + 0.5 * speed * speed / square().braking;
       const Point end = 1.5 * Point(std::cos(angle), std::sin(angle)) + way * along;
       least = std::min(least, 2 - end.cwiseAbs().maxCoeff());
     }

@@ -135,9 +135,9 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
                             {"recovery_time", drive.life.recovery_time}});
   expectDefaults({"Excitation.cfg"}, {{"duration", drive.duration}});
   const LifecycleParams life;
-  expectDefaults({"OpenLoopPRBS.cfg"}, {{"lift", life.lift},
-                                        {"lift_time", life.lift_time},
-                                        {"state_timeout", life.state_timeout}});
+  expectDefaults(
+      {"OpenLoopPRBS.cfg"},
+      {{"lift", life.lift}, {"lift_time", life.lift_time}, {"state_timeout", life.state_timeout}});
   EXPECT_EQ(life.rate, drive.life.rate);
   const RoomPlan plain, room = loadRoomPlan("cfg/room/room_4x4.yaml");
   EXPECT_EQ(plain.corners, room.corners);

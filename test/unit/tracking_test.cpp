@@ -92,7 +92,8 @@ TEST(References, RhodoneaIsTheRose) {
 }
 
 TEST(References, TheExtentIsThePeriodOrTheEnd) {
-  const ReferencePtr circle = makeCircle({0.5, -1}, 2, -0.6), rose = makeRhodonea({0, 0}, 1, 1.5, 0.4),
+  const ReferencePtr circle = makeCircle({0.5, -1}, 2, -0.6),
+                     rose = makeRhodonea({0, 0}, 1, 1.5, 0.4),
                      wave = makeSinusoid({0.3, -0.2}, 0.5, 0.8, -0.6);
   for (const ReferencePtr& reference : {circle, rose}) {
     const double period = reference->extent();
@@ -455,8 +456,8 @@ TEST(Feasibility, OfACircleDependsOnTheYawMomentBesideItsThrust) {
       body.N_r *= resistance;
       // Inwards and along the circle of 1 m: the heading follows this force at the circle's rate.
       const double inwards = body.m * rate * rate, along = body.Y_v * std::abs(rate);
-      const double surge = (inwards * inwards + along * body.X_u * std::abs(rate)) /
-                           std::hypot(inwards, along);
+      const double surge =
+          (inwards * inwards + along * body.X_u * std::abs(rate)) / std::hypot(inwards, along);
       const double moment = body.N_r * std::abs(rate), full = body.k * body.l;
       const double limit = body.l * std::min(surge, 2 * body.k - surge);
       const double excess = (moment - limit) / full;
@@ -471,7 +472,9 @@ TEST(Feasibility, OfACircleDependsOnTheYawMomentBesideItsThrust) {
       ASSERT_EQ(std::sscanf(said.c_str() + at,
                             "takes a yaw moment of %lf N m, but with a thrust of %lf N the limit "
                             "is %lf N m",
-                            &needed, &beside, &largest), 3) << said;
+                            &needed, &beside, &largest),
+                3)
+          << said;
       EXPECT_NEAR(needed, moment, 0.01 * moment);
       EXPECT_NEAR(beside, surge, 0.01 * surge);
       EXPECT_NEAR(largest, limit, 0.01 * limit);

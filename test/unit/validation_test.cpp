@@ -58,8 +58,7 @@ TEST(Ranges, AreThoseOfTheMessages) {
   hall.corners = {{-200, -200}, {200, -200}, {200, 200}, {-200, 200}};
   expectRange(hall, &RoomPlan::margin);
   using L = LifecycleParams;
-  for (double L::*field :
-       {&L::lift, &L::lift_time, &L::state_timeout, &L::recovery_time, &L::rate})
+  for (double L::*field : {&L::lift, &L::lift_time, &L::state_timeout, &L::recovery_time, &L::rate})
     expectRange(L(), field);
   using M = MocapParams;
   for (double M::*field : {&M::rate, &M::position_noise, &M::heading_noise, &M::latency, &M::loss,
@@ -74,7 +73,8 @@ TEST(Ranges, AreThoseOfTheMessages) {
 }
 
 TEST(Ranges, OfWholeNumbersIncludeTheirEnds) {
-  for (const int order : {2, 20}) EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order), "");
+  for (const int order : {2, 20})
+    EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order), "");
   for (const int order : {1, 21})
     EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order),
               "order must be between 2 and 20");
@@ -90,8 +90,8 @@ TEST(Ranges, OfWholeNumbersIncludeTheirEnds) {
 
 TEST(Ranges, OpenOnesAreWithoutZero) {
   using E = EstimatorParams;
-  for (double E::*field : {&E::position_noise, &E::heading_noise, &E::max_gap, &E::linear_jerk,
-                           &E::angular_jerk})
+  for (double E::*field :
+       {&E::position_noise, &E::heading_noise, &E::max_gap, &E::linear_jerk, &E::angular_jerk})
     expectPositive(E(), field);
   expectPositive(E(), &E::stamp_noise, true);
   EXPECT_EQ(refusal(E(), &E::gate, 1), "");

@@ -1,10 +1,10 @@
 // Velocities from poses: both estimators and the smoother, also with bad poses.
 #include "ground/estimation/velocity_estimator.h"
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
@@ -422,7 +422,7 @@ TEST(Smoother, RestartsAfterALongGapAndAfterAJump) {
 
 /// Motion of one axis by least squares over all poses: constant acceleration driven by white jerk.
 struct LeastSquares {
-  Eigen::MatrixX3d x;              ///< position, velocity, acceleration at each stamp
+  Eigen::MatrixX3d x;               ///< position, velocity, acceleration at each stamp
   Matrix3<double> last_covariance;  ///< of the last row
 
   LeastSquares(const std::vector<double>& stamps, const Eigen::VectorXd& z, double noise,
@@ -435,7 +435,8 @@ struct LeastSquares {
     A(1, 1) = std::pow(typical_speed, -2);
     A(2, 2) = std::pow(3 * typical_speed, -2);
     for (Eigen::Index k = 1; k < count; ++k) {
-      const double h = stamps[static_cast<std::size_t>(k)] - stamps[static_cast<std::size_t>(k) - 1];
+      const double h =
+          stamps[static_cast<std::size_t>(k)] - stamps[static_cast<std::size_t>(k) - 1];
       // The covariance of a jump by white jerk, in units in which it hardly depends on h.
       Matrix3<double> Q;
       Q << 1.0 / 20, 1.0 / 8, 1.0 / 6, 1.0 / 8, 1.0 / 3, 1.0 / 2, 1.0 / 6, 1.0 / 2, 1;
@@ -533,9 +534,8 @@ TEST(KalmanEstimator, IsTheLeastSquaresSolutionOfThePosesSoFar) {
     EXPECT_NEAR(found.nu_covariance(2, 2) / axes[2].last_covariance(1, 1), 1, 1e-4);
     // A wrong heading turns the velocity over the floor the other way.
     Eigen::Matrix<double, 2, 1> turned(nu.y(), -nu.x());
-    const Eigen::Matrix2d expected =
-        axes[0].last_covariance(1, 1) * Eigen::Matrix2d::Identity() +
-        axes[2].last_covariance(0, 0) * turned * turned.transpose();
+    const Eigen::Matrix2d expected = axes[0].last_covariance(1, 1) * Eigen::Matrix2d::Identity() +
+                                     axes[2].last_covariance(0, 0) * turned * turned.transpose();
     EXPECT_LT((found.nu_covariance.topLeftCorner<2, 2>() - expected).norm(),
               1e-4 * expected.norm());
     const Vector2<double> with_rate = axes[2].last_covariance(0, 1) * turned;
