@@ -193,7 +193,7 @@ TEST(ThrustersInModelFiles, ErrorsSayWhatIsWrong) {
       {"  thrusters:\n" + one + ", gain: 0}\n", "turn the direction by 180"},
       {"  thrusters:\n" + one + ", range: [0, 0.9], curve: {table: [[0, 0], [0.8, 1]]}}\n",
        "reach from 0 to 0.9, its range"},
-      {"  thrusters:\n" + one + "}\n  lift: {chanel: x}\n", "unknown key 'chanel' in lift"},
+      {"  thrusters:\n" + one + "}\n  lift: {port: x}\n", "unknown key 'port' in lift"},
   };
   for (const auto& bad : cases) {
     const std::string message = complaint(bad.thrusters);
