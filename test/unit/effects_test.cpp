@@ -2,7 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <random>
+#include <regex>
+#include <string>
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
@@ -117,6 +120,72 @@ TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
       EXPECT_LT(worst, 1e-5 * largest + 1e-12)
           << infos[p].name << (at_neutral ? " at neutral" : " away from neutral");
     }
+  }
+}
+
+TEST_P(EveryEffect, SaysWhetherTheMotionDependsOnThePose) {
+  Model model = with(GetParam());
+  const auto infos = model.parameters();
+  std::vector<double> at = model.coordinates();
+  for (std::size_t p = bodyParameters().size(); p < at.size(); ++p)
+    at[p] += (1 + 0.1 * static_cast<double>(p)) * infos[p].scale(model.body);
+  const Dynamics<double> dynamics(model, at);
+  const InputSequence inputs = excitation();
+  const auto speedFrom = [&](const Vector3<double>& place) {
+    RigidState<double> start;
+    start.eta = place;
+    Simulation<double> simulation(dynamics, inputs, start, 0.05);
+    simulation.advance(1);
+    return simulation.state().nu;
+  };
+  const double change = (speedFrom({1, 0.5, 2}) - speedFrom({-0.7, 0.2, -0.4})).norm();
+  EXPECT_EQ(dynamics.usesPose(), change > 1e-9) << change;
+}
+
+/// Powers of mass and time in a unit such as "N s^2/m".
+Vector2<double> powers(std::string unit) {
+  Vector2<double> found(0, 0);
+  const std::map<std::string, Vector2<double>> known = {
+      {"kg", {1, 0}}, {"s", {0, 1}}, {"N", {1, -2}}, {"m", {0, 0}}, {"rad", {0, 0}}, {"-", {0, 0}}};
+  const std::regex factor("(/?)([a-zA-Z]+|-)(?:\\^(\\d))?");
+  for (std::sregex_iterator at(unit.begin(), unit.end(), factor), end; at != end; ++at) {
+    const double power = at->str(3).empty() ? 1 : std::stod(at->str(3));
+    found += (at->str(1).empty() ? power : -power) * known.at(at->str(2));
+  }
+  return found;
+}
+
+TEST_P(EveryEffect, ScalesChangeWithTheUnitsOfMassAndTime) {
+  const Body<double> body = tinyWhoover().body;
+  const double mass = 3, time = 0.7;  // the new numbers for 1 kg and for 1 s
+  Body<double> other = body;
+  other.m *= mass;
+  other.I_z *= mass;
+  other.k *= mass / (time * time);
+  for (double* damping : {&other.X_u, &other.Y_v, &other.N_r}) *damping *= mass / time;
+  Body<double> smaller = body;
+  smaller.l *= 0.5;
+  for (const ParameterInfo& info : makeEffect(GetParam())->info().parameters) {
+    EXPECT_GT(info.scale(body), 0) << info.name;
+    if (info.scale(other) == info.scale(body) && info.scale(smaller) == info.scale(body)) continue;
+    const Vector2<double> power =
+        (info.coordinate == Coordinate::kReciprocal ? -1 : 1) * powers(info.unit);
+    EXPECT_NEAR(info.scale(other) / info.scale(body),
+                std::pow(mass, power(0)) * std::pow(time, power(1)), 1e-9)
+        << info.name;
+  }
+}
+
+TEST_P(EveryEffect, RangesFavourNoSideUnlessTheyBeginAtTheNeutralValue) {
+  for (const ParameterInfo& info : makeEffect(GetParam())->info().parameters) {
+    if (info.neutral == info.lower || info.neutral == info.upper) continue;
+    if (info.lower < 0) {
+      EXPECT_EQ(info.lower, -info.upper) << info.name;
+      EXPECT_EQ(info.neutral, 0) << info.name;
+    } else {
+      EXPECT_NEAR(info.lower * info.upper, info.neutral * info.neutral, 1e-12) << info.name;
+    }
+    EXPECT_LT(info.neutral + info.scale(tinyWhoover().body), info.upper) << info.name;
   }
 }
 

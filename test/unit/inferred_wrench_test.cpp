@@ -3,13 +3,17 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <cmath>
 #include <random>
 
 #include "ground/control/prbs.h"
 #include "ground/identification/prediction.h"
 #include "ground/model/effect_registry.h"
+#include "ground/model/measurement.h"
 #include "ground/model/model_file.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 namespace {
@@ -215,6 +219,282 @@ TEST(InferredWrench, GivesTheModelsThrust) {
     EXPECT_NEAR(plain(i, 2), k * l * (u(0) - u(1)), 1e-9);
     EXPECT_NEAR(turned(i, 0), 0, 1e-9);
     EXPECT_NEAR(turned(i, 1), k * (u(0) + u(1)), 1e-9);
+  }
+}
+
+using Vector9 = Eigen::Matrix<double, 9, 1>;
+using Matrix9 = Eigen::Matrix<double, 9, 9>;
+
+/// Filter and smoother by the textbook (Kalman 1960; Rauch, Tung and Striebel 1965), about the
+/// measured motion, with derivatives by finite differences.
+class PlainFilter {
+ public:
+  PlainFilter(const Model& model, const RunData& run) : model_(model), run_(run) {
+    for (const char* effect : {"body_force_bias", "yaw_bias"}) model_.addEffect(makeEffect(effect));
+    const Dynamics<double> dynamics(model_);
+    const Dynamics<Jet> exact(model_);
+    const auto count = static_cast<Eigen::Index>(run.times.size());
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const RigidState<double> at = stateSeenAs(exact, {run.eta.row(k), run.nu.row(k)});
+      Vector9 x = Vector9::Zero();
+      x.head<6>() << at.eta, at.nu;
+      along_.push_back(x);
+    }
+    for (std::size_t k = 0; k < along_.size(); ++k) {
+      const auto seen = [&](const Vector9& x) -> Eigen::VectorXd {
+        return dynamics.measure({x.head<3>(), x.segment<3>(3)}).eta;
+      };
+      H_.push_back(jacobian(seen, along_[k], 3));
+      const Vector3<double> measured = run.poses.row(static_cast<Eigen::Index>(k));
+      Vector3<double> z = measured - seen(along_[k]);
+      z(2) = std::remainder(z(2), 2 * M_PI);
+      z_.push_back(z);
+      F_.push_back(Matrix9::Identity());
+      offset_.push_back(Vector9::Zero());
+      dt_.push_back(0);
+      if (k + 1 == along_.size() || run.times[k + 1] - run.times[k] > 0.1) continue;
+      dt_[k] = run.times[k + 1] - run.times[k];
+      const auto next = [&](const Vector9& x) -> Eigen::VectorXd { return moved(x, k); };
+      F_[k].topRows<6>() = jacobian(next, along_[k], 6);
+      offset_[k].head<6>() = next(along_[k]) - along_[k + 1].head<6>();
+      offset_[k](2) = std::remainder(offset_[k](2), 2 * M_PI);
+    }
+  }
+
+  struct Result {
+    Eigen::MatrixX3d innovation, normalised, wrench, sigma;
+    std::vector<double> density;  ///< of each pose, with its noise increased if it is an outlier
+  };
+
+  /// The model's deviations from the measured motion, seen by the run's poses.
+  Result run(WrenchNature nature, const WrenchNoise& noise) const {
+    return run(nature, noise, z_, offset_);
+  }
+
+  /// The wrench that is inferred if only the `acting` one disturbs and nothing else is random.
+  Eigen::VectorXd response(const WrenchNoise& noise, const Eigen::VectorXd& acting,
+                           int channel) const {
+    std::vector<Vector3<double>> z;
+    Vector9 x = Vector9::Zero();
+    for (std::size_t k = 0; k < along_.size(); ++k) {
+      x(6 + channel) = acting(static_cast<Eigen::Index>(k));
+      z.push_back(H_[k] * x);
+      x = dt_[k] == 0 ? Vector9::Zero().eval() : (F_[k] * x).eval();
+    }
+    const std::vector<Vector9> none(along_.size(), Vector9::Zero());
+    return run(WrenchNature::kRandomWalk, noise, z, none).wrench.col(channel);
+  }
+
+ private:
+  template <typename F>
+  static Eigen::MatrixXd jacobian(const F& f, const Vector9& at, int rows) {
+    const double change[] = {1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-6};
+    Eigen::MatrixXd found(rows, 9);
+    for (int i = 0; i < 9; ++i) {
+      const Vector9 step = change[i] * Vector9::Unit(i);
+      found.col(i) = (f(at + step) - f(at - step)) / (2 * change[i]);
+    }
+    return found;
+  }
+
+  Eigen::VectorXd moved(const Vector9& x, std::size_t k) const {
+    Model pushed = model_;
+    pushed.setValue("body_force_bias.x0", x(6));
+    pushed.setValue("body_force_bias.y0", x(7));
+    pushed.setValue("yaw_bias.n0", x(8));
+    const Dynamics<double> dynamics(pushed);
+    Simulation<double> simulation(dynamics, run_.inputs, {x.head<3>(), x.segment<3>(3)},
+                                  run_.times[k]);
+    simulation.advance(run_.times[k + 1]);
+    Eigen::VectorXd to(6);
+    to << simulation.state().eta, simulation.state().nu;
+    return to;
+  }
+
+  Result run(WrenchNature nature, const WrenchNoise& noise, const std::vector<Vector3<double>>& z,
+             const std::vector<Vector9>& offset) const {
+    const bool white = nature == WrenchNature::kWhite;
+    const auto count = static_cast<Eigen::Index>(along_.size());
+    const double force = typical::force(model_.body), moment = typical::moment(model_.body);
+    const Vector3<double> R(std::pow(noise.position, 2), std::pow(noise.position, 2),
+                            std::pow(noise.heading, 2));
+    const Vector3<double> density(std::pow(noise.force, 2), std::pow(noise.force, 2),
+                                  std::pow(noise.moment, 2));
+    Vector9 start;
+    start << 9 * R, 0.09, 0.09, 9, force * force, force * force, moment * moment;
+    if (white) start.tail<3>().setZero();
+    Result result;
+    for (Eigen::MatrixX3d* rows :
+         {&result.innovation, &result.normalised, &result.wrench, &result.sigma})
+      rows->resize(count, 3);
+    std::vector<Vector9> x_before, x_after;
+    std::vector<Matrix9> P_before, P_after;
+    Vector9 x = Vector9::Zero();
+    Matrix9 P = start.asDiagonal();
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      x_before.push_back(x);
+      P_before.push_back(P);
+      const Vector3<double> e = z[at] - H_[at] * x;
+      Matrix3<double> S = H_[at] * P * H_[at].transpose();
+      S += R.asDiagonal();
+      const double distance = e.dot(S.inverse() * e), more = std::max(1.0, distance / 25);
+      Matrix3<double> turn = Matrix3<double>::Identity();  // to the axes of the craft
+      turn.topLeftCorner<2, 2>() = Eigen::Rotation2Dd(-along_[at](2)).toRotationMatrix();
+      result.normalised.row(k) = (turn * e).array() /
+                                 (turn * S * turn.transpose()).diagonal().array().sqrt() /
+                                 std::sqrt(more);
+      result.density.push_back(-0.5 *
+                               (std::log(S.determinant()) + 3 * std::log(more) + distance / more));
+      const Eigen::Matrix<double, 9, 3> K = P * H_[at].transpose() * S.inverse() / more;
+      x += K * e;
+      P -= K * H_[at] * P;
+      x_after.push_back(x);
+      P_after.push_back(P);
+      if (dt_[at] == 0) {  // a gap follows, or a repeated time
+        const bool gap = k + 1 == count || run_.times[at + 1] > run_.times[at];
+        if (gap) x.setZero();
+        if (gap) P = start.asDiagonal();
+        continue;
+      }
+      const Eigen::Matrix<double, 6, 3> by_wrench = F_[at].topRightCorner<6, 3>();
+      Matrix9 Q = Matrix9::Zero();
+      const Eigen::Matrix<double, 6, 6> shaken =
+          by_wrench * density.asDiagonal() * by_wrench.transpose();
+      if (white) {
+        Q.topLeftCorner<6, 6>() = shaken / dt_[at];
+      } else {
+        Q.topLeftCorner<6, 6>() = shaken * dt_[at] / 3;
+        Q.topRightCorner<6, 3>() = by_wrench * density.asDiagonal() * dt_[at] / 2;
+        Q.bottomLeftCorner<3, 6>() = Q.topRightCorner<6, 3>().transpose();
+        Q.bottomRightCorner<3, 3>() = (density * dt_[at]).asDiagonal();
+      }
+      x = F_[at] * x + offset[at];
+      P = F_[at] * P * F_[at].transpose() + Q;
+    }
+    for (Eigen::Index k = count; k-- > 0;) {
+      const auto at = static_cast<std::size_t>(k);
+      if (dt_[at] == 0) {
+        x = x_after[at];
+        P = P_after[at];
+      } else {
+        const Vector9 unit = P_before[at + 1].diagonal().cwiseSqrt().cwiseInverse();
+        const Matrix9 next = unit.asDiagonal() * P_before[at + 1] * unit.asDiagonal();
+        const Matrix9 gain = P_after[at] * F_[at].transpose() * unit.asDiagonal() * next.inverse() *
+                             unit.asDiagonal();
+        x = x_after[at] + gain * (x - x_before[at + 1]);
+        P = P_after[at] + gain * (P - P_before[at + 1]) * gain.transpose();
+      }
+      result.wrench.row(k) = x.tail<3>();
+      result.sigma.row(k) = P.diagonal().tail<3>().cwiseSqrt();
+    }
+    return result;
+  }
+
+  Model model_;
+  const RunData& run_;
+  std::vector<Vector9> along_, offset_;
+  std::vector<Vector3<double>> z_;
+  std::vector<Eigen::MatrixXd> H_;
+  std::vector<Matrix9> F_;
+  std::vector<double> dt_;
+};
+
+/// A craft on a floor that rises from its middle, with a marker off the centre and a turned frame.
+Model bowl(double rise = 0.05) {
+  return with(
+      "  - name: bowl\n"
+      "    expression: {X: \"-c*(x*cos(psi)+y*sin(psi))\", Y: \"c*(x*sin(psi)-y*cos(psi))\"}\n"
+      "    parameters:\n      c: {value: " +
+      std::to_string(rise) +
+      ", unit: N/m, lower: 0, upper: 1}\n"
+      "  - {name: heading_offset, psi0: 0.4}\n"
+      "  - {name: marker_offset, dx: 0.02, dy: -0.03}\n");
+}
+
+/// A run of another craft than the model's, with a gap and outliers.
+RunData disturbed() {
+  RunData run = record(bowl(0.09), 1, 5, 3);
+  for (std::size_t i = 170; i < run.times.size(); ++i) run.times[i] += 0.3;
+  run.eta.col(0).array() += 1e-3;
+  run.eta.col(2).array() += 0.01;
+  run.nu.col(1).array() -= 0.02;
+  return run;
+}
+
+WrenchNoise someNoise(WrenchNature nature) {
+  const double memory = nature == WrenchNature::kWhite ? 0.1 : 1;
+  const Body<double> body = nominal().body;
+  return {0.2 * memory * typical::force(body), 0.3 * memory * typical::moment(body), 4e-4, 6e-3};
+}
+
+void expectNear(const Eigen::MatrixXd& found, const Eigen::MatrixXd& expected, double relative) {
+  for (Eigen::Index c = 0; c < found.cols(); ++c)
+    EXPECT_LT((found.col(c) - expected.col(c)).norm(), relative * expected.col(c).norm()) << c;
+}
+
+TEST(WrenchFilter, AgreesWithAPlainKalmanFilterAndSmoother) {
+  RunData run = disturbed();
+  run.poses(60, 0) += 0.02;
+  run.poses(200, 2) += 0.3;
+  const PlainFilter plain(bowl(), run);
+  const WrenchFilter filter(bowl(), run);
+  for (const WrenchNature nature : {WrenchNature::kRandomWalk, WrenchNature::kWhite}) {
+    const WrenchNoise noise = someNoise(nature);
+    const Innovations found = filter.innovations(nature, noise);
+    const PlainFilter::Result expected = plain.run(nature, noise);
+    expectNear(found.normalised, expected.normalised, 1e-4);
+    double likelihood = 0;
+    for (std::size_t k = 0; k < run.times.size(); ++k) {
+      const bool settled = (k >= 10 && k < 170) || k >= 180;
+      EXPECT_EQ(found.valid[k], settled) << k;
+      if (settled) likelihood += expected.density[k];
+    }
+    EXPECT_NEAR(found.log_likelihood, likelihood, 1e-4 * std::abs(likelihood));
+  }
+  const WrenchNoise noise = someNoise(WrenchNature::kRandomWalk);
+  const PlainFilter::Result expected = plain.run(WrenchNature::kRandomWalk, noise);
+  const InferredWrench found = filter.smooth(noise);
+  expectNear(found.wrench, expected.wrench, 1e-4);
+  expectNear(found.sigma, expected.sigma, 1e-4);
+}
+
+TEST(WrenchFilter, ResponsesAreWhatThePlainSmootherInfersFromTheWrenchAlone) {
+  const RunData run = record(nominal(), 1, 6, 2);
+  const PlainFilter plain(nominal(), run);
+  const WrenchFilter filter(nominal(), run);
+  const auto count = static_cast<Eigen::Index>(run.times.size());
+  constexpr int kColumns = 19;
+  Eigen::MatrixXd acting(count, kColumns);
+  std::vector<int> channels;
+  for (int j = 0; j < kColumns; ++j) {
+    channels.push_back(j % 3);
+    for (Eigen::Index k = 0; k < count; ++k)
+      acting(k, j) = (1 + 0.1 * j) * std::cos(0.02 * (j + 1) * static_cast<double>(k));
+  }
+  const WrenchNoise noise = someNoise(WrenchNature::kRandomWalk);
+  const Eigen::MatrixXd found = filter.smooth(noise, 1e-3 * acting, channels).responses;
+  for (int j = 0; j < kColumns; ++j) {
+    // So weak that no pose counts as an outlier.
+    const Eigen::VectorXd expected = plain.response(noise, 1e-6 * acting.col(j), j % 3);
+    EXPECT_LT((found.col(j) - 1e3 * expected).norm(), 1e-3 * found.col(j).norm()) << j;
+  }
+}
+
+TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
+  const RunData run = disturbed();
+  const WrenchFilter filter(bowl(), run);
+  for (const WrenchNature nature : {WrenchNature::kRandomWalk, WrenchNature::kWhite}) {
+    const WrenchNoise found = filter.likeliestNoise(nature);
+    const double best = filter.innovations(nature, found).log_likelihood;
+    double WrenchNoise::*const levels[] = {&WrenchNoise::force, &WrenchNoise::moment,
+                                           &WrenchNoise::position, &WrenchNoise::heading};
+    for (double WrenchNoise::*const level : levels)
+      for (const double factor : {0.25, 0.8, 1.25, 4.0}) {
+        WrenchNoise other = found;
+        other.*level *= factor;
+        EXPECT_LT(filter.innovations(nature, other).log_likelihood, best + 2e-3) << factor;
+      }
   }
 }
 

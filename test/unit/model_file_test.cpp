@@ -10,7 +10,11 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <map>
+#include <regex>
+#include <sstream>
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/plausibility.h"
@@ -92,6 +96,7 @@ TEST(ModelFile, RoundTrip) {
   model.provenance.error_after = {{"fit", 0.5}};
   model.provenance.confidence_95 = {
       {"k", {0.06, 0.063}}, {"battery_sag.tau", {80, std::numeric_limits<double>::infinity()}}};
+  model.provenance.not_identified = {"m", "battery_sag.tau"};
   const std::string text = formatModel(model);
   const Model back = parseModel(text, "written");
   EXPECT_EQ(back.name, model.name);
@@ -99,6 +104,12 @@ TEST(ModelFile, RoundTrip) {
   EXPECT_EQ(back.body.input_max, model.body.input_max);
   EXPECT_EQ(formatModel(back), text);
   EXPECT_EQ(back.provenance.confidence_95, model.provenance.confidence_95);
+  EXPECT_EQ(back.provenance.date, model.provenance.date);
+  EXPECT_EQ(back.provenance.command, model.provenance.command);
+  EXPECT_EQ(back.provenance.bags, model.provenance.bags);
+  EXPECT_EQ(back.provenance.error_before, model.provenance.error_before);
+  EXPECT_EQ(back.provenance.error_after, model.provenance.error_after);
+  EXPECT_EQ(back.provenance.not_identified, model.provenance.not_identified);
   EXPECT_NE(text.find("# s, time constant"), std::string::npos) << text;
 
   RigidState<double> state;
@@ -107,6 +118,38 @@ TEST(ModelFile, RoundTrip) {
     return Dynamics<double>(m).derivative(0, state, {0, 0}, 1).nu;
   };
   EXPECT_EQ(force(back), force(model));
+}
+
+TEST(ModelFile, RoundTripOfAllThatIsSaidOfAParameter) {
+  const Model model = parseModel(std::string(kGood) + R"yaml(  - name: springs
+    expression: {X: "-(a - 0.1 + b + c)*x"}
+    parameters:
+      a: {value: 0.3, unit: N/m, doc: "stiff, \"quoted\"", neutral: 0.1, lower: -0.2, upper: 0.7, scale: 0.05}
+      b: {value: -0.4, unit: N/m}
+      c: {value: 0.5, unit: N/m, upper: 3}
+)yaml",
+                                 "good");
+  const Model back = parseModel(formatModel(model), "written");
+  const auto before = model.effects.back().effect->info().parameters,
+             after = back.effects.back().effect->info().parameters;
+  ASSERT_EQ(after.size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(after[i].name, before[i].name);
+    EXPECT_EQ(after[i].unit, before[i].unit);
+    EXPECT_EQ(after[i].doc, before[i].doc);
+    EXPECT_EQ(after[i].neutral, before[i].neutral);
+    EXPECT_EQ(after[i].lower, before[i].lower);
+    EXPECT_EQ(after[i].upper, before[i].upper);
+    EXPECT_EQ(after[i].scale(back.body), before[i].scale(model.body));
+  }
+  EXPECT_EQ(before[0].neutral, 0.1);
+  EXPECT_EQ(before[0].lower, -0.2);
+  EXPECT_EQ(before[0].upper, 0.7);
+  EXPECT_EQ(before[0].scale(model.body), 0.05);
+  EXPECT_EQ(before[1].neutral, 0);
+  EXPECT_LT(before[1].lower, -1e6);
+  EXPECT_EQ(before[2].upper, 3);
+  EXPECT_EQ(back.values(), model.values());
 }
 
 constexpr char kStates[] = R"yaml(  - name: skirt
@@ -257,6 +300,24 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"name: test", "nam: test", "unknown key 'nam' in the model file"},
       {"name: test", "name: [", "craft.yaml, line"},
       {"effects:\n", "effects: 3\nother:\n", "craft.yaml, line"},
+      {"body: {m: 0.06, l: 0.03, I_z: 1.0e-4, X_u: 0.01, Y_v: 0.02, N_r: 3.0e-5, k: 0.06, "
+       "input_max: 1}",
+       "body: 3", "line 3: body must be a map of key: value"},
+      {"scale: 0.02", "scale: 0", "line 12: scale must be positive"},
+      {"scale: 0.02", "scale: .inf", "line 12: scale must be positive"},
+      {"scale: 0.02", "skale: 0.02", "line 12: unknown key 'skale' in parameter a"},
+      {"{value: 0.01, ", "{", "line 12: parameter a has no value"},
+      {"neutral: 0.3, lower: 0.1", "neutral: 0.05, lower: 0.1",
+       "line 13: neutral value of w = 0.05 m is outside [0.1, 1]"},
+      {"effects:\n", "provenance: {bags: 3}\neffects:\n", "line 4: bags must be a list"},
+      {"effects:\n", "provenance: {confidence_95: {k: 3}}\neffects:\n",
+       "line 4: k must be [lower, upper]"},
+      {"effects:\n", "provenance: {confidence_95: {k: [1, 2, 3]}}\neffects:\n",
+       "line 4: k must be [lower, upper]"},
+      {"effects:\n", "provenance: {not_identified: 3}\neffects:\n",
+       "line 4: not_identified must be a list"},
+      {"effects:\n", "provenance: {bag: [a]}\neffects:\n",
+       "line 4: unknown key 'bag' in provenance"},
   };
   ASSERT_EQ(complaint(kGood), "");
   for (const Bad& bad : cases) {
@@ -428,6 +489,81 @@ TEST(Plausibility, NamesKeyAndProbableUnit) {
   two.X_u *= 1000;
   two.N_r *= 1000;
   EXPECT_EQ(implausibilities(two).size(), 2u);
+}
+
+TEST(Plausibility, FactorsAreThoseOfTheUnits) {
+  const std::map<std::string, double> known = {{"g", 1e-3}, {"kg", 1}, {"cm", 1e-2}, {"mm", 1e-3},
+                                               {"m", 1},    {"s", 1},  {"mN", 1e-3}};
+  int parsed = 0;
+  for (const MistakenUnit& unit : mistakenUnits()) {
+    const std::string name = unit.name;
+    if (name == "per cent" || name == "grams of force") {
+      EXPECT_NEAR(unit.factor, name == "per cent" ? 0.01 : 1e-3 * 9.81, 1e-9);
+      continue;
+    }
+    double factor = 1;
+    const std::regex part("([a-zA-Z]+)(\\^2)?");
+    const std::string above = name.substr(0, name.find('/'));
+    for (std::sregex_iterator at(above.begin(), above.end(), part), end; at != end; ++at)
+      factor *= std::pow(known.at(at->str(1)), at->str(2).empty() ? 1 : 2);
+    EXPECT_NEAR(unit.factor, factor, 1e-12 * factor) << name;
+    ++parsed;
+  }
+  EXPECT_GT(parsed, 10);
+}
+
+TEST(Plausibility, EachRatioIsJudgedByTheRangeThatItsMessageGives) {
+  using B = Body<double>;
+  const auto thrust = [](const B& b) { return 2 * b.k * b.input_max; };
+  // Changes a sound craft so that a ratio becomes `to`, and no other leaves its range.
+  struct Case {
+    const char* meaning;
+    std::function<void(B&, double)> change;
+    double low, high;
+  };
+  const double infinity = std::numeric_limits<double>::infinity();
+  const std::vector<Case> cases = {
+      {"full thrust accelerates the craft by",
+       [&](B& b, double to) { b.k *= to / (thrust(b) / b.m); }, 0.05, 50},
+      {"the radius of gyration over the lever is",
+       [&](B& b, double to) { b.l = std::sqrt(b.I_z / b.m) / to; }, 0.1, 10},
+      {"the mass over the square of the radius of gyration is",
+       [&](B& b, double to) {
+         b.I_z = b.m * b.m / to;
+         b.l = std::sqrt(b.I_z / b.m);
+       },
+       1, 1e4},
+      {"surge damping holds full thrust at", [&](B& b, double to) { b.X_u = thrust(b) / to; }, 0.05,
+       infinity},
+      {"sway damping would hold full thrust at", [&](B& b, double to) { b.Y_v = thrust(b) / to; },
+       0.05, infinity},
+      {"yaw damping holds one thruster at",
+       [&](B& b, double to) { b.N_r = b.k * b.input_max * b.l / to; }, 0.05, infinity},
+  };
+  for (const Case& one : cases) {
+    const auto messageAt = [&](double ratio) -> std::string {
+      B body = tinyWhoover();
+      one.change(body, ratio);
+      for (const Implausibility& found : implausibilities(body))
+        if (found.message.find(one.meaning) != std::string::npos) return found.message;
+      return "";
+    };
+    for (const double inside : {1.001 * one.low, std::min(0.999 * one.high, 100 * one.low)})
+      EXPECT_EQ(messageAt(inside), "") << one.meaning << inside;
+    const std::string below = messageAt(0.999 * one.low);
+    EXPECT_NE(below, "") << one.meaning;
+    std::ostringstream range;
+    range.precision(3);
+    range << "crafts have ";
+    if (std::isinf(one.high))
+      range << "more than " << one.low;
+    else
+      range << one.low << " to " << one.high;
+    EXPECT_NE(below.find(range.str()), std::string::npos) << below;
+    if (std::isinf(one.high)) continue;
+    EXPECT_NE(messageAt(1.001 * one.high), "") << one.meaning;
+    EXPECT_EQ(messageAt(0.999 * one.high), "") << one.meaning;
+  }
 }
 
 TEST(Plausibility, ACraftThatCannotMoveIsRefusedWithFileLineAndKey) {

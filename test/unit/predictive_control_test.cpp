@@ -59,10 +59,18 @@ parameters: {c: {value: 0.03, unit: N s/m}}
 struct Planned {
   std::string name;
   Model model;
+  bool walls = false;  ///< whether walls bar the way
   friend void PrintTo(const Planned& planned, std::ostream* out) { *out << planned.name; }
 };
 
 class Plans : public testing::TestWithParam<Planned> {};
+
+/// Walls so near to a circle of 1 m that a craft on it could not be stopped inside.
+PlanWalls nearWalls() {
+  RoomPlan room;
+  room.corners = {{-1.3, -1.2}, {1.25, -1.2}, {1.25, 1.2}, {-1.3, 1.2}};
+  return {Fence(room, 0.2), 0.15, 30};
+}
 
 TEST_P(Plans, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
@@ -74,6 +82,7 @@ TEST_P(Plans, AreOptimalWithinTheBounds) {
   for (int k = 1; k <= 25; ++k) points.push_back(circle->at(0.05 * k));
   TrajectoryOptimizer::State start = TrajectoryOptimizer::State::Zero();
   start.head<6>() << 0.97, -0.01, 1.5, 0.75, 0.02, 0.7;
+  if (GetParam().walls) plan.setWalls(nearWalls());
   plan.setProblem(0, start, 1.0, {0.05, -0.02, 0.4}, points);
   for (auto& input : plan.newInputs()) asVector(input).setConstant(0.5);
   double cost = plan.rollOut();
@@ -139,7 +148,7 @@ parameters: {k: {value: 0.05, unit: N}}
 INSTANTIATE_TEST_SUITE_P(
     All, Plans,
     testing::Values(Planned{"nominal", craft()}, Planned{"lag", craft({{"motor_lag", {0.06}}})},
-                    Planned{"memory", craftWithMemory()},
+                    Planned{"memory", craftWithMemory()}, Planned{"walls", craft(), true},
                     Planned{"lag_on_a_slope", craft({{"motor_lag", {0.06}},
                                                      {"floor_tilt", {0.02, -0.01}},
                                                      {"quadratic_drag", {0.01, 0.02, 1e-5}}})}),
@@ -289,6 +298,93 @@ TEST(TrajectoryOptimizer, FailsSeldomAndBrieflyFromColdStarts) {
   EXPECT_GT(failures, 0);
   EXPECT_LT(failures, 0.15 * iterations);
   EXPECT_LE(longest, 5) << failures << " of " << iterations;
+}
+
+TEST_P(Plans, OneIterationSolvesASmallChangeOfTheProblem) {
+  // Near an optimum inside the bounds, the craft is nearly linear, and one iteration suffices.
+  PlanWeights weights;
+  weights.input = weights.turning = 0.05;
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
+  std::vector<ReferencePoint> points;
+  for (int k = 1; k <= kSteps; ++k) points.push_back(circle->at(kStep * k));
+  State start = State::Zero();
+  start.head<6>() << 1, 0, M_PI / 2, 0.8, 0, 0.8;
+  std::vector<Thrusters<double>> best(kSteps, {0.5, 0.5});
+  double gained = 0, possible = 0;
+  for (int change = 0; change < 9; ++change) {
+    State other = start;
+    for (int i = 0; change > 0 && i < 6; ++i) other(i) += 0.002 * uniform(random);
+    const auto plan = TrajectoryOptimizer::make(GetParam().model, kSteps, kStep);
+    plan->setWeights(weights);
+    if (GetParam().walls) plan->setWalls(nearWalls());
+    plan->setProblem(0, other, 1, {0, 0, 0}, points);
+    plan->newInputs() = best;
+    const double before = plan->rollOut(), once = improved(*plan, 1), least = improved(*plan, 100);
+    if (change == 0) {
+      best = plan->inputs();
+      continue;
+    }
+    gained += before - once;
+    possible += before - least;
+  }
+  EXPECT_GT(gained, 0.99 * possible);
+}
+
+TEST(TrajectoryOptimizer, TheCostIsThatOfItsDefinition) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(0.1, 1);
+  const Model model = craft();
+  for (const bool walls : {false, true}) {
+    const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep);
+    const std::vector<ReferencePoint> points = ahead(0.3);
+    PlanWeights weights;
+    weights.velocity = uniform(random);
+    weights.input = uniform(random);
+    weights.turning = uniform(random);
+    weights.end_position = 20 * uniform(random);
+    weights.end_velocity = 5 * uniform(random);
+    plan->setWeights(weights);
+    if (walls) plan->setWalls(nearWalls());
+    plan->setProblem(0, near(0.5, random), 1, {0.1, -0.2, 0.3}, points);
+    for (auto& input : plan->newInputs()) input = {uniform(random), uniform(random)};
+    const double found = plan->rollOut();
+    double cost = 0, excesses = 0;
+    for (std::size_t k = 0; k < kSteps; ++k) {
+      const State& at = plan->states()[k + 1];
+      const double left = plan->inputs()[k](0), right = plan->inputs()[k](1);
+      const bool last = k + 1 == kSteps;
+      const double c = std::cos(at(2)), si = std::sin(at(2));
+      const Vector2<double> speed(c * at(3) - si * at(4), si * at(3) + c * at(4));
+      cost += (1 + (last ? weights.end_position : 0)) * (at.head<2>() - points[k].p).squaredNorm();
+      cost += (weights.velocity + (last ? weights.end_velocity : 0)) *
+              (speed - points[k].p_dot).squaredNorm();
+      cost += weights.input * (left * left + right * right);
+      cost += weights.turning * std::pow(left - right, 2);
+      if (!walls) continue;
+      Eigen::Matrix<double, 1, 5> unused;
+      const double excess =
+          nearWalls().fence.excess({at.head<3>(), at.segment<3>(3)}, 0.15, unused);
+      cost += 30 * excess * excess;
+      excesses += excess;
+    }
+    EXPECT_EQ(excesses > 0, walls);
+    EXPECT_NEAR(found, kStep * cost, 1e-9 * found);
+    // A plan moves the craft as its model does.
+    InputSequence inputs;
+    for (int k = 0; k < kSteps; ++k)
+      inputs.add(k * kStep, plan->inputs()[static_cast<std::size_t>(k)], 1);
+    plan->setProblem(0, plan->states()[0], 1, {0, 0, 0}, points);
+    plan->rollOut();
+    const Dynamics<double> dynamics(model);
+    const State& begin = plan->states()[0];
+    Simulation<double> simulation(dynamics, inputs, {begin.head<3>(), begin.segment<3>(3)}, 0);
+    simulation.advance(kSteps * kStep);
+    const State& end = plan->states().back();
+    EXPECT_LT((simulation.state().eta - end.head<3>()).norm(), 1e-3);
+    EXPECT_LT((simulation.state().nu - end.segment<3>(3)).norm(), 1e-3);
+  }
 }
 
 TEST(TrajectoryOptimizer, ErrorIsTheRootMeanSquareOverThePlan) {

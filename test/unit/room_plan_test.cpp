@@ -10,6 +10,8 @@
 #include <random>
 
 #include "ground/control/fence.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
 
 namespace ground {
 namespace {
@@ -466,6 +468,62 @@ TEST(LeavesRoom, GivesTheTime) {
   const std::string message = leavesRoom(*makeLine({0, 0}, {3, 0}, 0.5, false), square());
   EXPECT_EQ(message, "it leaves the room by 1.00 m after 6.0 s");
   EXPECT_EQ(leavesRoom(*makeLine({-1, 0}, {1.7, 0}, 0.5, true), square()), "");
+}
+
+/// The number before a word in a message.
+double numberBefore(const std::string& word, const std::string& message) {
+  const std::size_t end = message.find(" " + word), begin = message.rfind(' ', end - 1);
+  return std::stod(message.substr(begin + 1, end - begin - 1));
+}
+
+TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
+  // Straight on along the tangent, until latency and friction have ended it.
+  for (const double rate : {0.3, 0.6, 1.0, 1.5}) {
+    const std::string message = leavesRoom(*makeCircle({0, 0}, 1.5, rate), square());
+    const double speed = 1.5 * rate;
+    double least = 2;
+    for (double angle = 0; angle < 2 * M_PI; angle += 1e-3) {
+      const Point along(-std::sin(angle), std::cos(angle));
+      const double way =
+          (Fence::kLoss + square().latency) * speed + 0.5 * speed * speed / square().braking;
+      const Point end = 1.5 * Point(std::cos(angle), std::sin(angle)) + way * along;
+      least = std::min(least, 2 - end.cwiseAbs().maxCoeff());
+    }
+    if (least > square().margin) {
+      EXPECT_EQ(message, "") << speed;
+      continue;
+    }
+    ASSERT_NE(message.find("it is too fast near a wall"), std::string::npos) << message;
+    EXPECT_NEAR(numberBefore("m ", message + " "), std::abs(least), 0.006) << message;
+    EXPECT_EQ(message.find("outside") != std::string::npos, least < 0) << message;
+    const double when = numberBefore("s it is", message);
+    EXPECT_GE(when, 0);
+    EXPECT_LE(when, 100) << "ten times the extent is seen";
+  }
+}
+
+TEST(LeavesRoom, OpenLoopInputsAreJudgedByTheModel) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  InputSequence straight, turning;
+  straight.add(0, 1, 1, 1);
+  turning.add(0, 1, -1, 1);
+  const Dynamics<double> dynamics(model);
+  for (const double home : {0.0, 1.0}) {
+    RoomPlan room = square();
+    room.home = {home, 0};
+    Simulation<double> simulation(dynamics, straight, {}, 0);
+    double when = 0;
+    while (simulation.state().eta.x() + home < 2 - room.margin) simulation.advance(when += 1e-3);
+    const std::string message = leavesRoom(model, straight, when + 1, room);
+    ASSERT_EQ(message.rfind("by the model it comes too close to a wall after ", 0), 0u) << message;
+    EXPECT_NEAR(numberBefore("s ", message + " "), when + 0.025, 0.08) << message;
+    EXPECT_EQ(leavesRoom(model, straight, when - 0.01, room), "");
+    EXPECT_EQ(leavesRoom(model, turning, 20, room), "");
+  }
+}
+
+TEST(Fence, AllowsItsDistanceItself) {
+  EXPECT_EQ(Fence(square(), 0.25).objection(moving({1.75, 0}, 0, 0, 0), 0), "");
 }
 
 }  // namespace

@@ -182,6 +182,18 @@ TEST(ThrustersInModelFiles, ErrorsSayWhatIsWrong) {
       {"  thrusters:\n    - {name: a b, position: [0, 1], direction: 0}\n", "must be a letter"},
       {"  thrusters:\n    - {name: a, position: [0, 1], direction: 1000}\n", "-360 and 360"},
       {"  thrusters:\n    - {name: a, position: [1, 0], direction: 0}\n", "no thruster turns"},
+      {"  thrusters:\n" + one + ", curve: {table: 3}}\n", "table must be a list of [input, force"},
+      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [1]]}}\n",
+       "must be a list of 2 numbers"},
+      {"  thrusters:\n" + one + ", curve: {table: [[1, 1]]}}\n", "needs two points or more"},
+      {"  thrusters:\n" + one + ", curve: {form: 3}}\n", "unknown key 'form'"},
+      {"  thrusters:\n" + one + ", curve: {power: 1, table: [[0, 0], [1, 1]]}}\n",
+       "either power or table"},
+      {"  thrusters:\n" + one + ", curve: {power: 0.1}}\n", "between 0.2 and 5, not 0.1"},
+      {"  thrusters:\n" + one + ", gain: 0}\n", "turn the direction by 180"},
+      {"  thrusters:\n" + one + ", range: [0, 0.9], curve: {table: [[0, 0], [0.8, 1]]}}\n",
+       "reach from 0 to 0.9, its range"},
+      {"  thrusters:\n" + one + "}\n  lift: {port: x}\n", "unknown key 'port' in lift"},
   };
   for (const auto& bad : cases) {
     const std::string message = complaint(bad.thrusters);

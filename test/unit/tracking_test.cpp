@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <fstream>
 #include <iomanip>
+#include <limits>
 #include <random>
 #include <sstream>
 
@@ -87,6 +88,34 @@ TEST(References, RhodoneaIsTheRose) {
     const double s = w * t, radius = a * std::cos(k * s);
     const Vector2<double> rose(radius * std::cos(s), radius * std::sin(s));
     EXPECT_LT((makeRhodonea({0, 0}, a, k, w)->at(t).p - rose).norm(), 1e-12);
+  }
+}
+
+TEST(References, TheExtentIsThePeriodOrTheEnd) {
+  const ReferencePtr circle = makeCircle({0.5, -1}, 2, -0.6),
+                     rose = makeRhodonea({0, 0}, 1, 1.5, 0.4),
+                     wave = makeSinusoid({0.3, -0.2}, 0.5, 0.8, -0.6);
+  for (const ReferencePtr& reference : {circle, rose}) {
+    const double period = reference->extent();
+    for (const double t : {0.4, 3.0}) {
+      EXPECT_LT((reference->at(t + period).p - reference->at(t).p).norm(), 1e-9);
+      EXPECT_GT((reference->at(t + 0.5 * period).p - reference->at(t).p).norm(), 0.1);
+    }
+  }
+  EXPECT_LT((circle->at(0).p - Vector2<double>(2.5, -1)).norm(), 1e-12);
+  EXPECT_NEAR((circle->at(1.7).p - Vector2<double>(0.5, -1)).norm(), 2, 1e-12);
+  // Two waves: it returns to its line, as after one of them.
+  for (const double waves : {1.0, 2.0}) {
+    const double t = 0.5 * waves * wave->extent();
+    EXPECT_LT((wave->at(t).p - Vector2<double>(0.3 + 0.5 * t, -0.2)).norm(), 1e-9);
+  }
+  EXPECT_NEAR(wave->at(wave->extent() / 8).p.y(), -0.2 - 0.8, 1e-9);
+  EXPECT_NEAR(makeLine({0, 0}, {3, 4}, 2, false)->extent(), 2.5, 1e-12);
+  // A smooth pace is the same forwards and backwards.
+  const ReferencePtr line = makeLine({0, 0}, {3, 4}, 2, true);
+  for (double t = 0; t < line->extent(); t += 0.1) {
+    const Vector2<double> both = line->at(t).p + line->at(line->extent() - t).p;
+    EXPECT_LT((both - Vector2<double>(3, 4)).norm(), 1e-12);
   }
 }
 
@@ -418,6 +447,42 @@ std::pair<double, double> thrustsAlong(const ReferenceTrajectory& line, const Bo
   return most;
 }
 
+TEST(Feasibility, OfACircleDependsOnTheYawMomentBesideItsThrust) {
+  int feasible = 0, refused = 0;
+  for (const double resistance : {1.0, 10.0, 40.0, 80.0, 160.0})
+    for (const double rate : {0.3, 0.7, -0.7, 1.3}) {
+      Model model = tinyWhoover();
+      Body<double>& body = model.body;
+      body.N_r *= resistance;
+      // Inwards and along the circle of 1 m: the heading follows this force at the circle's rate.
+      const double inwards = body.m * rate * rate, along = body.Y_v * std::abs(rate);
+      const double surge =
+          (inwards * inwards + along * body.X_u * std::abs(rate)) / std::hypot(inwards, along);
+      const double moment = body.N_r * std::abs(rate), full = body.k * body.l;
+      const double limit = body.l * std::min(surge, 2 * body.k - surge);
+      const double excess = (moment - limit) / full;
+      ASSERT_LT(surge, 2 * body.k);
+      if (excess > 0 && excess < 0.02) continue;  // it tolerates 1%
+      const std::string said = infeasibility(*makeCircle({0.3, -1}, 1, rate), model);
+      EXPECT_EQ(said.empty(), excess <= 0) << resistance << ' ' << rate << ' ' << said;
+      said.empty() ? ++feasible : ++refused;
+      const std::size_t at = said.find("takes a yaw moment of ");
+      if (at == std::string::npos) continue;
+      double needed = 0, beside = 0, largest = 0;
+      ASSERT_EQ(std::sscanf(said.c_str() + at,
+                            "takes a yaw moment of %lf N m, but with a thrust of %lf N the limit "
+                            "is %lf N m",
+                            &needed, &beside, &largest),
+                3)
+          << said;
+      EXPECT_NEAR(needed, moment, 0.01 * moment);
+      EXPECT_NEAR(beside, surge, 0.01 * surge);
+      EXPECT_NEAR(largest, limit, 0.01 * limit);
+    }
+  EXPECT_GT(feasible, 3);
+  EXPECT_GT(refused, 3);
+}
+
 TEST(Feasibility, OfALineDependsOnTheThrustForwardsAndBackwards) {
   Model pair = tinyWhoover();
   pair.setValue("X_u", pair.body.Y_v);
@@ -469,6 +534,27 @@ TEST(References, RefusesBadArguments) {
   EXPECT_THROW(makeCircle({0, 0}, 1, 0), std::invalid_argument);
   EXPECT_THROW(makeLine({1, 1}, {1, 1}, 1, true), std::invalid_argument);
   EXPECT_THROW(makeLine({1, 1}, {2, 1}, 0, true), std::invalid_argument);
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double rate : {0.0, infinity, std::nan("")}) {
+    EXPECT_THROW(makeCircle({0, 0}, 1, rate), std::invalid_argument);
+    EXPECT_THROW(makeRhodonea({0, 0}, 1, 1.5, rate), std::invalid_argument);
+    EXPECT_THROW(makeSinusoid({0, 0}, 1, 1, rate), std::invalid_argument);
+  }
+  EXPECT_THROW(makeRhodonea({0, 0}, 0, 1.5, 1), std::invalid_argument);
+  EXPECT_THROW(makeRhodonea({0, 0}, 1, infinity, 1), std::invalid_argument);
+  EXPECT_THROW(makeSinusoid({0, 0}, infinity, 1, 1), std::invalid_argument);
+  EXPECT_THROW(makeSinusoid({0, 0}, 1, infinity, 1), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0}, {{0, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, 1, 2}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0.5, 1}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, 0}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeSpline({0, infinity}, {{0, 0}, {1, 0}}), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}}, 1, true), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}, {1, 0}}, 0, true), std::invalid_argument);
+  EXPECT_THROW(makeWaypoints({{0, 0}, {1, 0}, {1, 0}}, 1, true), std::invalid_argument);
+  EXPECT_NO_THROW(makeSpline({0, 1}, {{0, 0}, {1, 0}}));
+  EXPECT_NO_THROW(makeWaypoints({{0, 0}, {1, 0}}, 1, true));
+  EXPECT_NO_THROW(makeSinusoid({0, 0}, 0, 0, -1));
 }
 
 TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
@@ -744,6 +830,14 @@ std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
     wanted.emplace_back(now(0), now(1));
   }
   return wanted;
+}
+
+TEST(ControllerTable, ControllersWantNothingBeforeTheirFirstDecision) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
+  for (const ControllerInfo& info : controllerTable()) {
+    const auto controller = info.make(model, ControllerChoice());
+    for (const double input : controller->wanted()) EXPECT_EQ(input, 0) << info.name;
+  }
 }
 
 TEST(ControllerTable, TuningHasTheEffectOfANewController) {

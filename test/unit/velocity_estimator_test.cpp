@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
@@ -417,6 +418,131 @@ TEST(Smoother, RestartsAfterALongGapAndAfterAJump) {
   }
   for (int i = 1; i < 300; ++i)
     EXPECT_LT(std::abs(motion.eta(i, 2) - motion.eta(i - 1, 2)), M_PI + 0.1);
+}
+
+/// Motion of one axis by least squares over all poses: constant acceleration driven by white jerk.
+struct LeastSquares {
+  Eigen::MatrixX3d x;               ///< position, velocity, acceleration at each stamp
+  Matrix3<double> last_covariance;  ///< of the last row
+
+  LeastSquares(const std::vector<double>& stamps, const Eigen::VectorXd& z, double noise,
+               double jerk, double typical_speed) {
+    const Eigen::Index count = z.size();
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(3 * count, 3 * count);
+    Eigen::VectorXd b = Eigen::VectorXd::Zero(3 * count);
+    A(0, 0) = 1 / (noise * noise);
+    b(0) = z(0) / (noise * noise);
+    A(1, 1) = std::pow(typical_speed, -2);
+    A(2, 2) = std::pow(3 * typical_speed, -2);
+    for (Eigen::Index k = 1; k < count; ++k) {
+      const double h =
+          stamps[static_cast<std::size_t>(k)] - stamps[static_cast<std::size_t>(k) - 1];
+      // The covariance of a jump by white jerk, in units in which it hardly depends on h.
+      Matrix3<double> Q;
+      Q << 1.0 / 20, 1.0 / 8, 1.0 / 6, 1.0 / 8, 1.0 / 3, 1.0 / 2, 1.0 / 6, 1.0 / 2, 1;
+      const Vector3<double> unit =
+          jerk * Vector3<double>(std::pow(h, 2.5), std::pow(h, 1.5), std::pow(h, 0.5));
+      Eigen::Matrix<double, 3, 6> jump;  // x_k - F x_(k-1)
+      jump << -1, -h, -h * h / 2, 1, 0, 0, 0, -1, -h, 0, 1, 0, 0, 0, -1, 0, 0, 1;
+      jump = unit.cwiseInverse().asDiagonal() * jump;
+      A.block<6, 6>(3 * k - 3, 3 * k - 3) += jump.transpose() * Q.inverse() * jump;
+      A(3 * k, 3 * k) += 1 / (noise * noise);
+      b(3 * k) += z(k) / (noise * noise);
+    }
+    const Eigen::VectorXd size = A.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::MatrixXd even = size.asDiagonal() * A * size.asDiagonal();
+    const Eigen::MatrixXd inverse = size.asDiagonal() * even.inverse() * size.asDiagonal();
+    const Eigen::VectorXd found = inverse * b;
+    x.resize(count, 3);
+    for (Eigen::Index k = 0; k < count; ++k) x.row(k) = found.segment<3>(3 * k);
+    last_covariance = inverse.bottomRightCorner<3, 3>();
+  }
+};
+
+/// A turning craft at the stamps, with noise.
+Eigen::MatrixX3d noisyPoses(const std::vector<double>& stamps) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixX3d eta(stamps.size(), 3);
+  for (std::size_t k = 0; k < stamps.size(); ++k) {
+    const double t = stamps[k];
+    eta.row(static_cast<Eigen::Index>(k)) << std::sin(2 * t) + 5e-4 * normal(random),
+        0.5 * t * t + 5e-4 * normal(random), 1.5 * t - 0.3 * t * t + 5e-3 * normal(random);
+  }
+  return eta;
+}
+
+EstimatorParams openGate() {
+  EstimatorParams params;
+  params.gate = 1e3;
+  params.linear_jerk = 7;
+  params.angular_jerk = 90;
+  return params;
+}
+
+/// Body velocities and accelerations of rows of the three axes, by their definition.
+std::pair<Vector3<double>, Vector3<double>> bodyOf(const LeastSquares (&axes)[3], Eigen::Index k) {
+  const double psi = axes[2].x(k, 0), r = axes[2].x(k, 1), c = std::cos(psi), s = std::sin(psi);
+  Eigen::Matrix2d R, spin;
+  R << c, -s, s, c;
+  spin << 0, -1, 1, 0;
+  const Vector2<double> v(axes[0].x(k, 1), axes[1].x(k, 1)), a(axes[0].x(k, 2), axes[1].x(k, 2));
+  const Vector2<double> nu = R.transpose() * v, nu_dot = R.transpose() * a - r * spin * nu;
+  return {{nu.x(), nu.y(), r}, {nu_dot.x(), nu_dot.y(), axes[2].x(k, 2)}};
+}
+
+TEST(Smoother, IsTheLeastSquaresSolutionOfAllPoses) {
+  std::vector<double> stamps = {0};
+  for (int k = 1; k < 50; ++k) stamps.push_back(stamps.back() + (k % 7 == 3 ? 0.05 : 0.01));
+  const Eigen::MatrixX3d eta = noisyPoses(stamps);
+  const EstimatorParams params = openGate();
+  const LeastSquares axes[3] = {{stamps, eta.col(0), 5e-4, 7, 3},
+                                {stamps, eta.col(1), 5e-4, 7, 3},
+                                {stamps, eta.col(2), 5e-3, 90, 20}};
+  const SmoothedMotion found = smooth(stamps, eta, params);
+  for (Eigen::Index k = 0; k < eta.rows(); ++k) {
+    const auto [nu, nu_dot] = bodyOf(axes, k);
+    for (int i = 0; i < 3; ++i) EXPECT_NEAR(found.eta(k, i), axes[i].x(k, 0), 1e-7) << k;
+    EXPECT_LT((found.nu.row(k).transpose() - nu).norm(), 1e-5) << k;
+    EXPECT_LT((found.nu_dot.row(k).transpose() - nu_dot).norm(), 1e-3) << k;
+    EXPECT_EQ(found.starts[static_cast<std::size_t>(k)], k == 0);
+    EXPECT_TRUE(found.used[static_cast<std::size_t>(k)]);
+  }
+}
+
+TEST(KalmanEstimator, IsTheLeastSquaresSolutionOfThePosesSoFar) {
+  std::vector<double> stamps;
+  for (int k = 0; k < 40; ++k) stamps.push_back(0.01 * k);
+  const Eigen::MatrixX3d eta = noisyPoses(stamps);
+  const auto estimator = makeKalmanEstimator(openGate());
+  for (Eigen::Index k = 0; k < eta.rows(); ++k) {
+    Vector3<double> pose = eta.row(k);
+    pose.z() = wrapAngle(pose.z());
+    const StateEstimate& found = estimator->update(stamps[static_cast<std::size_t>(k)], pose);
+    if (k % 13 != 12) continue;
+    const std::vector<double> seen(stamps.begin(), stamps.begin() + k + 1);
+    const LeastSquares axes[3] = {{seen, eta.col(0).head(k + 1), 5e-4, 7, 3},
+                                  {seen, eta.col(1).head(k + 1), 5e-4, 7, 3},
+                                  {seen, eta.col(2).head(k + 1), 5e-3, 90, 20}};
+    const auto [nu, nu_dot] = bodyOf(axes, k);
+    EXPECT_LT((found.nu - nu).norm(), 1e-5) << k;
+    EXPECT_LT((found.nu_dot - nu_dot).norm(), 1e-3) << k;
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_NEAR(found.eta(i), axes[i].x(k, 0), 1e-7) << k;
+      EXPECT_NEAR(found.eta_covariance(i, i) / axes[i].last_covariance(0, 0), 1, 1e-4);
+    }
+    EXPECT_NEAR(found.nu_covariance(2, 2) / axes[2].last_covariance(1, 1), 1, 1e-4);
+    // A wrong heading turns the velocity over the floor the other way.
+    Eigen::Matrix<double, 2, 1> turned(nu.y(), -nu.x());
+    const Eigen::Matrix2d expected = axes[0].last_covariance(1, 1) * Eigen::Matrix2d::Identity() +
+                                     axes[2].last_covariance(0, 0) * turned * turned.transpose();
+    EXPECT_LT((found.nu_covariance.topLeftCorner<2, 2>() - expected).norm(),
+              1e-4 * expected.norm());
+    const Vector2<double> with_rate = axes[2].last_covariance(0, 1) * turned;
+    EXPECT_LT((found.nu_covariance.topRightCorner<2, 1>() - with_rate).norm(),
+              1e-3 * with_rate.norm());
+    EXPECT_LT((found.nu_covariance - found.nu_covariance.transpose()).norm(), 1e-15);
+  }
 }
 
 TEST(Smoother, RefusesBadArguments) {

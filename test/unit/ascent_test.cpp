@@ -1,0 +1,167 @@
+// The search for the maximum of the stochastic likelihood's posterior.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "disturbed_run.h"
+
+namespace ground {
+namespace {
+
+GreyBoxOptions near(std::vector<std::string> free = kNominal) {
+  GreyBoxOptions options = far(std::move(free));
+  options.far = false;
+  return options;
+}
+
+class Ascent : public testing::Test {
+ protected:
+  const Model truth_ = craft();
+  const GreyBox box_{disturbedRuns(truth_, 0.03, 3, 11), truth_.body};
+  const GreyBoxFit best_ = box_.fit(box_.start(truth_), far());
+};
+
+TEST_F(Ascent, EndsAtTheSameMaximumFromEverywhere) {
+  ASSERT_TRUE(best_.converged);
+  std::vector<GreyBoxPoint> starts;
+  for (std::size_t i = 0; i < DisturbanceLevels::kCount; ++i)
+    for (const double factor : {0.05, 20.0}) {
+      auto values = best_.point.levels.values();
+      if (DisturbanceLevels::names()[i].rfind("white", 0) == 0 && factor < 1) continue;
+      values[i] *= factor;
+      starts.push_back(best_.point);
+      starts.back().levels = DisturbanceLevels::of(values);
+    }
+  for (const std::string& name : kNominal)
+    for (const double factor : {0.6, 1.6}) {
+      starts.push_back(best_.point);
+      starts.back().model.setValue(name, factor * best_.point.model.value(name));
+    }
+  for (const double loudness : {-2.0, 2.0}) {
+    starts.push_back(best_.point);
+    starts.back().loudness = {loudness, 0.0, -loudness};
+  }
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    const GreyBoxFit fit = box_.fit(starts[i], near());
+    EXPECT_TRUE(fit.converged) << i;
+    EXPECT_NEAR(fit.log_posterior, best_.log_posterior, 0.1) << i;
+    if (getenv("SHOW"))
+      printf("%zu %d %g\n", i, fit.iterations, fit.log_posterior - best_.log_posterior);
+  }
+}
+
+TEST_F(Ascent, ThePosteriorIsTheLikelihoodAndThePriorsOfLevelsAndLoudness) {
+  GreyBoxOptions still = near({});
+  still.max_iterations = 0;
+  GreyBoxPoint point = best_.point;
+  for (const std::vector<double>& loudness :
+       {std::vector<double>{0, 0, 0}, std::vector<double>{0.4, -0.7, 0.1}}) {
+    point.loudness = loudness;
+    const GreyBoxFit found = box_.fit(point, still);
+    const std::vector<Eigen::VectorXd> densities = box_.likelihood(point, still.cap, 1, 1);
+    const LevelPrior prior(truth_.body);
+    double likelihood = 0, expected = 0;
+    for (std::size_t r = 0; r < 3; ++r) {
+      EXPECT_NEAR(found.by_run[r], densities[r].sum(), 1e-9 * std::abs(found.by_run[r]));
+      likelihood += densities[r].sum();
+      expected -= 0.5 * std::pow(loudness[r] / 0.5, 2);
+    }
+    for (std::size_t i = 0; i < DisturbanceLevels::kCount; ++i)
+      expected -= 0.5 * std::pow(std::log(point.levels.values()[i] / prior.median.values()[i]) /
+                                     prior.deviation[i],
+                                 2);
+    EXPECT_NEAR(found.log_likelihood, likelihood, 1e-9 * std::abs(likelihood));
+    EXPECT_NEAR(found.log_posterior - likelihood, expected, 1e-6);
+  }
+}
+
+TEST(LevelPrior, FavoursNoDirection) {
+  const Model model = craft();
+  const LevelPrior prior(model.body);
+  const double force = typical::force(model.body), moment = typical::moment(model.body);
+  const Vector3<double> full(force, force, moment);
+  for (const Vector3<double>& median :
+       {prior.median.sigma, prior.median.white, prior.median.trim}) {
+    const Vector3<double> share = median.cwiseQuotient(full);
+    EXPECT_LT((share.array() - share.mean()).abs().maxCoeff(), 1e-12);
+  }
+  EXPECT_EQ(prior.median.time.maxCoeff(), prior.median.time.minCoeff());
+  EXPECT_EQ(prior.median.position, prior.median.heading);
+  for (const std::size_t first : {0u, 3u, 6u, 11u})  // sigma, time, white, trim
+    for (const std::size_t i : {1u, 2u})
+      EXPECT_EQ(prior.deviation[first + i], prior.deviation[first]);
+  EXPECT_EQ(prior.deviation[9], prior.deviation[10]);
+}
+
+TEST_F(Ascent, NoChangeOfLoudnessRaisesThePosterior) {
+  GreyBoxOptions still = near({});
+  still.max_iterations = 0;
+  ASSERT_EQ(best_.point.loudness.size(), 3u);
+  for (std::size_t r = 0; r < 3; ++r)
+    for (const double change : {-0.1, 0.1}) {
+      GreyBoxPoint other = best_.point;
+      other.loudness[r] += change;
+      EXPECT_LT(box_.fit(other, still).log_posterior, best_.log_posterior - 1e-3) << r;
+    }
+}
+
+TEST_F(Ascent, LouderRunsAreFoundLouder) {
+  std::vector<RunData> runs = disturbedRuns(truth_, 0.02, 2, 40);
+  runs.push_back(disturbedRun(truth_, pushes(truth_, 0.06), 42));
+  const GreyBoxFit fit = GreyBox(runs, truth_.body).fit(box_.start(truth_), far({}));
+  // The factor of three is shared with the prior of loudness, which favours equal runs.
+  const std::vector<double>& loudness = fit.point.loudness;
+  EXPECT_NEAR(loudness[2] - 0.5 * (loudness[0] + loudness[1]), std::log(3), 0.4);
+}
+
+TEST_F(Ascent, HeldLevelsAndFixedParametersKeepTheirValues) {
+  GreyBoxPoint start = box_.start(truth_);
+  start.model.setValue("X_u", 1.1 * truth_.value("X_u"));
+  GreyBoxOptions options = near({"k"});
+  options.held = {"sigma_Y", "time_N", "heading", "thrust"};
+  const GreyBoxFit fit = box_.fit(start, options);
+  const auto& names = DisturbanceLevels::names();
+  const auto before = start.levels.values(), after = fit.point.levels.values();
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const bool held = std::count(options.held.begin(), options.held.end(), names[i]) > 0;
+    EXPECT_EQ(std::abs(std::log(after[i] / before[i])) < 1e-12, held) << names[i];
+  }
+  EXPECT_EQ(fit.point.model.value("X_u"), start.model.value("X_u"));
+  EXPECT_NE(fit.point.model.value("k"), start.model.value("k"));
+  options.levels = false;
+  EXPECT_EQ(box_.fit(start, options).point.levels.values(), before);
+  options.held = {"no_such"};
+  EXPECT_THROW(box_.fit(start, options), std::invalid_argument);
+}
+
+TEST_F(Ascent, ACommonChangeOfThrustIsAParameterAndNoTrim) {
+  // Trims of thrust explain a wrong k, too, but only their differences belong to the runs.
+  for (const double factor : {0.6, 1.7}) {
+    GreyBoxPoint start = best_.point;
+    start.model.setValue("k", factor * start.model.value("k"));
+    start.levels.thrust = 0.5;
+    const GreyBoxFit fit = box_.fit(start, near());
+    EXPECT_NEAR(fit.log_posterior, best_.log_posterior, 0.1) << factor;
+    double mean = 0;
+    for (const RunTrim& trim : fit.trims) mean += trim.thrust / 3;
+    EXPECT_LT(std::abs(mean), 0.02);
+  }
+}
+
+TEST_F(Ascent, RefusesAStartWhoseMotionIsNotFinite) {
+  GreyBoxPoint start = best_.point;
+  start.model.setValue("I_z", 1e-300);
+  start.model.setValue("N_r", 1e300);
+  EXPECT_THROW(box_.fit(start, near()), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

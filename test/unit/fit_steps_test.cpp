@@ -1,0 +1,477 @@
+// The steps of the fit by simulation error: losses, starts, descents near a solution, uncertainty.
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <set>
+
+#include "../../src/ground/src/identification/estimates.h"
+#include "../../src/ground/src/identification/information.h"
+#include "../../src/ground/src/identification/robust_loss.h"
+#include "../../src/ground/src/identification/starts.h"
+#include "../../src/ground/src/identification/uncertainty.h"
+#include "../../src/ground/src/identification/window_residuals.h"
+#include "artificial_run.h"
+#include "ground/model/effect_registry.h"
+
+namespace ground::detail {
+namespace {
+
+TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
+  for (const double delta : {0.1, 1.0, 3.0, kInfinity}) {
+    const RobustLoss loss{delta};
+    const auto rho = [&](double r) {
+      return std::isinf(delta) ? r * r
+                               : 2 * delta * delta * (std::sqrt(1 + std::pow(r / delta, 2)) - 1);
+    };
+    const std::vector<double> residuals = {-7, -1, -0.3, 0, 0.05, 0.5, 2, 40};
+    const int count = static_cast<int>(residuals.size());
+    std::vector<double> weight(residuals.size()), product = weight, value = weight, alone = weight;
+    loss.weighing()(residuals.data(), count, weight.data(), product.data(), value.data());
+    loss.weighing()(residuals.data(), count, nullptr, nullptr, alone.data());
+    for (std::size_t i = 0; i < residuals.size(); ++i) {
+      const double r = residuals[i], h = 1e-4 * (1 + std::abs(r));
+      const double slope = (rho(r + h) - rho(r - h)) / (2 * h);
+      EXPECT_NEAR(std::pow(loss(r), 2), rho(r), 1e-9 * (1 + rho(r)));
+      EXPECT_EQ(loss(r) < 0, r < 0);
+      EXPECT_NEAR(loss.derivative(r), (loss(r + h) - loss(r - h)) / (2 * h), 1e-6) << r;
+      EXPECT_NEAR(loss.score(r), 0.5 * slope, 1e-6 * (1 + std::abs(slope)));
+      EXPECT_NEAR(value[i], rho(r), 1e-9 * (1 + rho(r)));
+      EXPECT_NEAR(alone[i], rho(r), 1e-9 * (1 + rho(r)));
+      EXPECT_NEAR(product[i], 0.5 * slope, 1e-6 * (1 + std::abs(slope)));
+      EXPECT_NEAR(weight[i], std::pow(loss.derivative(r), 2), 1e-9);
+      if (std::isinf(delta)) continue;
+      const double bend = (rho(r + h) - 2 * rho(r) + rho(r - h)) / (h * h);
+      EXPECT_NEAR(loss.curvature(r, delta), 0.5 * bend, 1e-4) << r;
+    }
+    // Spread over a greater width, the curvature has the same sum.
+    if (std::isinf(delta)) continue;
+    for (const double width : {delta, 4 * delta}) {
+      double sum = 0;
+      for (double x = -100 * width; x < 100 * width; x += 0.01 * width)
+        sum += 0.01 * width * loss.curvature(x, width);
+      EXPECT_NEAR(sum, 2 * delta, 0.001 * delta);
+    }
+    EXPECT_LT(loss.curvature(0, 4 * delta), loss.curvature(0, delta));
+  }
+  EXPECT_EQ(RobustLoss().curvature(3, kInfinity), 1);
+}
+
+TEST(DeviationOf, IsThatOfNormalResidualsDespiteOutliers) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal(0, 0.3);
+  for (const std::size_t count : {10000u, 10001u}) {
+    std::vector<double> residuals(count);
+    for (double& r : residuals) r = normal(random);
+    EXPECT_NEAR(deviationOf(residuals), 0.3, 0.012);
+    for (std::size_t i = 0; i < count; i += 10) residuals[i] = i % 20 ? 1e3 : -1e3;
+    EXPECT_NEAR(deviationOf(residuals), 0.3, 0.06);
+  }
+  EXPECT_EQ(deviationOf({}), 0);
+  EXPECT_NEAR(deviationOf({-2.0}), 2 * 1.4826, 1e-12);
+}
+
+TEST(Starts, SpreadOverTwoDecadesOrTheScaleWithinTheBounds) {
+  Model model = truth();
+  model.addEffect(makeEffect("yaw_bias"));
+  const Free free = makeFree(model, {"X_u", "k", "yaw_bias.n0"});
+  const auto starts = startsOf(free, 200);
+  ASSERT_EQ(starts.size(), 200u);
+  EXPECT_EQ(startsOf(free, 1).size(), 1u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double given = model.coordinates()[free.index[i]] / free.scale[i];
+    EXPECT_EQ(starts[0][i], given);
+    double least = kInfinity, most = -kInfinity;
+    for (const auto& start : starts) {
+      ASSERT_EQ(start.size(), 3u);
+      const double spread = i < 2 ? std::log10(start[i] / std::max(given, 0.1)) : start[i] - given;
+      least = std::min(least, spread);
+      most = std::max(most, spread);
+    }
+    EXPECT_NEAR(least, -1, 0.05);
+    EXPECT_NEAR(most, 1, 0.05);
+  }
+  Free narrow = free;
+  narrow.lower[1] = 0.9 * model.value("k");
+  narrow.upper[1] = 1.1 * model.value("k");
+  std::set<double> seen;
+  for (const auto& start : startsOf(narrow, 50)) {
+    EXPECT_GE(start[1], narrow.lower[1] / narrow.scale[1]);
+    EXPECT_LE(start[1], narrow.upper[1] / narrow.scale[1]);
+    seen.insert(start[1]);
+  }
+  EXPECT_GT(seen.size(), 2u);
+}
+
+TEST(ShortPieces, AreSpreadEvenlyOverTheWindows) {
+  const RunData a = record(truth(), 9, 0, 1), b = record(truth(), 40, 0, 2);
+  for (const bool both : {false, true}) {
+    std::vector<Window> windows = cutWindows(a, 0, 0, 1e9, 3);
+    if (both)
+      for (const Window& w : cutWindows(b, 1, 0, 1e9, 4)) windows.push_back(w);
+    const SimulationError problem({a, b}, windows);
+    const std::vector<Window> pieces = shortPieces(problem);
+    EXPECT_EQ(pieces.size(), both ? 64u : 30u);
+    std::vector<int> counts(windows.size(), 0);
+    for (const Window& piece : pieces) {
+      EXPECT_NEAR(piece.last - piece.first, 30, 1);
+      for (std::size_t w = 0; w < windows.size(); ++w)
+        counts[w] += piece.run == windows[w].run && windows[w].first <= piece.first &&
+                     piece.last <= windows[w].last;
+    }
+    for (std::size_t w = 0; w < windows.size(); ++w)
+      EXPECT_NEAR(counts[w],
+                  pieces.size() * (windows[w].last - windows[w].first) / (both ? 4900.0 : 900.0), 2)
+          << w;
+  }
+}
+
+void expectSameFit(const FitResult& found, const FitResult& expected, double tolerance) {
+  for (std::size_t i = 0; i < expected.parameters.size(); ++i) {
+    const FittedParameter &a = found.parameters[i], &b = expected.parameters[i];
+    EXPECT_NEAR(a.value, b.value, tolerance * std::min(b.deviation, std::abs(b.value)) + 1e-9)
+        << b.name;
+  }
+  EXPECT_NEAR(found.objective, expected.objective, 1e-3 * expected.objective);
+}
+
+TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
+  RunData run = record(truth(), 5, 0.2, 3);
+  run.noise = {1e-3, 1e-3, 1e-2};
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
+    for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
+    const FitResult far = problem.fit(start(), options());
+    ASSERT_TRUE(far.converged);
+    FitOptions near = options();
+    near.near = true;
+    near.width = far.width;
+    Model begin = far.model;
+    for (const std::string& name : kNominal)
+      begin.setValue(name, (name == "k" ? 1.06 : 0.95) * begin.value(name));
+    for (const bool given : {false, true}) {
+      if (given) near.initial = far.initial;
+      const FitResult found = problem.fit(begin, near);
+      EXPECT_TRUE(found.converged) << found.message;
+      EXPECT_EQ(found.width, far.width);
+      expectSameFit(found, far, 0.1);
+    }
+    near.width = 0;
+    expectSameFit(problem.fit(begin, near), far, 0.2);
+  }
+}
+
+/// A step of Gauss and Newton for the scaled parameters and all initial states together.
+struct PlainStep {
+  Eigen::VectorXd by;
+  double cost = 0, gain = 0;  ///< half the sum of losses; decrease that the step promises
+
+  PlainStep(const SimulationError& problem, const Model& model, const Free& free,
+            const std::vector<double>& scaled, const Initials& initial, const RobustLoss& robust) {
+    const auto n = static_cast<Eigen::Index>(scaled.size());
+    const Eigen::Index k = problem.initialSize();
+    const auto windows = static_cast<Eigen::Index>(initial.size());
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n + k * windows, n + k * windows);
+    Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
+    for (Eigen::Index w = 0; w < windows; ++w) {
+      const WindowResiduals rows =
+          residualsOf(problem, model, free.coordinates(scaled.data()), free.index,
+                      static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
+      Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows.residuals.size(), A.cols());
+      Eigen::VectorXd r(rows.residuals.size());
+      for (Eigen::Index i = 0; i < r.size(); ++i) {
+        r(i) = robust(rows.residuals(i));
+        const double slope = robust.derivative(rows.residuals(i));
+        for (Eigen::Index j = 0; j < n; ++j)
+          J(i, j) = slope * free.scale[static_cast<std::size_t>(j)] * rows.derivatives(i, j);
+        for (Eigen::Index j = 0; j < k; ++j)
+          J(i, n + k * w + j) = slope * rows.derivatives(i, n + j);
+      }
+      A += J.transpose() * J;
+      b += J.transpose() * r;
+      cost += 0.5 * r.squaredNorm();
+    }
+    by = -A.ldlt().solve(b);
+    gain = -0.5 * b.dot(by);
+  }
+};
+
+TEST(NearFit, EndsWhereNoStepHelpsAfterFewIterations) {
+  RunData run = record(truth(), 5, 0.2, 3);
+  run.noise = {1e-3, 1e-3, 1e-2};
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
+    for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
+    const FitResult far = problem.fit(start(), options());
+    FitOptions near = options();
+    near.near = true;
+    near.width = far.width;
+    near.initial = far.initial;
+    Model begin = far.model;
+    for (const std::string& name : kNominal)
+      begin.setValue(name, (name == "k" ? 1.06 : 0.95) * begin.value(name));
+    const FitResult found = problem.fit(begin, near);
+    const RobustLoss robust{far.width};
+    for (const FitResult* fit : {&far, &found}) {
+      const Free free = makeFree(fit->model, kNominal);
+      std::vector<double> scaled;
+      for (std::size_t i = 0; i < kNominal.size(); ++i)
+        scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+      const PlainStep end(problem, fit->model, free, scaled, fit->initial, robust);
+      EXPECT_LT(end.gain, 1e-5 * end.cost);
+    }
+    // The plain method needs about as many.
+    const Free free = makeFree(begin, kNominal);
+    std::vector<double> scaled;
+    for (std::size_t i = 0; i < kNominal.size(); ++i)
+      scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+    Initials initial = far.initial;
+    int plain = 0;
+    for (; plain < 20; ++plain) {
+      const PlainStep step(problem, begin, free, scaled, initial, robust);
+      if (step.gain < 1e-6 * step.cost) break;
+      for (std::size_t i = 0; i < scaled.size(); ++i)
+        scaled[i] += step.by(static_cast<Eigen::Index>(i));
+      for (std::size_t w = 0; w < initial.size(); ++w)
+        initial[w] += step.by.segment(5 + problem.initialSize() * static_cast<Eigen::Index>(w),
+                                      problem.initialSize());
+    }
+    EXPECT_LE(found.iterations, plain + 2);
+  }
+}
+
+/// Thrust that grows with speed acts like a negative damping, which the model does not allow.
+SimulationError driven(bool allowed) {
+  Model model = truth();
+  if (!allowed) {
+    model.setValue("X_u", 0);
+    model.addEffect(makeEffect("thrust_speed_loss"));
+    model.setValue("thrust_speed_loss.c", -0.05);
+  }
+  return problem(record(model, 6, 0.1, 2), 1.5);
+}
+
+TEST(NearFit, StaysOnABoundOnlyIfTheCostRisesInwards) {
+  for (const bool allowed : {false, true}) {
+    const SimulationError problem = driven(allowed);
+    const FitResult far = problem.fit(start(), options());
+    EXPECT_EQ(far.model.value("X_u") > 0, allowed);
+    EXPECT_EQ(far.parameters[1].at_bound, !allowed);
+    for (const double X_u : {0.0, 0.02}) {
+      Model begin = far.model;
+      begin.setValue("X_u", X_u);
+      FitOptions near = options();
+      near.near = true;
+      near.width = far.width;
+      const FitResult found = problem.fit(begin, near);
+      EXPECT_TRUE(found.converged);
+      EXPECT_EQ(found.model.value("X_u") > 0, allowed);
+      expectSameFit(found, far, 0.1);
+    }
+  }
+}
+
+TEST(Fit, RefusesInitialStatesOfOtherWindows) {
+  const SimulationError p = problem(record(truth(), 4, 0.1, 1), 2);
+  FitOptions o = options();
+  const std::vector<std::vector<Eigen::VectorXd>> wrong = {
+      std::vector<Eigen::VectorXd>(1, Eigen::VectorXd::Zero(3)),
+      std::vector<Eigen::VectorXd>(2, Eigen::VectorXd::Zero(6)),
+      std::vector<Eigen::VectorXd>(2, Eigen::VectorXd::Constant(3, std::nan("")))};
+  for (const auto& initial : wrong) {
+    o.initial = initial;
+    EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
+  }
+  o.initial.assign(2, Eigen::VectorXd::Zero(3));
+  EXPECT_NO_THROW(p.fit(start(), o));
+}
+
+/// The jackknife by its definition: each block of rows is left out once, and the rest is solved for
+/// the parameters and all initial states together.
+Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, const Free& free,
+                          const Initials& initial, double block, int& blocks) {
+  const auto n = static_cast<Eigen::Index>(free.index.size());
+  const Eigen::Index k = problem.initialSize();
+  const auto windows = static_cast<Eigen::Index>(initial.size());
+  Eigen::MatrixXd J(0, n + k * windows);
+  Eigen::VectorXd r(0);
+  std::vector<int> block_of;
+  blocks = 0;
+  for (Eigen::Index w = 0; w < windows; ++w) {
+    const WindowResiduals rows =
+        residualsOf(problem, model, model.coordinates(), free.index, static_cast<int>(w),
+                    initial[static_cast<std::size_t>(w)], true);
+    const Eigen::Index count = rows.residuals.size(), before = r.size();
+    J.conservativeResize(before + count, Eigen::NoChange);
+    J.bottomRows(count).setZero();
+    r.conservativeResize(before + count);
+    r.tail(count) = rows.residuals;
+    for (Eigen::Index j = 0; j < n; ++j)
+      J.col(j).tail(count) = free.scale[static_cast<std::size_t>(j)] * rows.derivatives.col(j);
+    J.block(before, n + k * w, count, k) = rows.derivatives.middleCols(n, k);
+    const Window& span = problem.windows()[static_cast<std::size_t>(w)];
+    const auto& times = problem.runs()[0].times;
+    const int parts =
+        std::max(1, static_cast<int>(std::lround((times[span.last] - times[span.first]) / block)));
+    const Eigen::Index samples = count / 3;
+    for (int p = 0; p < parts; ++p)
+      for (Eigen::Index i = samples * p / parts; i < samples * (p + 1) / parts; ++i)
+        for (int c = 0; c < 3; ++c) block_of.push_back(blocks + p);
+    blocks += parts;
+  }
+  Eigen::MatrixXd steps(n, blocks);
+  for (int b = 0; b < blocks; ++b) {
+    Eigen::MatrixXd rest = J;
+    Eigen::VectorXd left = r;
+    for (Eigen::Index i = 0; i < r.size(); ++i)
+      if (block_of[static_cast<std::size_t>(i)] == b) {
+        rest.row(i).setZero();
+        left(i) = 0;
+      }
+    steps.col(b) = rest.colPivHouseholderQr().solve(left).head(n);
+  }
+  const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
+  return (blocks - 1.0) / blocks * centred * centred.transpose();
+}
+
+Eigen::MatrixXd randomInformation(Eigen::Index n, std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd J(3 * n, n);
+  for (Eigen::Index i = 0; i < J.size(); ++i) J(i) = normal(random);
+  for (Eigen::Index j = 0; j < n; ++j) J.col(j) *= std::pow(10.0, static_cast<double>(j % 3));
+  return J.transpose() * J;
+}
+
+TEST(Known, VarianceAndVolumeAreThoseOfTheInverse) {
+  std::mt19937 random(1);
+  for (const Eigen::Index n : {1, 2, 5, 9}) {
+    const Eigen::MatrixXd information = randomInformation(n, random);
+    const Known known = knownBy(information);
+    const Eigen::VectorXd variance = information.inverse().diagonal();
+    EXPECT_LT((known.variance.cwiseQuotient(variance).array() - 1).abs().maxCoeff(), 1e-9);
+    EXPECT_NEAR(known.volume, std::log(information.determinant()), 1e-9 * std::abs(known.volume));
+    EXPECT_EQ(known.unseen.cols(), 0);
+    for (const bool identified : known.identified) EXPECT_TRUE(identified);
+  }
+}
+
+TEST(Known, DirectionsWithoutInformationAreUnseenAndTheirParametersNotIdentified) {
+  std::mt19937 random(2);
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(5, 5);
+  const Eigen::MatrixXd three = randomInformation(3, random);
+  // Parameters 0, 2, 4 are known; 1 and 3 act as their sum, which 0 knows too.
+  Eigen::MatrixXd acts = Eigen::MatrixXd::Zero(3, 5);
+  acts(0, 0) = acts(1, 2) = acts(2, 1) = acts(2, 3) = 1;
+  information = acts.transpose() * three * acts;
+  information(4, 4) = 1e-3;  // hardly known: a deviation of 32 of its scale
+  const Known known = knownBy(information);
+  EXPECT_EQ(known.identified, (std::vector<bool>{true, false, true, false, false}));
+  ASSERT_EQ(known.unseen.cols(), 1);
+  EXPECT_NEAR(known.unseen.norm(), 1, 1e-9);
+  EXPECT_LT((information * known.unseen).norm(), 1e-6 * information.norm());
+  EXPECT_NEAR(known.unseen(1) + known.unseen(3), 0, 1e-9);
+  EXPECT_NEAR(known.variance(4), 1e3, 1e-3);
+  information(4, 4) = 2e-3;
+  EXPECT_TRUE(knownBy(information).identified[4]);
+}
+
+TEST(Estimates, QuantilesAreThoseOfStudentsTable) {
+  EXPECT_NEAR(quantileOf(1), 12.706, 1e-3);
+  EXPECT_NEAR(quantileOf(5), 2.571, 1e-3);
+  EXPECT_NEAR(quantileOf(1e6), 1.95997, 1e-4);
+}
+
+TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
+  Model model = truth();
+  model.addEffect(makeEffect("battery_sag"));  // its coordinate is the rate 1 / tau
+  model.setValue("battery_sag.tau", 50);
+  const std::vector<std::string> names = {"X_u", "battery_sag.tau"};
+  const Free free = makeFree(model, names);
+  const auto infos = model.parameters();
+  for (std::size_t i = 0; i < 2; ++i) {
+    const ParameterInfo& info = infos[static_cast<std::size_t>(free.index[i])];
+    const double value = model.value(names[i]), at = info.toCoordinate(value),
+                 scaled = at / free.scale[i], deviation = 0.1 * scaled;
+    const FittedParameter found = estimateOf(info, free, i, scaled, deviation, 2, 7);
+    EXPECT_NEAR(found.value, value, 1e-12 * value);
+    EXPECT_EQ(found.start, 7);
+    EXPECT_TRUE(found.identified);
+    EXPECT_FALSE(found.at_bound);
+    const double one = info.fromCoordinate(0.8 * at), other = info.fromCoordinate(1.2 * at);
+    EXPECT_NEAR(found.lower, std::min(one, other), 1e-9 * value);
+    EXPECT_NEAR(found.upper, std::max(one, other), 1e-9 * value);
+    EXPECT_NEAR(found.deviation, 0.1 * value, 1e-9 * value);  // to first order
+    // Twelve deviations reach beyond zero, which is a bound of both coordinates.
+    const FittedParameter wide = estimateOf(info, free, i, scaled, deviation, 12, 7);
+    EXPECT_NEAR(i == 0 ? wide.lower : 1 / wide.upper, 0, 1e-6);
+    const FittedParameter unknown = estimateOf(info, free, i, scaled, kInfinity, 2, 7);
+    EXPECT_FALSE(unknown.identified);
+    EXPECT_EQ(unknown.lower, info.lower);
+    EXPECT_EQ(unknown.upper, info.upper);
+    const FittedParameter bound = estimateOf(info, free, i, 0, deviation, 2, 7);
+    EXPECT_TRUE(bound.at_bound);
+  }
+}
+
+TEST(Estimates, CorrelationsAreThoseOfTheValues) {
+  Model model = truth();
+  model.addEffect(makeEffect("battery_sag"));
+  model.setValue("battery_sag.tau", 50);
+  const Free free = makeFree(model, {"X_u", "battery_sag.tau", "k"});
+  Uncertainty u;
+  std::mt19937 random(3);
+  u.information = randomInformation(3, random);
+  u.covariance = u.information.inverse();
+  const Eigen::MatrixXd found = correlationOf(u, free);
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      const double sign = (i == 1) != (j == 1) ? -1 : 1;  // tau falls as its rate rises
+      EXPECT_NEAR(found(i, j),
+                  sign * u.covariance(i, j) / std::sqrt(u.covariance(i, i) * u.covariance(j, j)),
+                  1e-12);
+    }
+  const Eigen::VectorXd sizes = u.information.jacobiSvd().singularValues();
+  EXPECT_NEAR(conditionOf(u), sizes(0) / sizes(2), 1e-6 * conditionOf(u));
+  u.information.setZero();
+  EXPECT_EQ(conditionOf(u), kInfinity);
+}
+
+TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
+  const SimulationError p = problem(record(truth(), 6, 0.2, 5), 2);
+  const FitResult fit = p.fit(start(), options());
+  const Free free = makeFree(fit.model, kNominal);
+  Solution at;
+  at.initial = fit.initial;
+  for (std::size_t i = 0; i < kNominal.size(); ++i)
+    at.scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+  Linearisation windows(p, fit.model, 1);
+  for (const double asked : {0.1, 0.25, 10.0}) {
+    const double block = std::min(asked, 5.95 / (4.0 * kNominal.size()));
+    int blocks = 0;
+    const Eigen::MatrixXd expected = jackknife(p, fit.model, free, fit.initial, block, blocks);
+    const Uncertainty found = uncertainty(windows, free, at, asked);
+    EXPECT_EQ(found.blocks, blocks) << asked;
+    EXPECT_LT((found.covariance - expected).norm(), 1e-5 * expected.norm());
+    EXPECT_EQ(found.unseen.cols(), 0);
+    for (const bool identified : found.identified) EXPECT_TRUE(identified);
+  }
+}
+
+}  // namespace
+}  // namespace ground::detail
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
