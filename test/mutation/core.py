@@ -21,29 +21,30 @@ AT_FIRST = 3  # tests that are built at first, because they kill most mutants
 
 
 def count(jobs):
-    """Runs every unit test with counters, the longest first. Counts of each go to a folder of its own, and
-    their sums into the build, where gcovr finds them."""
-    shutil.rmtree(COUNTS, ignore_errors=True)
+    """Runs unit tests with counters, those that have changed since they were counted. Counts of each go to
+    a folder of its own, and their sums into the build, where gcovr finds them."""
     names = (COUNTED / "ground_unit_tests.txt").read_text().split()
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        seconds = dict(zip(names, pool.map(_counted, names)))
-    executed = {name: sorted(_executed(name)) for name in names}
+        found = dict(zip(names, pool.map(_counted, names)))
     _add_up([COUNTS / name / "all" for name in names])
-    found = {"seconds": seconds, "executed": executed}
     (COUNTS / "tests.json").write_text(json.dumps(found))
 
 
 def _counted(name):
-    program = str(COUNTED / "devel" / "lib" / "ground" / name)
-    places = {kind: COUNTS / name / kind for kind in ("none", "all")}
-    seconds = 0.0
+    """How long a test takes [s] and objects of which it executes more than any program does."""
+    program, known = COUNTED / "devel" / "lib" / "ground" / name, COUNTS / name / "found.json"
+    parts = [program, *(COUNTED / "devel" / "lib").glob("libground_*.so")]
+    if known.exists() and known.stat().st_mtime > max(part.stat().st_mtime for part in parts):
+        return json.loads(known.read_text())
+    shutil.rmtree(str(known.parent), ignore_errors=True)
     for kind, arguments in (("none", ["--gtest_list_tests"]), ("all", ["--gtest_brief=1"])):
-        environment = {"GCOV_PREFIX": str(places[kind]), **_libraries(COUNTED)}
-        done = commands.run([program] + arguments, 1200, ROOT, environment)
+        environment = {"GCOV_PREFIX": str(known.parent / kind), **_libraries(COUNTED)}
+        done = commands.run([str(program)] + arguments, 1200, ROOT, environment)
         if done.status:
             raise SystemExit("%s fails without any mutation:\n%s" % (name, done.output[-3000:]))
-        seconds = done.seconds
-    return seconds
+    found = {"seconds": done.seconds, "executed": sorted(_executed(name))}
+    known.write_text(json.dumps(found))
+    return found
 
 
 def _libraries(build):
@@ -79,8 +80,8 @@ class Covering:
 
     def __init__(self):
         found = json.loads((COUNTS / "tests.json").read_text())
-        self.seconds = found["seconds"]
-        self._executed = {name: set(objects) for name, objects in found["executed"].items()}
+        self.seconds = {name: test["seconds"] for name, test in found.items()}
+        self._executed = {name: set(test["executed"]) for name, test in found.items()}
         self._counts = collections.defaultdict(collections.Counter)
         for file in json.loads(REPORT.read_text())["files"]:
             for line in file["lines"]:  # several for a line of a template
@@ -159,7 +160,7 @@ class Tree:
         kept = path.with_name(path.name + ".kept")
         shutil.copy2(str(path), str(kept))  # with its time, so that ninja finds nothing to do
         try:
-            path.write_text(mutant.text())
+            path.write_text(mutant.text(self._folder))
             return self._judged(mutant, tests)
         finally:
             os.replace(str(kept), str(path))

@@ -15,7 +15,7 @@ import yaml
 from scipy import stats
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "bench"))
+sys.path.append(str(HERE.parent / "bench"))  # after this folder, which has its own commands.py
 
 import hidden_table  # noqa: E402
 import resumed  # noqa: E402

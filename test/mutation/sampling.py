@@ -34,9 +34,9 @@ class Mutant:
         parts = pathlib.PurePath(self.path).parts
         return parts[4] if parts[2] in ("python", "include") else parts[3]
 
-    def text(self):
-        """The whole file with the changed line."""
-        lines = (ROOT / self.path).read_text().splitlines(keepends=True)
+    def text(self, root=ROOT):
+        """The whole file with the changed line, from a copy of the workspace."""
+        lines = (root / self.path).read_text().splitlines(keepends=True)
         lines[self.line - 1] = self.after + "\n"
         return "".join(lines)
 
