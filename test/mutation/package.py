@@ -125,6 +125,7 @@ class Tree:
 
     def __init__(self, folder):
         self._folder = folder
+        self._path = folder / PACKAGE.relative_to(ROOT) / "python"
         found = json.loads(TESTS.read_text())
         self._seconds, self._lines = found["seconds"], found["lines"]
         self._longest = collections.defaultdict(float)
@@ -132,17 +133,17 @@ class Tree:
             if "." in test:
                 file = test.split(".")[0]
                 self._longest[file] = max(self._longest[file], seconds)
-        _copy_package(folder)
+        _copy_package(self._path)
 
     def judge(self, mutant):
         """What the tests say of a mutant: a dictionary for the table."""
-        original, text = (ROOT / mutant.path).read_text(), mutant.text()
+        path = self._folder / mutant.path
+        original, text = path.read_text(), mutant.text(self._folder)
         try:
             if _meaning(text) == _meaning(original):
                 return {"outcome": "equivalent", "why": "the same program"}
         except SyntaxError:
             return {"outcome": "invalid"}
-        path = self._folder / pathlib.Path(mutant.path).relative_to("src/ground/python")
         before = path.stat()
         try:
             path.write_text(text)
@@ -157,7 +158,7 @@ class Tree:
         """Tests to run, those of quick files first, until PATIENCE is over. A line that runs when its module
         is imported matters wherever the module is used."""
         lines = self._lines.get(mutant.path, {})
-        inside = _statement(ROOT / mutant.path, mutant.line)
+        inside = _statement(self._folder / mutant.path, mutant.line)
         found = lines.values() if inside is None else [lines.get(str(line), ()) for line in inside]
         tests = {test for those in found for test in those}
         if inside is None and any("." in test for test in tests):
@@ -186,7 +187,7 @@ class Tree:
         shared = {test.split(".")[0]: self._shared(test) for test in tests}
         limit = LEAST + SLACK * sum([*shared.values(), *(self._seconds[test] for test in tests)])
         command += [_node(test) for test in tests]
-        done = commands.run(command, limit, ROOT, _environment(self._folder))
+        done = commands.run(command, limit, ROOT, _environment(self._path))
         if done.timed_out or done.status:
             failed = re.search(r"^(FAILED|ERROR) test/python/(\S+)", done.output, re.MULTILINE)
             by = failed.group(2) if failed else "the end of pytest"
