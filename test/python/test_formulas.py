@@ -220,9 +220,8 @@ def test_memory_is_described_with_its_constants():
     assert entry["parameters"]["fall"]["lower"] < 0.02 < entry["parameters"]["fall"]["upper"]
     names = {kind.at(values, model()).name for values in kind.tried}
     assert names == {"spin_up_60_20", "spin_up_20_60"}
-    fit = types.SimpleNamespace(
-        model=types.SimpleNamespace(value={"spin_up.rise": 0.0612, "spin_up.fall": 0.02, "spin_up.c": 0.4}.get)
-    )
+    values = {"spin_up.rise": 0.0612, "spin_up.fall": 0.02, "spin_up.c": 0.4}
+    fit = types.SimpleNamespace(model=types.SimpleNamespace(value=values.get))
     found = memory.Memory(kind, 1e-4, fit)
     assert found.means == "thrust rises within 0.061 s and falls within 0.02 s"
     assert found.entry["parameters"]["c"]["value"] == 0.4
@@ -306,7 +305,8 @@ def test_pooled_numbers_are_those_of_all_samples():
             ((m[:, i] - m[:, i].mean()) ** 2).sum()
             for m in (np.vstack([p["measured"] for p in e.pieces]) for e in many)
         )
-        assert found["fit_percent"][name] == pytest.approx(100 * (1 - np.sqrt((rest[:, i] ** 2).sum() / about)))
+        left = (rest[:, i] ** 2).sum()
+        assert found["fit_percent"][name] == pytest.approx(100 * (1 - np.sqrt(left / about)))
     predicted = np.vstack([e.predicted for e in many])
     assert found["prediction_error"] == pytest.approx(np.abs(predicted).sum(axis=1).mean())
     theses = [e.thesis for e in many]
@@ -375,8 +375,10 @@ def test_the_verdict_says_what_is_certain():
     assert verdict(history=(False, 5.0)) == "complete"
     assert verdict(state=(True, 1.0), explained=True) == "complete"
     assert verdict(state=(True, 1.0), chosen=["d"]) == "unexplained"
-    assert verdict(dropped=["d"]) == "unexplained" and verdict(dropped=["d"], explained=True) == "complete"
-    assert verdict(dropped=["d"], chosen=["e"]) == "missing" and verdict(dropped=["d"], varies=["f"]) == "varies"
+    assert verdict(dropped=["d"]) == "unexplained"
+    assert verdict(dropped=["d"], explained=True) == "complete"
+    assert verdict(dropped=["d"], chosen=["e"]) == "missing"
+    assert verdict(dropped=["d"], varies=["f"]) == "varies"
 
 
 def test_formulas_challenge_single_effects_and_pairs():
@@ -562,12 +564,14 @@ def test_a_craft_has_to_move_at_the_last_packet():
 def test_a_verdict_does_not_depend_on_the_clock():
     given = dataclasses.replace(trial(0.4, telemetry=True), last_packet=0.004)
     plain = own_stop.judge(given)
-    later = own_stop.judge(
-        dataclasses.replace(
-            given, times=given.times + 50, last_packet=50.004, silence_end=given.silence_end + 50,
-            telemetry_times=given.telemetry_times + 50,
-        )  # fmt: skip
+    moved = dataclasses.replace(
+        given,
+        times=given.times + 50,
+        last_packet=50.004,
+        silence_end=given.silence_end + 50,
+        telemetry_times=given.telemetry_times + 50,
     )
+    later = own_stop.judge(moved)
     assert later.outcome == plain.outcome == own_stop.PASSED
     for name in ("stopped_after", "uncertainty", "braking", "speed", "telemetry_after"):
         assert getattr(later, name) == pytest.approx(getattr(plain, name), abs=1e-3), name
@@ -577,8 +581,9 @@ def test_the_deviation_of_a_break_is_that_of_repeated_trials():
     times = np.arange(-0.5, 2.0, 0.01)
     found = []
     for seed in range(16):
-        noise = np.random.default_rng(seed).normal(0, 0.01, len(times))
-        found.append(own_stop.find_break(times, own_stop._shape(0.4, 0.3, 0.5, 1.5, times) + noise, -0.4, 1.5))
+        speeds = own_stop._shape(0.4, 0.3, 0.5, 1.5, times)
+        speeds = speeds + np.random.default_rng(seed).normal(0, 0.01, len(times))
+        found.append(own_stop.find_break(times, speeds, -0.4, 1.5))
     scatter = np.std([one.time for one in found])
     assert 0.6 * scatter < np.mean([one.deviation for one in found]) < 1.7 * scatter
 

@@ -138,7 +138,8 @@ def test_thinning_averages_neighbours_and_never_across_a_gap():
 
 @pytest.mark.parametrize("begin", [0.0, 0.1, 1.7e9], ids=["0", "0.1", "since_1970"])
 @pytest.mark.parametrize(
-    "rate,count", [(200, 4), (199, 4), (240, 4), (260, 5), (100, 2), (120, 2), (145, 2), (97, 1), (50, 1), (30, 1)]
+    "rate,count",
+    [(200, 4), (199, 4), (240, 4), (260, 5), (100, 2), (120, 2), (145, 2), (97, 1), (50, 1), (30, 1)],
 )
 def test_a_rate_is_thinned_the_same_however_its_steps_are_rounded(rate, count, begin):
     times = begin + np.arange(24 * count) / rate

@@ -475,7 +475,8 @@ def test_channels_are_named_by_their_fields_and_the_lift_changes_least():
     still = np.ones(20)
     names = drafts._names({"m[0]": switching, "m[1]": still, "m[2]": switching})
     assert names == {"m[0]": "left", "m[1]": "lift", "m[2]": "right"}
-    assert drafts._names({"cmd.left": switching, "cmd.right": still}) == {"cmd.left": "left", "cmd.right": "right"}
+    pair = drafts._names({"cmd.left": switching, "cmd.right": still})
+    assert pair == {"cmd.left": "left", "cmd.right": "right"}
     four = drafts._names({"m[%d]" % i: switching for i in range(4)} | {"m[4]": still})
     assert four == {"m[%d]" % i: "m_%d" % i for i in range(4)} | {"m[4]": "lift"}
     assert drafts._names({"thrust.x": switching}) == {"thrust.x": "thrust_x"}
@@ -566,7 +567,8 @@ def test_only_few_single_stamps_are_damage():
         stamps[10 : 10 + 20 * count : 20] += 0.5
         found, number, error = plausibility.mend_stamps(stamps, times + 0.01)
         assert number == mended
-        assert np.allclose(found, times if mended else stamps) and error == (pytest.approx(0.5) if mended else 0)
+        assert np.allclose(found, times if mended else stamps)
+        assert error == pytest.approx(0.5 if mended else 0)
     short = plausibility.mend_stamps(times[:5], times[:5])
     assert short[1] == 0 and np.array_equal(short[0], times[:5])
 
@@ -678,7 +680,8 @@ def test_a_thruster_is_said_to_do_what_is_certain():
         "turns left (5 +- 1 rad/s2)"
     )
     assert does(0.3, 0.0, 3.0, 0.1, 0.1, 1.0) == "a does nothing that is certain"
-    assert "to the right" in does(1.0, 0.4, 0, 0.1, 0.1, 1) and "right" not in does(1.0, 0.29, 0, 0.01, 0.01, 1)
+    assert "to the right" in does(1.0, 0.4, 0, 0.1, 0.1, 1)
+    assert "right" not in does(1.0, 0.29, 0, 0.01, 0.01, 1)
 
 
 def test_when_a_recording_begins():
@@ -785,7 +788,8 @@ def test_what_effects_leave_is_that_of_each_sample():
             factors[some] = max(0.0, (expected[:, some] * flat_A[:, some] * weights[some]).sum() / size)
         rest = (flat_A - factors * expected).reshape(A.shape)
         assert np.allclose(left, (rest**2).sum(axis=1))
-    assert np.allclose(found.together().unexplained(effects[None])[0, 0], found.unexplained(effects[None])[0].sum(axis=0))
+    whole = found.together().unexplained(effects[None])[0, 0]
+    assert np.allclose(whole, found.unexplained(effects[None])[0].sum(axis=0))
     assert np.allclose(found.unexplained(0 * effects[None])[0], found.totals)
 
 
@@ -869,7 +873,8 @@ def test_hypotheses_are_said_with_their_remedies():
     assert text == "a is driven by b, b is driven by c and c is driven by a".replace(" and", ",", 0)
     assert remedies[0] == "give a the field of b under commands.channels in a mapping"
     kind, text, remedies = said(["a", "b"], (-1, 1))
-    assert (kind, text) == ("invert", "a is inverted") and "exchange the values off and full of a" in remedies[0]
+    assert (kind, text) == ("invert", "a is inverted")
+    assert "exchange the values off and full of a" in remedies[0]
     assert said(["a", "b"], (-1, -1))[1] == "both thrusters are inverted"
     assert said(["a", "b", "c"], (-1, -1, -1))[1] == "all thrusters are inverted"
     assert said(["a", "b", "c"], (-1, -1, 1))[1] == "a and b are inverted"

@@ -619,7 +619,8 @@ def test_forces_over_the_floor_act_along_the_axes_of_the_world():
     assert np.allclose(world_y[:, :half], 0) and np.allclose(world_x[:, half:], 0)
     assert np.allclose(world_x[:, :half], world_y[:, half:])
     values = world_x[:, :half]
-    assert np.allclose(values[:, 0], x) and (np.abs(values[:, 1:]) <= np.maximum(1, np.abs(y))[:, None] + 1e-9).all()
+    assert np.allclose(values[:, 0], x)
+    assert (np.abs(values[:, 1:]) <= np.maximum(1, np.abs(y))[:, None] + 1e-9).all()
     # Of each wavelength there are a sine and a cosine, of either place.
     for place in (x, y):
         for length in (0.15, 0.4, 1.5):
