@@ -10,6 +10,7 @@ import pathlib
 import re
 import shutil
 import sys
+import types
 import xml.etree.ElementTree
 
 import coverage
@@ -23,7 +24,7 @@ TESTS = FOLDER / "tests.json"
 OTHERS = ("launch", "downstream", "faults", "starved", "wheel", "docs", "packages", "live_plot", "progress")
 SLACK = 3  # tests of a mutant may take this many times what they took without ...
 LEAST = 20  # ... and so much more [s]
-PATIENCE = 120  # tests of a mutant take about this long [s]; slower ones are not asked
+PATIENCE = 60  # tests of a mutant take about this long [s]; slower ones are not asked
 START = 0.1  # what a test takes beside itself [s]
 SETTINGS = """[run]
 dynamic_context = test_function
@@ -224,13 +225,21 @@ def _statement(path, line):
 
 
 def _meaning(text):
-    """A program without docstrings, comments and positions."""
+    """A program as it is compiled, without docstrings, comments and positions."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            node.body = [one for one in body if not _is_docstring(one)]
-    return ast.dump(tree)
+            node.body = [one for one in body if not _is_docstring(one)] or [ast.Pass()]
+    return _instructions(compile(ast.fix_missing_locations(tree), "", "exec"))
+
+
+def _instructions(code):
+    """What a code object does, with the code objects inside it."""
+    inside = [
+        _instructions(one) if isinstance(one, types.CodeType) else repr(one) for one in code.co_consts
+    ]
+    return code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, inside
 
 
 def _is_docstring(node):
