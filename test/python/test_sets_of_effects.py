@@ -158,10 +158,20 @@ def test_an_effect_that_others_replace_is_taken_out_again(monkeypatch):
 def test_an_effect_is_swapped_for_a_likelier_one(monkeypatch):
     gains = {"momentum_drag": 150.0, "quadratic_drag": 149.0, "yaw_bias": 100.0}
     pairs = {("momentum_drag", "quadratic_drag"): -180.0, ("quadratic_drag", "yaw_bias"): 30.0}
-    found, likelihoods = searched(monkeypatch, gains, pairs)
+    current = frozenset(["momentum_drag", "yaw_bias"])
+    for swapped, expected in (
+        (None, {"quadratic_drag", "yaw_bias"}),
+        ({"momentum_drag": ["quadratic_drag"]}, {"quadratic_drag", "yaw_bias"}),
+        ({"momentum_drag": ["yaw_bias"]}, current),
+        ({}, current),
+    ):
+        found, likelihoods = searched(monkeypatch, gains, pairs, swapped=swapped)
+        found.nominal()
+        found.fits[current] = likelihoods.fit_of(current)
+        assert found._swap(current) == expected
+        assert found._swap(current) == current  # it is tried once
+    found, _ = searched(monkeypatch, gains, pairs)
     assert found.run() == {"quadratic_drag", "yaw_bias"} == best_of(likelihoods)
-    kept, _ = searched(monkeypatch, gains, pairs, swapped={})
-    assert kept.run() == {"momentum_drag", "yaw_bias"}
 
 
 def test_sets_that_held_out_data_refute_are_not_taken_but_remembered(monkeypatch):
