@@ -216,6 +216,56 @@ def test_blocks_of_lz4_are_unpacked_as_by_the_library(seed):
     assert not bag_reader._unpack_block(b"\x10a\x09\x00", bytearray())  # from before the begin
 
 
+def message_record(connection, time, data):
+    conn = struct.pack("<I", connection)
+    stamp = struct.pack("<II", *divmod(time, 10**9))
+    fields = b"".join(
+        struct.pack("<I", len(entry)) + entry
+        for entry in (b"op=\x02", b"conn=" + conn, b"time=" + stamp)
+    )
+    return struct.pack("<I", len(fields)) + fields + struct.pack("<I", len(data)) + data
+
+
+def settled(found, index, change=lambda contents: contents):
+    """What is left of messages (connection, time) of a chunk, by its index (connection, place, time)."""
+    parts = [message_record(c, t, b"abc") for c, t in found]
+    places = np.cumsum([0] + [len(p) for p in parts])[:-1]
+    contents = change(b"".join(parts))
+    reader = BagReader.__new__(BagReader)
+    reader._contradictions, reader._data, records = 0, b"", []
+    for connection in sorted({c for c, *_ in index}):
+        data = b"".join(
+            struct.pack("<III", *divmod(t, 10**9), places[at]) for c, at, t in index if c == connection
+        )
+        begin = len(reader._data)
+        reader._data += data
+        records.append(bag_reader.Record(4, {}, begin, begin, begin + len(data)))
+    rows = []
+    for match in bag_reader.MESSAGE.finditer(contents):
+        connection, stamp, _ = match.groups()
+        seconds, rest = struct.unpack("<II", stamp)
+        time = seconds * 10**9 + rest
+        rows.append([match.start(), struct.unpack("<I", connection)[0], time, match.end(), 3])
+    left = reader._settled(contents, np.array(rows), records)
+    return [(row[1], row[2]) for row in left.tolist()], reader._contradictions
+
+
+SOUND = [(1, 10), (2, 20), (1, 30), (2, 40), (1, 50)]
+
+
+def test_messages_and_their_index_are_reconciled():
+    index = [(c, at, t) for at, (c, t) in enumerate(SOUND)]
+    assert settled(SOUND, index) == (SOUND, 0)
+    # A time that is wrong, in the message or in the index: the one nearer to the others is right.
+    late = SOUND[:3] + [(2, 10**12)] + SOUND[4:]
+    assert settled(late, index) == (SOUND, 1)
+    assert settled(SOUND, [*index[:3], (2, 3, 10**12), index[4]]) == (SOUND, 1)
+    # A message that the index has under another topic is left out, one that it does not have is kept.
+    other = SOUND[:3] + [(1, 40)] + SOUND[4:]
+    assert settled(other, index) == (SOUND[:3] + SOUND[4:], 1)
+    assert settled(SOUND, index[:4]) == (SOUND, 1)
+
+
 def test_bags_of_other_formats_are_refused(tmp_path):
     path = tmp_path / "x.bag"
     path.write_bytes(b"#ROSBAG V1.2\n" + bytes(50))

@@ -265,6 +265,7 @@ def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
     for experiment in next_experiment.choices():
         rows = experiment.schedule().rows
         levels = dict(experiment.options)["levels"]
+        assert list(levels) == sorted(set(levels)) and 0 <= levels[0] < levels[-1] <= 1
         driven = rows[rows[:, 3] > 0]
         assert set(np.unique(driven[:, 1:3])) <= set(levels) | {0.0}
         assert rows[:, 3].max() == experiment.lift and (np.diff(rows[:, 0]) >= 0).all()
@@ -441,7 +442,7 @@ def test_a_table_of_a_curve_ascends_from_nothing_to_one():
         inputs, shares = np.array(curve.table()).T
         assert inputs[0] == shares[0] == 0 and shares[-1] == pytest.approx(1, abs=1e-6)
         assert (np.diff(inputs) > 0).all() and (np.diff(shares) >= 0).all() and inputs[-1] == 1.0
-        assert np.allclose(shares[2:-1] * curve.full, curve.force(inputs[2:-1]), atol=1e-5)
+        assert np.allclose(shares[2:-1] * curve.full, curve.force(inputs[2:-1]), atol=1e-6)
 
 
 def test_curves_that_fall_or_have_too_few_inputs_are_none():

@@ -27,7 +27,7 @@ from ground.recordings import (
     units,
 )
 from ground.recordings.codecs.with_rosbags import Time
-from ground.recordings.layouts import evidence, words
+from ground.recordings.layouts import evidence, verdicts, words
 from ground.recordings.layouts.hypotheses import Class, Hypothesis
 
 
@@ -268,6 +268,11 @@ def test_topics_of_poses_and_commands_are_ranked():
     }
     ranks = poses.candidates(info, mapping.Poses(), ["/odom"])
     assert ranks == {"/a/pose": 0, "/eta": 1, "/state": 2, "/b/other": 3}
+    stamped, bare = (
+        {rank for kind, rank in poses.ANY_NAME.items() if (kind.split("/")[1] in ("Pose", "Pose2D")) == b}
+        for b in (False, True)
+    )
+    assert len(stamped) == len(bare) == 1 and 2 < min(stamped) < min(bare)  # one kind is not preferred
     assert poses.candidates(info, mapping.Poses(body="b"), []) == {"/b/other": 3}
     assert len(poses.candidates(info, mapping.Poses(body="no"), [])) == 5
     assert commands.rank("controls", "ground_msgs/Controls") == 0
@@ -519,6 +524,9 @@ def test_the_exports_of_bags_have_groups(tmp_path):
         ("log.csv", 2, None),
         ("log.csv", 4, None),
     ]
+    path.write_text("a,b,c\n1,,\n2,5,\n")
+    frame = tables.table(str(path))
+    assert list(frame.columns) == ["a", "b"] and frame["b"].isna().tolist() == [True, False]
     for text, reason in (
         ("", "does not name columns"),
         ("a\n1\n", "does not name columns"),
@@ -891,6 +899,40 @@ def test_hypotheses_are_said_with_their_remedies():
     assert (kind, text) == ("mirror", "the positions are mirrored") and "a minus before" in remedies[0]
     kind, text, remedies = said(["a", "b"], heading_sign=-1, mirrored=True)
     assert kind == "upside_down" and "upside down" in text and remedies == ['--axes "x, -y, -z"']
+
+
+def test_a_verdict_is_said_with_its_evidence():
+    names = ("a", "b", "c")
+    recorded, best = Hypothesis(names, (1, 1, 1)), Hypothesis(("b", "a", "c"), (1, 1, 1))
+    other = verdicts.Found(Hypothesis(names, (-1, 1, 1)), 0.5, 0.6, 1.1, (0.9, 1.2))
+
+    def verdict(**more):
+        found = dict(
+            recorded=verdicts.Found(recorded, 0.123, 0.456, 1.5, (1.25, 1.75)),
+            best=verdicts.Found(best, 0.812, 0.934, 1.0, (1.0, 1.0)),
+            same=[], undecided=[], open_share=0.01, why="a hardly changes",
+        )  # fmt: skip
+        return verdicts.Verdict(**{**found, **more})
+
+    text = words.sentence(verdict())
+    assert text == (
+        "a and b seem to be swapped: the commands explain 81% of the forces and 93% of the turns then, 12% "
+        "and 46% as they are, which leaves 1.50 times the accelerations unexplained (95%: 1.25 to 1.75)"
+    )
+    assert words.evidence(verdict(best=verdict().recorded)) == (
+        "the commands explain 12% of the forces and 46% of the turns"
+    )
+    same = words.sentence(verdict(same=[Hypothesis(names, (-1, -1, -1))]))
+    assert same == text + "; the same to any motion: all thrusters are inverted"
+    still_open = words.sentence(verdict(undecided=[other] * 3))
+    assert still_open.startswith(text + "; it cannot be decided whether a is inverted; or a is inverted; or")
+    assert still_open.endswith("a is inverted, because a hardly changes")
+    assert "; or another, because" in words.sentence(verdict(undecided=[other] * 4))
+    many = words.sentence(verdict(undecided=[other], open_share=0.31))
+    assert many.endswith("do not decide which channel drives which thruster: a hardly changes")
+    assert words.alternatives([best, other.hypothesis], names) == (
+        "a and b seem to be swapped, or equally a is inverted"
+    )
 
 
 def test_a_supposition_costs_what_it_supposes():
