@@ -21,7 +21,9 @@ from ground.recordings import (
     plausibility,
     poses,
     recording,
+    reply,
     settings,
+    suspicions,
     tables,
     tracks,
     units,
@@ -950,6 +952,92 @@ def test_a_supposition_costs_what_it_supposes():
     assert all_of_them.cost(names) <= one.cost(names)  # another convention
     upside_down = Hypothesis(names, (1, 1, 1), 0.0, -1, True)
     assert upside_down.cost(names) > Hypothesis(names, (1, 1, 1), 0.0, -1).cost(names) > 0
+
+
+# --- mistakes that a run looks like
+
+
+def suspected(check, monkeypatch, lag=None, far=None, drift=(0.0, np.inf, 0.0), evidence_of=9.0, **more):
+    """Kinds and evidence of suspicions of a run whose reply is given."""
+    values = dict(scatter=None, changes=30, end=20.0, command=1.0, fast=0.5, turning=0.0, taken=())
+    values.update(more)
+    times = np.arange(300) / 100
+    eta = np.column_stack([values["fast"] * times, 0 * times, values["turning"] * times])
+    rows = np.column_stack([times[::5], np.full((60, 2), values["command"]), np.ones(60)])
+    rows[0, 1:3] = 0.0
+    found = recording_of(times, eta, rows)
+    vars(found)["settings"] = measured(taken=values["taken"])
+    motion = types.SimpleNamespace(times=times, measured=eta, noise=(3e-4, 5e-3))
+    run = types.SimpleNamespace(
+        recording=found, motion=motion, end=values["end"], reply=None if lag is None else {"lag": lag}
+    )
+    monkeypatch.setattr(reply, "changes", lambda _: range(values["changes"]))
+    monkeypatch.setattr(reply, "drift", lambda *_: reply.Drift(*drift))
+    monkeypatch.setattr(reply, "drift_evidence", lambda *_: evidence_of)
+    monkeypatch.setattr(reply, "lag_evidence", lambda *_: evidence_of)
+    monkeypatch.setattr(reply, "far_lag", lambda *_: far)
+    return [(s.kind, s.evidence, s.remedy) for s in check(run)]
+
+
+@pytest.mark.parametrize(
+    "lag,kind,words_of",
+    [
+        (0.02, None, ""), (0.15, None, ""), (-0.03, None, ""),
+        (0.16, "delay", "160 ms after its commands and all at once"),
+        (0.3, "delay", "300 ms after"), (0.31, "clock", "310 ms after its commands: the stamps"),
+        (-0.04, "clock", "40 ms BEFORE its commands: the stamps"), (-0.3, "clock", "300 ms BEFORE"),
+    ],
+)  # fmt: skip
+def test_a_late_motion_is_another_clock_or_a_delay(monkeypatch, lag, kind, words_of):
+    found = suspected(suspicions.clocks, monkeypatch, lag)
+    assert [one[0] for one in found] == ([kind] if kind else [])
+    if kind:
+        assert words_of in found[0][1] and "clock_offset: %.2f in" % -lag in found[0][2]
+        far = suspected(suspicions.clocks, monkeypatch, None, lag)  # where the commands explain little
+        assert far == found
+        assert suspected(suspicions.clocks, monkeypatch, lag, evidence_of=2.4) == []
+        assert suspected(suspicions.clocks, monkeypatch, lag, changes=19) == []
+        assert suspected(suspicions.clocks, monkeypatch, lag, changes=20) == found
+
+
+def test_clocks_of_different_rates_are_suspected_if_that_is_certain(monkeypatch):
+    def drifting(rate, error, **more):
+        drift = (rate, error, 0.0)
+        found = suspected(suspicions.clocks, monkeypatch, 0.02, None, drift, **more)
+        return [kind for kind, _, _ in found]
+
+    found = suspected(suspicions.clocks, monkeypatch, 0.02, None, (0.004, 1e-4, 0.0))
+    assert found[0][0] == "drift" and "4.0 ms a second (+- 0.1)" in found[0][1]
+    assert found[0][2] == "clock_drift: -0.00400 in a mapping"
+    assert drifting(-0.004, 1e-4) == ["drift"]
+    assert drifting(0.004, 0.9e-3) == [] and drifting(0.004, 0.7e-3) == ["drift"]  # five errors
+    assert drifting(0.004, 1e-4, evidence_of=2.4) == []
+    assert drifting(0.0014, 1e-4) == [] and drifting(0.0016, 1e-4) == ["drift"]  # 0.03 s in 20 s
+    assert drifting(0.0016, 1e-4, end=15.0) == []
+
+
+def test_small_commands_are_in_another_unit(monkeypatch):
+    assert suspected(suspicions.forces, monkeypatch, 0.02, command=0.1) == []
+    (found,) = suspected(suspicions.forces, monkeypatch, 0.02, command=0.09)
+    assert found[0] == "command" and "no command exceeds 0.09 of full thrust" in found[1]
+    assert suspected(suspicions.forces, monkeypatch, None, command=0.09) == []
+
+
+def test_speeds_tell_lengths_in_another_unit(monkeypatch):
+    assert suspected(suspicions.lengths, monkeypatch) == []
+    (fast,) = suspected(suspicions.lengths, monkeypatch, fast=600.0)
+    assert fast[0] == "length" and "600 m/s" in fast[1] and "position: {unit: mm}" in fast[2]
+    (slow,) = suspected(suspicions.lengths, monkeypatch, fast=4e-3, turning=0.4)
+    assert slow[0] == "length" and "0.4 rad/s, but goes 0.004 m/s only" in slow[1]
+    assert suspected(suspicions.lengths, monkeypatch, fast=6e-3, turning=0.4) == []
+    assert suspected(suspicions.lengths, monkeypatch, fast=4e-3, turning=0.29) == []
+
+
+def test_turns_tell_headings_in_degrees_unless_they_are_of_quaternions(monkeypatch):
+    (found,) = suspected(suspicions.angles, monkeypatch, turning=100.0)
+    assert found[0] == "angle" and "headings reach 299 and change by 100 a second" in found[1]
+    assert suspected(suspicions.angles, monkeypatch, turning=100.0, taken=("axes",)) == []
+    assert suspected(suspicions.angles, monkeypatch, turning=3.0) == []
 
 
 # --- tracks
