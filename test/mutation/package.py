@@ -36,8 +36,8 @@ data_file = %s
 
 
 def count(jobs, only=()):
-    """Runs the files of tests that have not been counted yet, all or those named in `only`, and writes which
-    tests execute which lines, and how long they take."""
+    """Runs the files of tests that have changed since they were counted, all or those named in `only`, and
+    writes which tests execute which lines, and how long they take."""
     _copy_package(FOLDER / "counted")
     files = sorted((ROOT / "test" / "python").glob("test_*.py"))
     named = {file.stem[len("test_") :]: file for file in files}
@@ -46,7 +46,7 @@ def count(jobs, only=()):
         raise SystemExit("test/python has no test_%s.py" % unknown[0])
     asked = [named[name] for name in only or sorted(set(named) - set(OTHERS))]
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(_counted, [file for file in asked if not _report(file).exists()]))
+        list(pool.map(_counted, [file for file in asked if not _is_counted(file)]))
     seconds, lines = {}, collections.defaultdict(lambda: collections.defaultdict(list))
     for file in files:
         if _report(file).exists():
@@ -74,6 +74,11 @@ def _environment(folder):
 
 def _report(file):
     return FOLDER / file.stem / "junit.xml"
+
+
+def _is_counted(file):
+    report = _report(file)
+    return report.exists() and report.stat().st_mtime > file.stat().st_mtime
 
 
 def _counted(file):

@@ -744,6 +744,58 @@ def test_each_oddity_has_its_sentence(changes, sentence):
     assert sentence in said
 
 
+def test_a_clock_of_frames_that_was_rebuilt_is_described():
+    late = dict(median=0.0123, largest=0.0456, above_50_ms=0)
+    d = info(bursts=7)
+    d["poses"]["frame_clock"] = dict(rate=99.987, lost=3, lateness=late)
+    (said,) = findings.findings(d)
+    assert "7 of 100 poses came within 1 ms" in said
+    assert "99.99 Hz, 3 frames lost, stamps late by 12.3 ms in the middle and 46 ms at most" in said
+    late["above_50_ms"] = 4
+    assert list(findings.findings(d))[1] == "late bursts, stamps late by more than 50 ms: 4"
+
+
+def described(**changes):
+    """What quality.Run.describe gives for a plain run."""
+    d = dict(
+        begins=12.0, source="made up", flown_by={}, files={}, duration=20.0, reply={"lag": 0.0234},
+        usable=dict(duration=15.0, spans=[[1.0, 9.0], [10.0, 17.0]]), drives=dict(begin=[1.5], by="record"),
+        poses=dict(count=2000, rate=99.96, noise=dict(position=3.4e-4, heading=5.6e-3)), authority={},
+        controls=dict(
+            count=300, rate=15.02, changes=77, thrusters=["left", "right"], levels=[0.0, 0.8], lift=[0.5, 1.0]
+        ),
+        settings=measured(offset=0.1, more=[(14, "x, -y, -z", 0.2)]).describe(12.0),
+    )  # fmt: skip
+    return dict(findings.facts({**d, **changes}))
+
+
+def test_facts_of_a_run_have_their_units():
+    found = described()
+    assert found["usable"] == "15.00 of 20.00 s: 1.00 to 9.00, 10.00 to 17.00"
+    assert found["poses"] == "2000 at 100.0 Hz, noise 0.34 mm, 5.6 mrad"
+    assert found["commands"] == "300 at 15.0 Hz, 77 changes, thrusters 0 to 0.8, lift 0.5 to 1"
+    assert found["drive"] == "from 1.50 s on"
+    assert found["reply"] == "the craft's motion follows the commands by 23 ms"
+    assert found["measured"] == (
+        "axes 'x, y, z' (a test), heading_offset 0.1 rad (a test); from 2.00 s on axes 'x, -y, -z', "
+        "heading_offset 0.2 rad"
+    )
+    assert "flown by" not in found and "thrusters" not in found
+    other = described(
+        reply=None,
+        usable=dict(duration=0.0, spans=[]),
+        drives=dict(begin=[-0.5, 3.0], by="start"),
+        flown_by=dict(controller="Tracking", model="m.yaml"),
+        files=dict(model=dict(title="Craft")),
+        settings=measured(taken=()).describe(0.0),
+        authority=dict(a=dict(forward=1.0, right=0.0, turn=0.0, errors=(0.1, 0.1, 0.1))),
+    )
+    assert other["usable"].endswith("nothing") and "reply" not in other
+    assert other["drive"].startswith("began 0.50 s before the run, from 3.00 s on; assumed: no command")
+    assert other["flown by"] == "controller Tracking, model m.yaml ('Craft', kept with the run)"
+    assert other["measured"] == "as states, corrected already" and "a pushes forward" in other["thrusters"]
+
+
 def test_what_is_not_odd_is_not_said():
     usual = info(
         clock_offset=0.05, start_after_poses=-0.01, end_after_poses=0.01, rest=0.2, rest_at_end=0.2
