@@ -22,8 +22,8 @@ FOLDER = ROOT / "build" / "mutation" / "python"
 TESTS = FOLDER / "tests.json"
 # Tests of nodes and of packages take minutes and are for others than these modules.
 OTHERS = ("launch", "downstream", "faults", "starved", "wheel", "docs", "packages", "live_plot", "progress")
-SLACK = 3  # tests of a mutant may take this many times what they took without ...
-LEAST = 20  # ... and so much more [s]
+# Processor time of a mutant's tests: what they took with counters, by the clock, and so much more [s].
+MORE = 20
 PATIENCE = 60  # tests of a mutant take about this long [s]; slower ones are not asked
 START = 0.1  # what a test takes beside itself [s]
 SETTINGS = """[run]
@@ -191,7 +191,7 @@ class Tree:
             return {"outcome": "survived", "tests": 0}
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
         shared = {test.split(".")[0]: self._shared(test) for test in tests}
-        limit = LEAST + SLACK * sum([*shared.values(), *(self._seconds[test] for test in tests)])
+        limit = MORE + sum([*shared.values(), *(self._seconds[test] for test in tests)])
         command += [_node(test) for test in tests]
         done = commands.run(command, limit, ROOT, _environment(self._path))
         if done.timed_out or done.status:
