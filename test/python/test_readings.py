@@ -303,6 +303,27 @@ def test_commands_become_what_their_channels_mean():
         commands.CommandReader("run.csv", poses.TABLE, mapping.Commands())
 
 
+def test_commands_of_a_craft_that_lists_its_thrusters_have_its_names():
+    def sent(channels, thrusters, lift=1.0):
+        return message(channels=channels, thrusters=thrusters, lift=lift, left=0.1, right=0.2)
+
+    reader = commands.CommandReader("bag: /controls", commands.OWN, mapping.Commands())
+    assert reader(sent(["a", "b", "c", "fan"], [0.5, -0.5, 0.0]), None)[1] == (0.5, -0.5, 0.0, 1.0)
+    assert reader.lift == "fan" and [c.name for c in reader.channels] == ["a", "b", "c", "fan"]
+    assert [c.range for c in reader.channels] == [(-1, 1)] * 3 + [(0, 1)]
+    reader(sent(["a", "b", "c", "fan"], [0.5, -0.5, 0.0]), None)
+    for other in (sent(["a", "b", "fan"], [0.5, 0.5]), sent([], [])):
+        with pytest.raises(GroundError, match="not all of one craft: some are for a, b, c, fan, others for"):
+            reader(other, None)
+    pair = commands.CommandReader("bag: /controls", commands.OWN, mapping.Commands())
+    assert pair(sent([], []), None)[1] == (0.1, 0.2, 1.0) and pair.lift == "lift"
+    with pytest.raises(GroundError, match="some are for left, right, lift, others for a, fan"):
+        pair(sent(["a", "fan"], [0.5]), None)
+    fresh = commands.CommandReader("bag: /controls", commands.OWN, mapping.Commands())
+    with pytest.raises(GroundError, match="not all of one craft"):
+        fresh(sent(["a", "fan"], [0.5, 0.5]), None)  # a name for each thruster
+
+
 # --- recordings
 
 
