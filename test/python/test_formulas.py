@@ -500,6 +500,15 @@ def test_the_scatter_of_repetitions_is_that_of_their_groups():
     assert np.isnan(thrust_bench._pure_error(bench([1.0], lambda w: w, repeat=1))[0])
 
 
+def test_one_repetition_does_not_decide_about_the_curve():
+    """Two measurements that are the same by chance say nothing about the scatter."""
+    given = bench([1.0], lambda w: 0.2 * w, 0.02, levels=12, repeat=1)
+    columns = given.inputs, given.together, given.repetition, given.forces
+    twice = thrust_bench.Bench(*(np.append(a, a[-1:], axis=0) for a in columns))
+    assert thrust_bench._pure_error(twice)[2] == 1
+    assert thrust_bench.fit(twice, ["a"]).curve.kind == "linear"
+
+
 def test_columns_are_named_by_their_thrusters():
     names = ["left", "right", "top_1"]
     cases = {

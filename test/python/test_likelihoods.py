@@ -216,6 +216,14 @@ def test_the_error_of_an_undisturbed_craft_is_noise():
     assert loud.noise == pytest.approx(found.noise, rel=0.4)
 
 
+def test_forces_that_differ_between_runs_are_a_part_of_the_error():
+    runs = [run_data(1, force=(0.01, 0.0)), run_data(2, force=(-0.01, 0.0))]
+    fit = likelihood.Likelihood(runs, model()).fit(model(), FREE)
+    found = budget.budget(runs, windows.cut(runs), fit)
+    assert found.trim > 2 * found.disturbance >= 1.8 * found.noise
+    assert found.trim == pytest.approx(found.measured, rel=0.3)
+
+
 def test_a_true_model_leaves_no_dependence_on_state_or_history():
     runs, like, fit = fitted(sigma=0.004)
     for what in (remains.of_state, remains.of_history):
