@@ -13,12 +13,15 @@ from ground.recordings import (
     cache,
     codecs,
     columns,
+    commands,
     many,
     mapping,
     messages,
+    poses,
     readers,
     recording,
     run_parameters,
+    settings,
 )
 from ground.recordings.bag_reader import BagReader, Connection
 
@@ -329,6 +332,86 @@ def test_unusual_messages_are_no_batch():
         found = batch_of(arrays, "std_msgs/Float64MultiArray")
         assert (found is not None) == is_laid_out
     assert batch_of(arrays[:1], "std_msgs/Float64MultiArray") is None
+
+
+def pose_messages(count=30):
+    random = np.random.default_rng(3)
+    found = []
+    for i, angle in enumerate(random.uniform(-3, 3, count)):
+        message = ros.new("geometry_msgs/PoseStamped")
+        message.header.stamp = ros.Time(10 + i, 7)
+        position, turn = message.pose.position, message.pose.orientation
+        position.x, position.y, position.z = random.normal(size=3)
+        turn.z, turn.w = np.sin(angle / 2), np.cos(angle / 2)
+        if i == 4:  # it lies on its side
+            turn.x, turn.z = turn.z, 0.0
+        found.append(message)
+    return found
+
+
+PLANAR = dict(position=("pose.position.x", "-pose.position.y"), heading="pose.orientation.z")
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {},
+        dict(heading_sign=-1),
+        dict(unit="mm", scale=2.0),
+        dict(heading_sign=-1, position=tuple("pose.position." + a for a in "xyz"),
+             orientation=tuple("pose.orientation." + a for a in "xyzw")),
+        dict(PLANAR, heading_unit="deg", heading_sign=-1, unit="cm"),
+        dict(PLANAR, axes="x, -y, -z"),
+        dict(PLANAR, heading_offset=0.3),
+        dict(time=mapping.Clock("receipt")),
+        dict(time=mapping.Clock("", "pose.position.z")),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("changes", [0, 1])
+def test_poses_are_the_same_at_once_and_one_by_one(keys, changes):
+    given, kind = mapping.Poses(**keys), "geometry_msgs/PoseStamped"
+    taken = poses.takes(kind, given)
+    every = [settings.Setting(0, "x, y, z", given.heading_offset or 0.0)]
+    every += [settings.Setting(20 * 10**9, "x, -y, -z", 0.1)] * changes
+    measured = settings.Settings(tuple(every), {"axes": "", "heading_offset": ""}, taken)
+    sent = pose_messages()
+    if keys.get("time") and keys["time"].field:
+        for message in sent:
+            message.pose.position.z = abs(message.pose.position.z)
+    batch = batch_of([serialized(message) for message in sent], kind)
+    together, alone = (poses.PoseReader("bag", kind, given, measured) for _ in range(2))
+    found = together.of_batch(batch)
+    rows = [pair for m, t in zip(sent, batch.received_ns) for pair in alone(m, ros.Time(0, 0) + Duration(t))]
+    if found is None:  # some are converted one by one only
+        assert given.time.field or given.heading and (changes or "axes" in keys or "heading_offset" in keys)
+        assert len(rows) == len(sent)
+        return
+    table, valid = found
+    assert valid.tolist() == [pose is not None for _, pose in rows]
+    assert valid.all() == bool(given.heading)
+    for row, (stamp, pose) in zip(table, rows):
+        assert row[0] == stamp.to_sec()
+        assert pose is None or np.allclose(row[1:], pose)
+    assert np.allclose(together.raw, alone.raw)
+
+
+def Duration(nanoseconds):
+    import genpy
+
+    return genpy.Duration(0, int(nanoseconds))
+
+
+def test_commands_are_the_same_at_once_and_one_by_one():
+    channels = (mapping.Channel("a", "point.y"), mapping.Channel("lift", "point.x"))
+    for given in (mapping.Commands(), mapping.Commands(channels=channels)):
+        readers_of = [
+            commands.CommandReader("bag", "geometry_msgs/PointStamped", given) for _ in range(2)
+        ]
+        decode = ros.known("geometry_msgs/PointStamped").decode
+        table = readers_of[0].of_batch(batch_of(points()))
+        for row, data in zip(table, points()):
+            stamp, values = readers_of[1](decode(data), None)
+            assert row.tolist() == [stamp.to_sec(), *values]
 
 
 # --- which files belong together
