@@ -348,6 +348,25 @@ def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
     assert found["samples"] <= len(run.times)
 
 
+@pytest.mark.parametrize("duration", [8.0, 3.0])
+def test_bands_widen_with_correlated_residuals(duration):
+    """Bartlett: by the correlations of both over a second, or a quarter of a shorter run."""
+    run, craft = run_data(duration), model()
+    times = np.array(run.times)
+    values = smooth_series(np.random.default_rng(2), len(times), 20)
+    values = values - values.mean()
+    found = residuals._with_input(values, np.zeros(len(times), int), run, times, craft, "sum")
+    command = craft.forces(residuals.held(run, times)[:, :-1])[:, 0]
+    command = command - command.mean()
+    count, sum_of_products = len(times), 0.0
+    for lag in range(1, min(100, count // 4)):
+        own, other = (np.mean(x[lag:] * x[:-lag]) / np.mean(x**2) for x in (values, command))
+        sum_of_products += own * other
+    width = np.sqrt(max(1.0, 1 + 2 * sum_of_products) / count)
+    assert found["band99"] == pytest.approx([2.5758 * width] * len(found["value"]), rel=1e-4)
+    assert width > 1.2 / np.sqrt(count)
+
+
 def test_residuals_that_follow_an_input_are_not_accepted():
     """The residual repeats the thrust difference 0.2 s later."""
     run, craft = run_data(), model()

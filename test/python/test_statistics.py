@@ -512,6 +512,32 @@ def test_a_stepped_model_has_part_of_the_step():
     assert craft.value("k") == model().value("k")
 
 
+def test_estimates_are_those_of_the_step_with_their_intervals():
+    extended = candidates.of_library("body_force_bias").neutral(model())
+    described = candidates.parameters_of(extended, "body_force_bias")
+    A, blocks, _ = random_scores()
+    scale = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3])
+    tests = scores_of(A, blocks, scale)
+    tests.names = ["a.p"] + [p["name"] for p in described]
+    tests.columns = {"a": [0], "body_force_bias": [1, 2]}
+    step = {described[0]["name"]: 0.004, described[1]["name"]: -0.002}
+    found = tests.estimates(extended, "body_force_bias", step)
+    for i, (one, p) in enumerate(zip(found, described), 1):
+        assert (one["name"], one["unit"], one["identified"]) == (p["name"], p["unit"], True)
+        assert one["value"] == pytest.approx(step[p["name"]])
+        assert one["deviation"] == pytest.approx(1e-3 / np.sqrt(tests.information[i, i]))
+        low, high = one["ci95"]
+        assert low == pytest.approx(one["value"] - 1.96 * one["deviation"])
+        assert high == pytest.approx(one["value"] + 1.96 * one["deviation"])
+    A[3], A[:, 3] = A[0], A[:, 0]
+    A[3, 3] = A[0, 0] * (1 + 1e-4)
+    hidden = scores_of(A, blocks, scale)
+    hidden.names, hidden.columns = tests.names, tests.columns
+    for one, p in zip(hidden.estimates(extended, "body_force_bias", {}), described):
+        assert not one["identified"] and one["ci95"] == (p["lower"], p["upper"])
+        assert one["value"] == p["neutral"] and one["deviation"] == np.inf
+
+
 def test_parameters_that_moved_are_named_the_most_first():
     craft = model()
     other = craft.copy()
