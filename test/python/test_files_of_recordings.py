@@ -1,9 +1,11 @@
 """Files of recordings: codecs, records of bags, and which files belong together."""
 import os
 import struct
+import time
 
 import numpy as np
 import pytest
+import yaml
 from conftest import write_bag
 
 from ground.errors import GroundError
@@ -14,6 +16,7 @@ from ground.recordings import (
     codecs,
     columns,
     commands,
+    flown,
     many,
     mapping,
     messages,
@@ -573,6 +576,44 @@ def test_recordings_and_runs_survive_their_columns(tmp_path):
     short.arrays["eta"] = short.arrays["eta"][:-1]
     with pytest.raises(ValueError, match="an array has the shape"):
         columns.recording_of(short, path)
+
+
+def test_old_entries_and_those_of_lost_recordings_are_removed(tmp_path):
+    folder = tmp_path / cache.FOLDER
+    folder.mkdir()
+    touched(tmp_path, "run.bag")
+    kept = []
+    for age in range(7):
+        for name in ("run.bag", "gone.bag"):
+            path = folder / ("%s.%s.%032x.npz" % (name, cache.READING, age))
+            path.write_text("x")
+            os.utime(str(path), (1e9 - age, 1e9 - age))
+            kept += [path.name] * (name == "run.bag" and age < cache.KEPT)
+    for name, age in ((".tmp-old", 3700), (".tmp-new", 3500), ("other", 9999)):
+        (folder / name).write_text("x")
+        os.utime(str(folder / name), (time.time() - age,) * 2)
+    cache.tidy(str(folder))
+    assert sorted(os.listdir(str(folder))) == sorted([*kept, ".tmp-new", "other"])
+    cache.tidy(str(tmp_path / "none"))
+
+
+def test_files_of_a_run_are_kept_and_placed(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
+    craft, room = tmp_path / "craft.yaml", tmp_path / "room.yaml"
+    craft.write_text("a: 1\nb: 2\n")
+    room.write_text("x" * (run_parameters.LARGEST + 1))
+    given = {"ns": {"controller": {"model": str(craft), "room": str(room)}, "n": {"model": "/none.yaml"}}}
+    loaded = yaml.safe_load(run_parameters.document(given))
+    assert loaded == {**given, "run_files": {str(craft): "a: 1\nb: 2\n"}}  # without what is too large
+    assert run_parameters.contents({"controller": {"model": 3}}) == ""
+    assert list(run_parameters.nodes(given, "controller")) == [given["ns"]["controller"]]
+    file = flown.RunFile(str(craft), "a: 1\nb: 2\n")
+    assert file.place() == str(craft) and file.describe()["title"] == "craft.yaml"
+    craft.write_text("a: 3\n")  # it has changed since the run
+    copy = file.place()
+    assert copy != str(craft) and copy.startswith(str(tmp_path / "home")) and open(copy).read() == file.text
+    assert file.place() == copy
+    assert flown.RunFile(str(craft), "name: Small\n").describe()["title"] == "Small"
 
 
 def test_one_process_reads_what_is_small(monkeypatch):

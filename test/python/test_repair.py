@@ -184,7 +184,7 @@ def test_noise_stays_within_what_mocaps_have():
     loud = repaired(times, wild, inputs)
     assert loud.noise[0] <= 1e-2 and loud.noise[1] <= 0.1
     few = repaired(times[:40], eta[:40], inputs)  # their noise is taken from other recordings
-    assert 1e-4 < few.noise[0] < 1e-3 and 1e-3 < few.noise[1] < 1e-2
+    assert few.clock is None and 1e-4 < few.noise[0] < 1e-3 and 1e-3 < few.noise[1] < 1e-2
 
 
 # --- the clock of the frames
@@ -266,4 +266,5 @@ def test_a_repaired_recording_has_the_clock_of_its_frames():
     assert np.array_equal(found.clock.times, found.times) and found.noise[0] < 1e-3
     rest = np.zeros_like(eta) + np.random.default_rng(2).normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
     still = repaired(polled(times, 0.027), rest, inputs)
-    assert still.clock is None and still.noise[0] > 2 * found.noise[0]  # instants are not known
+    assert still.clock is None  # the instants are not known well, nor the poses at them
+    assert 2 * found.noise[0] < still.noise[0] < 0.02 and 0.01 < still.noise[1] < 0.1

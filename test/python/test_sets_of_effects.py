@@ -7,7 +7,17 @@ import pytest
 from conftest import MODEL
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, diagnosis_report, refits, search, stages, trials
+from ground.analysis import (
+    candidates,
+    conclusion,
+    diagnosis,
+    diagnosis_report,
+    refits,
+    search,
+    stages,
+    trials,
+    varying,
+)
 from ground.analysis.criteria import Criteria
 from ground.analysis.distributions import chi_squared_limit
 
@@ -444,6 +454,37 @@ def test_effects_that_are_as_good_are_grouped():
     assert [step.group for step in made.steps] == [("yaw_bias", "momentum_drag"), ("quadratic_drag",)]
     assert [t.name for t in made.tried if t.equal] == ["yaw_bias"]
     assert made.tried[0].name == "yaw_bias" and sum(t.inclusion for t in made.tried) == pytest.approx(1)
+
+
+# --- the conclusion
+
+
+def test_effects_that_raise_the_error_of_given_runs_are_taken_out_from_the_last_on(monkeypatch):
+    made = found_of({"yaw_bias": 100.0, "quadratic_drag": 60.0, "momentum_drag": 50.0}, lambda names: 3.0)
+    made._order(frozenset(["yaw_bias", "quadratic_drag", "momentum_drag"]))
+    errors = [3.0, 2.0, 2.5, 2.4]  # of the model as it is, and after each step
+    monkeypatch.setattr(conclusion, "_held_out", lambda found, _: errors[: len(found.chosen) + 1])
+    conclusion._drop_refuted(made, ["a run"])
+    assert [c.name for c in made.chosen] == ["yaw_bias"] == [step.added for step in made.steps]
+    assert [d.trial.name for d in made.dropped] == ["momentum_drag", "quadratic_drag"]
+    assert {d.why for d in made.dropped} == {conclusion.REFUSED}
+    errors[:] = [1.0, 2.0]
+    conclusion._drop_refuted(made, ["a run"])
+    assert made.chosen == [] and len(made.dropped) == 3
+
+
+def test_differences_between_runs_are_given_by_run():
+    trims = [
+        dict(wrench=[0.1, 0.2, 0.3], thrust=0.01), dict(wrench=[0.3, 0.2, 0.1], thrust=0.05),
+        dict(wrench=[0.2, 0.2, 0.2], thrust=0.03),
+    ]  # fmt: skip
+    differences = [varying.Difference(varying.KINDS[0], 1e-6), varying.Difference(varying.KINDS[3], 1e-5)]
+    made = types.SimpleNamespace(fit=types.SimpleNamespace(trims=trims), differences=differences)
+    force, thrust = conclusion._varies(made)
+    assert force["parameter"] == "surge force" and force["by_run"] == [0.1, 0.3, 0.2]
+    assert force["deviation"] == pytest.approx(0.1) and force["p_value"] == 1e-6 and force["unit"] == "N"
+    assert thrust["parameter"] == "thrust" and thrust["by_run"] == [0.01, 0.05, 0.03]
+    assert thrust["deviation"] == pytest.approx(0.02)
 
 
 # --- the report
